@@ -1,28 +1,33 @@
 """MaskablePPO of sb3-contrib on MarsExplorer, with invalid moves masked and a small convolutional network.
 
-    pip install . stable-baselines3 sb3-contrib
-    python examples/sb3_maskable_ppo.py --steps 4096 --out mine.zip
+    pip install '.[onnx]' stable-baselines3 sb3-contrib
+    python examples/sb3_maskable_ppo.py --steps 4096 --out mine.onnx
 
 The file can be evaluated and served without Stable-Baselines3:
 
-    marsexplorer evaluate --policy mine.zip --policy random
-    marsexplorer serve --policy mine.zip
+    marsexplorer evaluate --policy mine.onnx --policy random
+    marsexplorer serve --policy mine.onnx
+
+`export` serves every actor-critic policy of Stable-Baselines3 and sb3-contrib (PPO, A2C, TRPO,
+MaskablePPO) whose observations are the state matrix float32[rows, cols], whatever its layers.
 """
 
 import argparse
+from pathlib import Path
 
 import gymnasium
 import torch
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.wrappers import ActionMasker
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from torch import nn
+from torch import Tensor, nn
 
 
 class TerrainFeatures(BaseFeaturesExtractor):
-    """Two convolutions and a dense layer over four planes of the state matrix: unknown, free, rover, obstacle.
+    """Two convolutions and a dense layer over four planes of the state matrix.
 
-    The playground loads a trained file by path if this class keeps its name and its layers; the widths may differ.
+    The planes say of each cell whether it is unknown, free, the rover's, or an obstacle.
     """
 
     def __init__(self, observation_space: gymnasium.Space, features_dim: int = 128) -> None:
@@ -39,11 +44,46 @@ class TerrainFeatures(BaseFeaturesExtractor):
             nn.Linear(32 * -(-rows // 4) * -(-cols // 4), features_dim), nn.ReLU()
         )
 
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Return features float32[batch, features_dim] of observations float32[batch, rows, cols] (0, 0.3, 0.6 or 1)."""
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return features float32[batch, features_dim] of observations float32[batch, rows, cols]."""
         codes = (observation * 3.2).round().long().clamp(0, 3)
         planes = nn.functional.one_hot(codes, 4).permute(0, 3, 1, 2).float()
         return self.linear(self.cnn(planes))
+
+
+class Scores(nn.Module):
+    """What the file holds of a policy: the logits of the moves and the value of an observation."""
+
+    def __init__(self, policy: ActorCriticPolicy) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, observation: Tensor, action_mask: Tensor) -> tuple[Tensor, Tensor]:
+        """Return logits float32[1, 4] and the value float32[1, 1].
+
+        observation  float32[1, rows, cols], the state matrix; action_mask bool[1, 4], valid moves
+        """
+        features = self.policy.extract_features(observation, self.policy.features_extractor)
+        for_moves, for_value = self.policy.mlp_extractor(features)
+        logits = self.policy.action_net(for_moves).masked_fill(~action_mask, -1e9)
+        return logits, self.policy.value_net(for_value)
+
+
+def export(policy: ActorCriticPolicy, out: Path) -> None:
+    """Write a policy as the ONNX file that docs/policies.md describes.
+
+    Leave `action_mask` out of both, here and in `Scores`, for a policy that was trained without masks.
+    """
+    rows, cols = policy.observation_space.shape
+    sample = (torch.zeros(1, rows, cols), torch.ones(1, 4, dtype=torch.bool))
+    torch.onnx.export(
+        Scores(policy).eval(),
+        sample,
+        str(out),
+        input_names=["observation", "action_mask"],
+        output_names=["logits", "value"],
+        dynamo=False,
+    )
 
 
 def make_env(level: str, size: int) -> gymnasium.Env:
@@ -53,24 +93,14 @@ def make_env(level: str, size: int) -> gymnasium.Env:
 
 
 def main() -> None:
-    """Train, save, and play ten terrains."""
+    """Train, write the file, and play ten terrains."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--steps",
-        type=int,
-        default=4096,
-        help="moves to learn from; a useful policy takes a million",
-    )
+    parser.add_argument("--steps", type=int, default=4096, help="a useful policy takes a million")
     parser.add_argument("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2")
     parser.add_argument("--size", type=int, default=21, help="cells a side")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--features",
-        choices=["terrain", "flat"],
-        default="terrain",
-        help="flat: MlpPolicy as it comes",
-    )
-    parser.add_argument("--out", default="mine.zip", help="file to write")
+    parser.add_argument("--features", choices=["terrain", "flat"], default="terrain")
+    parser.add_argument("--out", type=Path, default=Path("mine.onnx"), help="file to write")
     given = parser.parse_args()
 
     env = make_env(given.level, given.size)
@@ -85,7 +115,7 @@ def main() -> None:
         device="cpu",
     )
     model.learn(given.steps)
-    model.save(given.out)
+    export(model.policy, given.out)
 
     covered = []
     for seed in range(10):
@@ -97,9 +127,8 @@ def main() -> None:
             observation, _, terminated, truncated, info = env.step(int(action))
             ended = terminated or truncated
         covered.append(info["coverage"])
-    print(
-        f"{given.out}: {model.num_timesteps:,} moves learnt from, mean coverage {sum(covered) / 10:.1%} over 10 terrains"
-    )
+    print(f"{given.out}: {model.num_timesteps:,} moves learnt from")
+    print(f"mean coverage {sum(covered) / 10:.1%} over 10 terrains")
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
 }
 """Name -> what makes the policy for a sensor radius, and its summary."""
 
-FILE_SUFFIXES = (SUFFIX, ".onnx", ".zip")
+FILE_SUFFIXES = (SUFFIX, ".onnx")
 """How the names of policy files end."""
 
 
@@ -48,8 +48,6 @@ def describe(name: str) -> str:
     if name in BUILT_IN:
         return BUILT_IN[name][1]
     path = find_file(name)
-    if path.suffix == ".zip":
-        return f"A policy of Stable-Baselines3, from {path.name}."
     if path.suffix == ".onnx":
         check_extra("onnx")
         from marsexplorer.policies.files.onnx import describe_onnx
@@ -59,7 +57,7 @@ def describe(name: str) -> str:
 
 
 def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
-    """Return a policy by name, or from a file by path: .safetensors, .onnx, or a .zip of Stable-Baselines3.
+    """Return a policy by name, or from a file by path: .safetensors or .onnx.
 
     sensor_radius  of the rover it will drive, 1..31 cells: what the policy expects to see depends on it
 
@@ -71,8 +69,8 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
     if name in BUILT_IN:
         return BUILT_IN[name][0](sensor_radius)
     path = find_file(name)
-    loaders = {".zip": _load_sb3, ".onnx": _load_onnx}
-    policy = loaders.get(path.suffix, _load_safetensors)(path, sensor_radius)
+    read = _load_onnx if path.suffix == ".onnx" else _load_safetensors
+    policy = read(path, sensor_radius)
     if path not in shipped().values():  # tests try those
         try_out(policy, path)
     return policy
@@ -162,11 +160,3 @@ def _load_onnx(path: Path, sensor_radius: int) -> Policy:
     from marsexplorer.policies.network.onnx_network import load_onnx_network
 
     return load_onnx_network(model, sensor_radius)
-
-
-def _load_sb3(path: Path, sensor_radius: int) -> Policy:
-    del sensor_radius
-    check_extra("networks")
-    from marsexplorer.policies.files.sb3 import load_sb3
-
-    return load_sb3(path)

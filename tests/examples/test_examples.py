@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]
 ROOT = Path(__file__).parent.parent.parent
 HOMES = ROOT / ".cache" / "examples"
 NEEDS = {
-    "sb3": ["torch", "stable-baselines3", "sb3-contrib"],
+    "sb3": ["torch", "stable-baselines3", "sb3-contrib", "onnx", "onnxruntime"],
     "torchrl": ["torch", "torchrl"],
     "rllib": ["torch", "ray[rllib]"],
     "oldest": ["gymnasium==1.0.0", "numba", "scipy", "pytest", "pytest-timeout", "hypothesis"],
@@ -59,12 +59,15 @@ def run(python, *arguments, **rest):
 PREDICT = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
-import __main__
-from sb3_maskable_ppo import TerrainFeatures, make_env
+from pathlib import Path
+from sb3_maskable_ppo import TerrainFeatures, export, make_env
 import torch
 from sb3_contrib import MaskablePPO
-__main__.TerrainFeatures = TerrainFeatures
-model, env, kept = MaskablePPO.load(sys.argv[2], device="cpu"), make_env("random", 8), []
+features = {"features_extractor_class": TerrainFeatures} if sys.argv[3] == "terrain" else {}
+env, kept = make_env("random", 8), []
+model = MaskablePPO("MlpPolicy", env, n_steps=64, batch_size=64, policy_kwargs=features, seed=1, device="cpu")
+model.learn(256)
+export(model.policy, Path(sys.argv[2]))
 for seed in range(3):
     observation, _ = env.reset(seed=seed)
     ended = False
@@ -83,23 +86,9 @@ print(json.dumps(kept))
 
 
 @pytest.mark.parametrize("features", ["terrain", "flat"])
-def test_a_maskable_ppo_trains_and_plays_here_as_it_does_there(features, tmp_path):
-    python, out = home("sb3"), tmp_path / "mine.zip"
-    said = run(
-        python,
-        "examples/sb3_maskable_ppo.py",
-        "--steps",
-        1024,
-        "--size",
-        8,
-        "--features",
-        features,
-        "--out",
-        out,
-        cwd=ROOT,
-    )
-    assert "1,024 moves learnt from" in said
-    there = json.loads(run(python, "-c", PREDICT, ROOT / "examples", out))
+def test_an_exported_maskable_ppo_plays_here_as_it_does_there(features, tmp_path):
+    out = tmp_path / "mine.onnx"
+    there = json.loads(run(home("sb3"), "-c", PREDICT, ROOT / "examples", out, features))
     policy, at = policies.load(out), 0
     for seed in range(3):
         episode = Episode.begin(EnvConfig.of("random", 8), seed=seed)
@@ -114,24 +103,14 @@ def test_a_maskable_ppo_trains_and_plays_here_as_it_does_there(features, tmp_pat
     assert at == len(there)
 
 
-def test_other_models_of_stable_baselines3_are_read_or_refused_by_name(tmp_path):
-    code = """
-import sys, gymnasium, marsexplorer
-from stable_baselines3 import A2C, DQN, PPO
-from sb3_contrib import RecurrentPPO
-env, few = gymnasium.make("MarsExplorer-v0", size=8), {"n_steps": 16, "batch_size": 16}
-A2C("MlpPolicy", env, device="cpu").learn(16).save(sys.argv[1] + "/a2c")
-PPO("MlpPolicy", env, device="cpu", policy_kwargs={"net_arch": [32]}, **few).learn(16).save(sys.argv[1] + "/ppo")
-DQN("MlpPolicy", env, device="cpu").learn(16).save(sys.argv[1] + "/dqn")
-RecurrentPPO("MlpLstmPolicy", env, device="cpu", **few).learn(16).save(sys.argv[1] + "/recurrent")
-"""
-    run(home("sb3"), "-c", code, tmp_path)
-    board = Episode.begin(EnvConfig.of("random", 8), seed=0).codes
-    for name in ("a2c", "ppo"):
-        assert policies.load(tmp_path / f"{name}.zip").act(board) in range(4)
-    for name, said in (("dqn", "a DQN"), ("recurrent", "a RecurrentPPO")):
-        with pytest.raises(policies.PolicyFileError, match=said):
-            policies.load(tmp_path / f"{name}.zip")
+def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
+    out = tmp_path / "mine.onnx"
+    given = ["--steps", 1024, "--size", 8, "--out", out]
+    assert "1,024 moves learnt from" in run(
+        home("sb3"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT
+    )
+    rest = ["--policy", out, "--size", 8, "--episodes", 3]
+    assert "mine" in run(sys.executable, "-m", "app.cli", "evaluate", *rest, cwd=ROOT)
 
 
 def test_the_cleanrl_loop_learns():

@@ -24,7 +24,7 @@ class ImportedPolicy:
     evaluate  what turns an observation and an action mask into logits and a value
     size      (rows, cols) it was made for; None for any
     raw       whether it expects uint8 codes instead of the float32 state matrix
-    masked    whether invalid moves are left out, as sb3-contrib's MaskablePPO does; else it may drive into an obstacle
+    masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an obstacle
 
     thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
     """

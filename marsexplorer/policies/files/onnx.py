@@ -26,12 +26,13 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from marsexplorer.policies.base import INVALID_LOGIT, PolicyFileError
-from marsexplorer.policies.files.archive import read_file
 from marsexplorer.policies.files.card import refuse
 from marsexplorer.policies.files.formats import current_card
 from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
 
 ONNX_ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
+LARGEST = 64 << 20
+"""Bytes of a file; a larger one is refused unread."""
 MOST_MEMORY = 256 << 20
 """Bytes that all models of a process may take together while they run."""
 
@@ -44,7 +45,7 @@ class OnnxModel:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        data = read_file(path, ONNX_ADVICE)
+        data = self._read()
         try:
             model = onnx.load_from_string(data)
         except Exception as error:  # protobuf raises kinds of its own
@@ -68,6 +69,17 @@ class OnnxModel:
         self.outputs = {
             one.name: (one.type, _shape(one.shape)) for one in self._session.get_outputs()
         }
+
+    def _read(self) -> bytes:
+        """Return the file's bytes; PolicyFileError when it is too large or cannot be read."""
+        try:
+            size = self.path.stat().st_size
+            if size > LARGEST:
+                raise self.refuse(f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
+            return self.path.read_bytes()
+        except OSError as error:
+            came = f"{type(error).__name__}: {error.strerror}"
+            raise self.refuse("a file that can be read", came) from error
 
     def refuse(self, expected: str, came: str) -> PolicyFileError:
         """Return the error for this file."""

@@ -1,14 +1,8 @@
-"""Weights, read so that nothing in a file can run: safetensors of our own networks, and torch files inside zips.
-
-The pickle that names the tensors of a torch file is read as a list of operations first (`pickletools`, which executes nothing);
-it may name what tensors are made of and nothing else. Only then torch reads it, with `weights_only=True`.
-"""
+"""Weights in safetensors files, written whole and read so that nothing in a file can run."""
 
 from __future__ import annotations
 
-import io
 import json
-import pickletools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,31 +13,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from marsexplorer.files import replace_whole
-from marsexplorer.policies.files.archive import LARGEST, Archive
 from marsexplorer.policies.files.card import read_stored_card, refuse
 from marsexplorer.policies.files.formats import NETWORK_FORMAT, current_tensor_names
-
-LARGEST_PICKLE = 1 << 20
-TENSOR_PARTS = {
-    "torch._utils _rebuild_tensor_v2",
-    "torch._utils _rebuild_parameter",
-    "torch FloatStorage",
-    "collections OrderedDict",
-}
-"""All that the pickle of a dictionary of float32 tensors names."""
-
-CALLING_OPERATIONS = {
-    "STACK_GLOBAL",
-    "INST",
-    "OBJ",
-    "NEWOBJ",
-    "NEWOBJ_EX",
-    "EXT1",
-    "EXT2",
-    "EXT4",
-    "PERSID",
-}
-"""Operations that call or fetch what GLOBAL does not name; weights need none."""
 
 
 def save_network(
@@ -91,58 +62,3 @@ def read_weights(net: nn.Module, path: Path) -> None:
         if not bool(torch.isfinite(tensor).all()):
             raise refuse(path, f"finite numbers in {name}", "others")
     net.load_state_dict(tensors)
-
-
-def read_torch_tensors(archive: Archive, name: str) -> dict[str, Tensor]:
-    """Return the float32 tensors in a torch weights file inside an archive, by name; PolicyFileError for anything else."""
-    data = archive.read(name)
-    inner = Archive(archive.path, data, archive.advice, f"{name}, a zip of torch's,")
-    pickles = [one for one in inner.names if one.endswith("data.pkl")]
-    if len(pickles) != 1:
-        raise archive.refuse(f"{name} with one data.pkl inside", f"{len(pickles)}")
-    _check_pickle(inner, pickles[0])
-    try:
-        loaded: Any = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises many kinds for a broken file
-        raise archive.refuse(
-            f"weights in {name}", f"{type(error).__name__}: {error}".splitlines()[0][:80]
-        ) from error
-    if not isinstance(loaded, dict):
-        raise archive.refuse(f"a dictionary of tensors in {name}", type(loaded).__name__)
-    tensors = {}
-    for key, tensor in loaded.items():
-        if (
-            not isinstance(key, str)
-            or not isinstance(tensor, Tensor)
-            or tensor.dtype != torch.float32
-        ):
-            raise archive.refuse(
-                f"named float32 tensors in {name}", f"{key!r}: {type(tensor).__name__}"[:80]
-            )
-        if (
-            tensor.layout != torch.strided
-            or tensor.numel() * 4 > LARGEST
-            or not bool(torch.isfinite(tensor).all())
-        ):
-            raise archive.refuse(f"finite numbers in {key} of {name}", "others")
-        tensors[key] = tensor.detach().contiguous()
-    return tensors
-
-
-def _check_pickle(archive: Archive, name: str) -> None:
-    """Refuse a pickle that names more than what tensors are made of; nothing of it is executed."""
-    try:
-        for operation, argument, _ in pickletools.genops(archive.read(name, LARGEST_PICKLE)):
-            if operation.name == "GLOBAL" and argument not in TENSOR_PARTS:
-                raise archive.refuse(
-                    "weights and nothing else",
-                    f"a pickle that calls {str(argument).replace(' ', '.')[:60]}",
-                )
-            if operation.name in CALLING_OPERATIONS:
-                raise archive.refuse(
-                    "weights and nothing else", f"a pickle with the operation {operation.name}"
-                )
-    except ValueError as error:
-        if type(error) is not ValueError:
-            raise
-        raise archive.refuse("weights that are whole", "a pickle that breaks off") from error

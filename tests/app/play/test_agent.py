@@ -226,7 +226,7 @@ def test_a_policy_that_fails_stops_and_is_reported(serve):
 
 
 def test_a_rival_made_for_one_size_plays_that_size_and_is_refused_on_others(serve, tmp_path):
-    path = policy_files.write_sb3(tmp_path / "mine.zip")
+    path = policy_files.write_onnx(tmp_path / "mine.onnx")
     client = serve(policies=PolicyCatalogue([path])).client()
     refused = client.post("/api/sessions", json={"size": 21, "rival": "mine"})
     assert refused.status_code == 422

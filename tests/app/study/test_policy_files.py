@@ -17,7 +17,7 @@ from app.study.verification import check_policy_files
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyNotFoundError, find_file
 from marsexplorer.policies.files import card
-from tests.support.policy_files import flat_weights, write_sb3
+from tests.support.policy_files import write_onnx
 
 CONFIG = EnvConfig("random", 6, 7, sensor_radius=3)
 SEEDS = {0: 4, 1: 5}
@@ -29,8 +29,8 @@ def sha256(path):
 
 @pytest.fixture
 def mine(tmp_path):
-    """A policy's file, a network of Stable-Baselines3."""
-    return write_sb3(tmp_path / "mine.zip", flat_weights(seed=1))
+    """A policy's file, a model of another maker."""
+    return write_onnx(tmp_path / "mine.onnx", seed=1)
 
 
 @pytest.fixture
@@ -60,14 +60,14 @@ def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
     assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
     kept = tmp_path / "studies" / "dunes" / "policies"
     assert {path.name: path.read_bytes() for path in kept.iterdir()} == {
-        f"{sha256(mine)}.zip": mine.read_bytes(), f"{sha256(ppo)}.safetensors": ppo.read_bytes()
+        f"{sha256(mine)}.onnx": mine.read_bytes(), f"{sha256(ppo)}.safetensors": ppo.read_bytes()
     }  # fmt: skip
 
 
 def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_none(study, mine):
     before = moves(study, mine, study.policy_files)
     assert before == moves(study, mine)
-    write_sb3(mine, flat_weights(seed=2))
+    write_onnx(mine, seed=2)
     assert moves(study, mine) != before, "the new file must play another way for this test"
     assert moves(study, mine, study.policy_files) == before
     mine.unlink()
@@ -80,7 +80,7 @@ def test_a_frozen_study_plays_its_own_file_when_the_path_holds_another_one_or_no
 
 
 def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
-    write_sb3(mine, flat_weights(seed=2))
+    write_onnx(mine, seed=2)
     kept = study.policy_files.place(str(mine))
     kept.unlink()
     with pytest.raises(PolicyNotFoundError, match=f"and that file is not here.* to {kept}"):
