@@ -22,12 +22,6 @@ FOLDER = "policies"
 REGRET_POLICY = "ppo"
 """The policy that regrets are relative to (`app.moves.regret`), whether the protocol compares with it or not."""
 
-LAST_UNRECORDED = {
-    "ppo": "de4256a36fa8c0d06cc9e6b259cf627011c3ce8e26e057b22f070f0f17334804",
-    "ppo-paper": "c47b15064751d07d4d15cab4cc1b9e73f21429c94440e5826c88465ad69b077f",
-}
-"""What these names stood for in the last version whose protocols recorded no hash: a study frozen before means these files."""
-
 
 @dataclass(frozen=True)
 class PolicyFiles:
@@ -43,7 +37,7 @@ class PolicyFiles:
     @classmethod
     def of(cls, protocol: Protocol, folder: Path | None = None) -> PolicyFiles:
         """Return the files that a frozen protocol means."""
-        return cls(protocol.policy_hashes or LAST_UNRECORDED, folder)
+        return cls(protocol.policy_hashes, folder)
 
     def at(self, folder: Path) -> PolicyFiles:
         """Return the same with the files kept in this folder."""

@@ -1,7 +1,8 @@
 """The folder of a training run: its log, learning curve, checkpoints and policy file.
 
 NAME.safetensors   the policy with its card, NAME being the folder's; NAME-ppo.safetensors in a run that goes on to refine it
-checkpoint.pt      what `--resume` goes on from (see `checkpoint`)
+checkpoint.pt      what `--resume` goes on from, tensors, numbers and lists without pickled code:
+                   identity (JSON of `TrainingRun.identity`), run (`TrainingRun.state_dict`), seconds
 log.jsonl          a line for each update
 curve.png          moves of an episode against steps played: as sampled in training, and greedily on validation terrains
 events.out.*       the log for TensorBoard
@@ -20,8 +21,6 @@ import numpy as np
 import torch
 
 from marsexplorer.files import replace_whole, write_whole
-from marsexplorer.training.checkpoint import FORMAT_VERSION, load_checkpoint
-from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import TrainingEnvs
 from marsexplorer.training.ppo import TrainingRun, UpdateMetrics, forward
 
@@ -80,8 +79,9 @@ class RunFolder:
             raise ValueError(
                 f"no checkpoint in {self.folder}; leave --resume out to begin a run there"
             )
-        checkpoint = load_checkpoint(path)
-        expected, found = json.loads(json.dumps(self._run.identity)), _identity(checkpoint)
+        checkpoint = torch.load(path, weights_only=True)
+        expected = json.loads(json.dumps(self._run.identity))
+        found = json.loads(checkpoint["identity"])
         if found != expected:
             differing = ", ".join(name for name in expected if found.get(name) != expected[name])
             raise ValueError(
@@ -114,7 +114,6 @@ class RunFolder:
         """Write the checkpoint, the log, the learning curve and the policy file."""
         self._saved = time.monotonic()
         checkpoint = {
-            "version": FORMAT_VERSION,
             "identity": json.dumps(self._run.identity),
             "run": self._run.state_dict(),
             "seconds": self.seconds,
@@ -142,27 +141,6 @@ class RunFolder:
         run.config.save_policy(
             run.net, self.policy, {**self._card, **results, "training": training}
         )
-
-
-def resumed_config(folder: Path, config: TrainConfig) -> TrainConfig:
-    """Return the configuration that the run in a folder began with, where it is of the same recipe as `config`.
-
-    A recipe may have changed since; a run goes on as it began. Without such a run `config` is returned, which `resume` refuses.
-    """
-    path = folder / "checkpoint.pt"
-    if not path.is_file():
-        return config
-    began = TrainConfig.from_dict(_identity(load_checkpoint(path))["config"])
-    return began if began.name == config.name else config
-
-
-def _identity(checkpoint: dict[str, Any]) -> dict[str, Any]:
-    """Return the identity in a checkpoint with every setting that a configuration has today."""
-    identity: dict[str, Any] = json.loads(checkpoint["identity"])
-    config: dict[str, Any] = json.loads(
-        json.dumps(TrainConfig.from_dict(identity["config"]).to_dict())
-    )
-    return {**identity, "config": config}
 
 
 def validate(run: TrainingRun) -> tuple[float, float]:

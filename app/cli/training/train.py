@@ -130,7 +130,6 @@ def train(
         )
     from marsexplorer.training.config import APPENDIX_PASSES, RECIPES
     from marsexplorer.training.ppo import TrainingRun
-    from marsexplorer.training.run_folder import resumed_config
 
     configs = configs_of(levels, sizes)
     _check_rounds(rounds, workers, recipe, sizes)
@@ -154,8 +153,6 @@ def train(
             f"the run in {folder} is being refined; give the --refine that it began with"
         )
     try:
-        if resume:
-            config = resumed_config(folder, config)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         options = " ".join(
             [

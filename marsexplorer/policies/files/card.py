@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from marsexplorer.policies.base import PolicyFileError
-from marsexplorer.policies.files.formats import current_card
 
 SUFFIX = ".safetensors"
 LARGEST_HEADER = 1 << 20
@@ -75,12 +74,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def read_card(path: Path) -> dict[str, Any]:
-    """Return the card in a policy file as the newest format has it; PolicyFileError when there is none."""
-    return current_card(read_stored_card(path))
-
-
-def read_stored_card(path: Path) -> dict[str, Any]:
-    """Return the card in a policy file as it is written there; PolicyFileError when there is none."""
+    """Return the card in a policy file; PolicyFileError when there is none."""
     metadata = read_header(path).get("__metadata__")
     text = metadata.get("card") if isinstance(metadata, dict) else None
     if not isinstance(text, str):

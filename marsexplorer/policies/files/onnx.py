@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from marsexplorer.policies.base import INVALID_LOGIT, PolicyFileError
 from marsexplorer.policies.files.card import refuse
-from marsexplorer.policies.files.formats import current_card
 from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
 
 ONNX_ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
@@ -91,12 +90,12 @@ class OnnxModel:
         return set(self.inputs) == {"planes", "moves"}
 
     def card(self) -> dict[str, Any]:
-        """Return the card in the metadata as the newest format has it, empty when there is none."""
+        """Return the card in the metadata, empty when there is none."""
         try:
             card = json.loads(self.metadata.get("card", "{}"))
         except (ValueError, RecursionError):
             return {}
-        return current_card(card) if isinstance(card, dict) else {}
+        return card if isinstance(card, dict) else {}
 
     def run(self, inputs: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the outputs by name."""

@@ -13,8 +13,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from marsexplorer.files import replace_whole
-from marsexplorer.policies.files.card import read_stored_card, refuse
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, current_tensor_names
+from marsexplorer.policies.files.card import refuse
+from marsexplorer.policies.files.formats import NETWORK_FORMAT
 
 
 def save_network(
@@ -44,12 +44,12 @@ def read_weights(net: nn.Module, path: Path) -> None:
     expected = {name: tuple(tensor.shape) for name, tensor in net.state_dict().items()}
     try:
         with safe_open(path, "pt") as file:
-            names = current_tensor_names(read_stored_card(path).get("format"), list(file.keys()))
-            if sorted(names.values()) != sorted(expected):
+            names = list(file.keys())
+            if sorted(names) != sorted(expected):
                 raise refuse(
                     path, f"the {len(expected)} tensors of the network", f"{len(names)} others"
                 )
-            tensors = {current: file.get_tensor(stored) for stored, current in names.items()}
+            tensors = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError) as error:
         raise refuse(path, "a whole safetensors file", str(error)[:80]) from error
     for name, tensor in tensors.items():

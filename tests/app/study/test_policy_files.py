@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-from dataclasses import replace
 
 import pytest
 
@@ -11,8 +10,7 @@ from app.leaderboard.entries import LeaderboardEntry
 from app.study.debrief import _play
 from app.study.folder import Folder
 from app.study.policy_episodes import play_policies
-from app.study.policy_files import LAST_UNRECORDED, PolicyFiles
-from app.study.protocol import StudyError, default_protocol, parse_protocol
+from app.study.protocol import StudyError, default_protocol
 from app.study.verification import check_policy_files
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyNotFoundError, find_file
@@ -130,23 +128,14 @@ def later_version(tmp_path, monkeypatch):
     return shipped
 
 
-def test_a_study_that_recorded_no_hash_means_the_files_of_its_time_by_whatever_name(
+def test_a_shipped_file_is_found_by_its_hash_whatever_its_name_is_now(
     study, later_version, tmp_path
 ):
-    earlier = parse_protocol({**study.protocol.model_dump(mode="json"), "policy_hashes": {}})
-    files = PolicyFiles.of(earlier, tmp_path / "studies" / "none" / "policies")
+    files = study.policy_files.at(tmp_path / "studies" / "none" / "policies")
     assert files.source("ppo") == str(later_version / "ppo-first.safetensors")
     assert files.source("frontier-cost") == "frontier-cost"
     (later_version / "ppo-first.safetensors").unlink()
-    with pytest.raises(PolicyNotFoundError, match=f"'ppo' of SHA-256 {LAST_UNRECORDED['ppo']}"):
+    with pytest.raises(PolicyNotFoundError, match="'ppo' of SHA-256"):
         files.source("ppo")
-    with pytest.raises(PolicyNotFoundError, match="is not here"):
-        replace(files, hashes=study.protocol.policy_hashes).source("ppo")
-    assert study.policy_files.source("ppo") == str(study.policy_files.place("ppo")), (
-        "it keeps its own"
-    )
-
-
-def test_the_files_that_earlier_studies_mean_are_still_shipped():
-    shipped = {sha256(path) for path in card.shipped().values()}
-    assert set(LAST_UNRECORDED.values()) <= shipped
+    kept = study.policy_files.place("ppo")
+    assert study.policy_files.source("ppo") == str(kept), "it keeps its own"

@@ -1,0 +1,61 @@
+"""The shipped network decides as it was recorded: tests/fixtures/policies has what it saw, computed and did."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from marsexplorer import policies
+from marsexplorer.policies.files.card import read_card, shipped
+
+RECORDED = Path(__file__).parents[2] / "fixtures" / "policies" / "ppo-decisions.npz"
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """(head, observations uint8[steps, rows, cols]) of each recorded episode, and the arrays of all steps in order."""
+    arrays = np.load(RECORDED)
+    episodes, byte = [], 0
+    for head in json.loads(str(arrays["episodes"])):
+        cells, steps = head["rows"] * head["cols"], head["moves"]
+        length = -(-cells // 4)
+        packed = arrays["codes"][byte : byte + steps * length].reshape(steps, length)
+        codes = np.stack([packed >> shift & 3 for shift in (0, 2, 4, 6)], axis=2)
+        observations = codes.reshape(steps, -1)[:, :cells].astype(np.uint8)
+        episodes.append((head, observations.reshape(steps, head["rows"], head["cols"])))
+        byte += steps * length
+    return episodes, arrays
+
+
+def test_every_recorded_decision_is_made_again(recorded):
+    episodes, arrays = recorded
+    policy, actions, said = policies.load("ppo"), [], []
+    for head, observations in episodes:
+        policy.reset(head["seed"])
+        for observation in observations:
+            actions.append(policy.act(observation))
+            probabilities, value = policy.thought()
+            said.append((*probabilities, value))
+    assert actions == arrays["action"].tolist()
+    assert np.allclose(np.array(said)[:, :4], arrays["probabilities"], atol=1e-5)
+    assert np.allclose(np.array(said)[:, 4], arrays["value"], atol=1e-4)
+
+
+def test_every_recorded_logit_is_computed_again(recorded):
+    """To some millionths, as another torch or processor than that of the recording rounds otherwise."""
+    episodes, arrays = recorded
+    policy, found = policies.load("ppo"), []
+    for head, observations in episodes:
+        policy.reset(head["seed"])
+        for observation in observations:
+            logits, values = policy.net.infer(*policy.extract_features(observation))
+            policy.choose(logits[0], float(values[0]))
+            found.append(logits[0])
+    assert np.allclose(found, arrays["logits"], atol=1e-4)
+
+
+def test_the_card_says_how_it_was_trained():
+    training = read_card(shipped()["ppo"])["training"]
+    assert {"tasks_per_level", "gradient_steps", "learning_rate"} <= set(training["plan"])
+    assert "num_envs" in training["began_with"]["training"]["recipe"]
