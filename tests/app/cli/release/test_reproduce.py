@@ -16,7 +16,7 @@ from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
 from tests.support import golden
-from tests.support.policy_files import flat_weights, sb3_description, write_sb3
+from tests.support.policy_files import write_onnx
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -217,7 +217,7 @@ def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derive
 def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(
     tmp_path, capsys, reproduce
 ):
-    policy = write_sb3(tmp_path / "gone.zip", flat_weights((7, 9)), sb3_description((7, 9)))
+    policy = write_onnx(tmp_path / "gone.onnx", size=(7, 9))
     study = freeze(tmp_path / "studies", policies=("random", str(policy)))
     play_study(tmp_path / "play.db", study, kinds=("human",))
     policy.unlink()
