@@ -12,25 +12,30 @@ import hmac
 import secrets
 import sqlite3
 import time
-from collections.abc import Callable
 
 from itsdangerous import BadSignature, TimestampSigner
+from limits import parse_many
+from limits.storage import MemoryStorage
+from limits.strategies import FixedWindowRateLimiter
 
-from app.operators.actions import ActionLog
-from app.operators.delays import Delays, TooManyAttemptsError
-from app.operators.operators import (
+from app.settings import Settings
+from app.storage.database import StoreError
+from app.storage.operators import (
     PASSWORD_ALONE,
+    ActionLog,
     Operator,
-    Operators,
     check_password,
+    find_operator,
     is_password_of,
     list_operators,
 )
-from app.settings import Settings
-from app.storage.database import StoreError
+from app.storage.store import Store
 
 TOKEN_S = 8 * 3600
 """Seconds that a token is valid."""
+
+ATTEMPTS_PER_MINUTE, ATTEMPTS_PER_HOUR = 5, 30
+"""Wrong attempts of an address, at most; beyond them not even the right password is looked at."""
 
 MOST_CHECKED = 8
 """Logins by name whose passwords are checked or wait for it, at most: a hash takes some 50 ms of a core, one at a time."""
@@ -43,17 +48,39 @@ REFUSED_EVERY_S = 60.0
 
 
 class WrongPasswordError(Exception):
-    """Name, password and code are no operator's."""
+    """Name and password are no operator's."""
 
 
-class TooManyLoginsError(TooManyAttemptsError):
-    """Too many others log in at this moment; the attempt was not looked at and does not count."""
+class TooManyAttemptsError(Exception):
+    """An attempt is not looked at; `wait_s` says when the next one is, in whole seconds."""
+
+    def __init__(self, reason: str, wait_s: int) -> None:
+        super().__init__(f"{reason}: wait {wait_s} seconds, then try again")
+        self.wait_s = wait_s
+
+
+class Attempts:
+    """The attempts of each address, counted by the library `limits`."""
 
     def __init__(self) -> None:
-        Exception.__init__(
-            self, f"too many people log in at this moment: wait {BUSY_S} seconds, then try again"
-        )
-        self.wait_s = BUSY_S
+        self._limits = parse_many(f"{ATTEMPTS_PER_MINUTE}/minute; {ATTEMPTS_PER_HOUR}/hour")
+        self._limiter = FixedWindowRateLimiter(MemoryStorage())
+
+    def begin(self, address: str) -> None:
+        """Count an attempt as wrong until `forgive` says otherwise; TooManyAttemptsError beyond the limits.
+
+        It counts before the password is looked at, so attempts at the same time are no way around the limits.
+        """
+        for limit in self._limits:
+            if not self._limiter.hit(limit, address):
+                ends_s = self._limiter.get_window_stats(limit, address).reset_time
+                wait_s = max(1, round(ends_s - time.time()))
+                raise TooManyAttemptsError("too many wrong attempts from this address", wait_s)
+
+    def forgive(self, address: str) -> None:
+        """Forget the attempts of an address: the last one was right."""
+        for limit in self._limits:
+            self._limiter.clear(limit, address)
 
 
 class AdminPassword:
@@ -88,48 +115,36 @@ class AdminPassword:
 
 
 class AdminLogin:
-    """The login of one server, with what it logs and how fast may be guessed."""
+    """The login of one server, with what it logs and how often may be guessed."""
 
-    def __init__(
-        self,
-        password: AdminPassword,
-        operators: Operators,
-        log: ActionLog,
-        delays: Delays | None = None,
-    ) -> None:
-        self._password, self._operators, self._log, self._delays = (
-            password,
-            operators,
-            log,
-            delays or Delays(),
-        )
+    def __init__(self, password: AdminPassword, store: Store, log: ActionLog) -> None:
+        self._password, self._store, self._log = password, store, log
+        self._attempts = Attempts()
         self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
         self._revoked: set[str] = set()
         self._checking = asyncio.Lock()  # a hash takes 64 MiB: one at a time
         self._checked = 0
         self._refused_at = -REFUSED_EVERY_S
 
-    async def issue(self, address: str, name: str, password: str, code: str = "") -> str:
-        """Return a token for the right name ("" for the server's one password), password and code.
+    async def issue(self, address: str, name: str, password: str) -> str:
+        """Return a token for the right name ("" for the server's one password) and password.
 
-        WrongPasswordError, TooManyAttemptsError or TooManyLoginsError otherwise; StoreError where it cannot be logged: then no
-        code was used. Call it once for an attempt: it waits by itself while another program has locked the database.
+        WrongPasswordError or TooManyAttemptsError otherwise; StoreError where it cannot be logged. Call it once for an attempt:
+        it waits by itself while another program has locked the database.
         """
-        if name and self._checked >= MOST_CHECKED:
-            raise TooManyLoginsError
-        self._delays.begin_attempt(address)
+        if name and self._checked >= MOST_CHECKED:  # such an attempt does not count
+            raise TooManyAttemptsError("too many people log in at this moment", BUSY_S)
+        self._attempts.begin(address)
         who = await self._with_password(name, password) if name else None
-        is_right = who is not None if name else self._password.is_right(password)
-        if not is_right or not await self._log.admit(
-            name or PASSWORD_ALONE, self._codes(who, code)
-        ):
+        if who is None and (name or not self._password.is_right(password)):
             await self._note_refused(name)
             raise WrongPasswordError(
-                "this is no operator's name, password and code"
+                "this is no operator's name and password"
                 if name
                 else "this is not the operator's password"
             )
-        self._delays.forgive(address)
+        await self._log.begin(name or PASSWORD_ALONE, "log_in", status=200)
+        self._attempts.forgive(address)
         since = who.created_ms if who else 0
         return self._signer.sign(f"{secrets.token_hex(16)}:{name}:{since}").decode()
 
@@ -143,7 +158,7 @@ class AdminLogin:
             return None
         if not name:
             return PASSWORD_ALONE
-        found = await self._operators.find(name)
+        found = await find_operator(self._store, name)
         return name if found is not None and str(found.created_ms) == since else None
 
     async def revoke(self, token: str) -> None:
@@ -155,16 +170,12 @@ class AdminLogin:
         """Return the operator whose name and password these are."""
         self._checked += 1
         try:
-            found = await self._operators.find(name)
+            found = await find_operator(self._store, name)
             async with self._checking:
                 is_right = await asyncio.to_thread(is_password_of, found, password)
         finally:
             self._checked -= 1
         return found if is_right else None
-
-    def _codes(self, who: Operator | None, code: str) -> Callable[[], bool]:
-        """Return what uses the code of an operator; the server's one password has no second factor."""
-        return lambda: who is None or self._operators.use_code(who, code)
 
     async def _note_refused(self, name: str) -> None:
         """Log a refused login, at most one each minute, by the name if there is such an operator."""
@@ -174,10 +185,10 @@ class AdminLogin:
                 PASSWORD_ALONE
                 if not name
                 else name
-                if await self._operators.find(name)
+                if await find_operator(self._store, name)
                 else "unknown name"
             )
-            await self._log.end(await self._log.begin(known, "log_in", None), 401)
+            await self._log.begin(known, "log_in", status=401)
 
 
 def _digest(password: str) -> bytes:

@@ -10,8 +10,7 @@ from app.admin import participants
 from app.admin.exports import Exports
 from app.admin.health import Health
 from app.admin.login import AdminLogin, AdminPassword
-from app.operators.actions import ActionLog
-from app.operators.operators import Operators
+from app.storage.operators import ActionLog
 from app.study.progress import ParticipantProgress
 from app.study.protocol import StudyError
 
@@ -28,7 +27,7 @@ class AdminServices:
         database = progress.lobby.store.path
         store = progress.lobby.store
         self.actions, self.progress = ActionLog(store), progress
-        self.login = AdminLogin(password, Operators(store), self.actions)
+        self.login = AdminLogin(password, store, self.actions)
         self.health, self.figures = health, participants.LiveFigures(database, progress.folder)
         self.exports = Exports(database, studies)
         self.began = time.monotonic()

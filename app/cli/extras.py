@@ -13,7 +13,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger", "argon2", "pyotp",
+        "prometheus_client", "pythonjsonlogger", "argon2",
     ),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),

@@ -29,10 +29,9 @@ from pydantic import Field
 
 from app.admin import live_boards, participants
 from app.admin.exports import ExportKind, ExportRunningError
-from app.admin.login import WrongPasswordError
+from app.admin.login import TooManyAttemptsError, WrongPasswordError
 from app.admin.recruiting import recruiting
 from app.admin.services import AdminServices
-from app.operators.delays import TooManyAttemptsError
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
 from app.protection import client_address, has_own_origin
@@ -50,11 +49,10 @@ NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 
 
 class Login(Message):
-    """What the operator types: name and code are left empty with the server's one password."""
+    """What the operator types: the name is left empty with the server's one password."""
 
     name: str = Field(default="", max_length=64)
     password: str = Field(max_length=1024)
-    code: str = Field(default="", max_length=16)
 
 
 class CloseStudy(Message):
@@ -175,7 +173,7 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
     """Log in: set the operator's cookie for the right password."""
     try:
         token = await _admin_of(request).login.issue(
-            client_address(request), given.name.strip(), given.password, given.code
+            client_address(request), given.name.strip(), given.password
         )
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error

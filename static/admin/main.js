@@ -151,8 +151,8 @@ by("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   by("wrong").textContent = "";
   try {
-    await request("admin/login", { name: by("name", HTMLInputElement).value, password: password.value, code: by("totp", HTMLInputElement).value });
-    password.value = by("totp", HTMLInputElement).value = "";
+    await request("admin/login", { name: by("name", HTMLInputElement).value, password: password.value });
+    password.value = "";
     await load();
   } catch (error) {
     by("wrong").textContent = /** @type {Error} */ (error).message;

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
-from app.operators.delays import FREE_ATTEMPTS
+from app.admin.login import ATTEMPTS_PER_MINUTE
 from app.simulate import Socket
 from app.web.listening import uvicorn_config
 from tests.support.browser import free_port
@@ -160,9 +160,9 @@ def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
                 json={"password": "wrong-wrong"},
                 headers={"X-Forwarded-For": f"9.9.9.{number}"},
             ).status_code
-            for number in range(FREE_ATTEMPTS + 1)
+            for number in range(ATTEMPTS_PER_MINUTE + 1)
         ]
-    assert statuses == [401] * FREE_ATTEMPTS + [429]
+    assert statuses == [401] * ATTEMPTS_PER_MINUTE + [429]
 
 
 def test_a_flood_from_one_address_is_limited(proxied):

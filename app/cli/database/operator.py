@@ -29,7 +29,6 @@ def operator() -> None:
     \b
     Examples:
       marsexplorer operator add ada
-      marsexplorer operator add ada --totp        prints the address for an authenticator app
       marsexplorer operator list
       marsexplorer operator log                   what operators did, the newest first
       marsexplorer operator remove ada
@@ -38,16 +37,10 @@ def operator() -> None:
 
 @operator.command(short_help="Add an operator.")
 @click.argument("name")
-@click.option(
-    "--totp", is_flag=True, help="Ask for a code of an authenticator app at each login too (TOTP)."
-)
 @DATABASE
-def add(name: str, totp: bool, database: Path | None) -> None:
-    """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal.
-
-    With --totp the otpauth address is printed, once: an authenticator app takes it, by hand or as a QR code.
-    """
-    from app.operators.operators import add_operator
+def add(name: str, database: Path | None) -> None:
+    """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
+    from app.storage.operators import add_operator
 
     path = database or settings_of().database
     if sys.stdin.isatty():
@@ -55,26 +48,22 @@ def add(name: str, totp: bool, database: Path | None) -> None:
     else:
         password = sys.stdin.readline().rstrip("\n")
     with _errors():
-        uri = add_operator(path, name, password, totp)
+        add_operator(path, name, password)
     click.echo(
         f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start"
     )
-    if uri is not None:
-        click.echo(uri)
 
 
 @operator.command("list", short_help="List the operators.")
 @DATABASE
 def list_(database: Path | None) -> None:
-    """List the operators: since when, and whether a second factor is asked for."""
-    from app.operators.operators import list_operators
+    """List the operators: by name, and since when."""
+    from app.storage.operators import list_operators
 
     with _errors():
         found = list_operators(database or settings_of().database)
-    rows = [
-        (each.name, _time(each.created_ms), "yes" if each.totp_secret else "no") for each in found
-    ]
-    print_table("Operators", ("name", "since (UTC)", "second factor"), rows)
+    rows = [(each.name, _time(each.created_ms)) for each in found]
+    print_table("Operators", ("name", "since (UTC)"), rows)
 
 
 @operator.command(short_help="Remove an operator.")
@@ -82,7 +71,7 @@ def list_(database: Path | None) -> None:
 @DATABASE
 def remove(name: str, database: Path | None) -> None:
     """Remove an operator; what they did stays in the log."""
-    from app.operators.operators import remove_operator
+    from app.storage.operators import remove_operator
 
     path = database or settings_of().database
     with _errors():
@@ -97,7 +86,7 @@ def remove(name: str, database: Path | None) -> None:
 @DATABASE
 def log(count: int, database: Path | None) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
-    from app.operators.actions import read_actions
+    from app.storage.operators import read_actions
 
     with _errors():
         found = read_actions(database or settings_of().database, count)
@@ -117,8 +106,8 @@ def log(count: int, database: Path | None) -> None:
 @contextmanager
 def _errors() -> Iterator[None]:
     """Turn what is wrong with the name, the password or the database into one sentence."""
-    from app.operators.operators import OperatorError
     from app.storage.database import StoreError
+    from app.storage.operators import OperatorError
 
     try:
         yield

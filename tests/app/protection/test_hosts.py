@@ -5,8 +5,8 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
+from app.admin.login import ATTEMPTS_PER_MINUTE
 from app.cli.main import main
-from app.operators.delays import FREE_ATTEMPTS
 from app.settings import Settings
 
 OWN = (
@@ -78,9 +78,9 @@ def guess(client, address):
 def test_wrong_guesses_cannot_be_spread_over_invented_addresses(serve):
     """Without a named proxy the header is nothing; behind one, what stands left of the visitor's address is invented."""
     client = serve(admin_password="correct-horse").page()
-    assert [guess(client, f"9.9.9.{number}") for number in range(FREE_ATTEMPTS + 1)] == [
+    assert [guess(client, f"9.9.9.{number}") for number in range(ATTEMPTS_PER_MINUTE + 1)] == [
         401
-    ] * FREE_ATTEMPTS + [429]
+    ] * ATTEMPTS_PER_MINUTE + [429]
 
 
 def test_behind_a_named_proxy_each_visitor_is_counted_alone(serve):
@@ -88,13 +88,14 @@ def test_behind_a_named_proxy_each_visitor_is_counted_alone(serve):
         admin_password="correct-horse", trusted_proxies=["127.0.0.0/8", "10.0.0.7"]
     ).page()
     said = [
-        guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7") for number in range(FREE_ATTEMPTS + 1)
+        guess(client, f"9.9.9.{number}, 5.6.7.8, 10.0.0.7")
+        for number in range(ATTEMPTS_PER_MINUTE + 1)
     ]
-    assert said == [401] * FREE_ATTEMPTS + [429]
+    assert said == [401] * ATTEMPTS_PER_MINUTE + [429]
     assert guess(client, "5.6.7.9") == 401
-    assert [guess(client, f"2001:db8:1:2:{number}::1") for number in range(FREE_ATTEMPTS)] == [
-        401
-    ] * FREE_ATTEMPTS
+    assert [
+        guess(client, f"2001:db8:1:2:{number}::1") for number in range(ATTEMPTS_PER_MINUTE)
+    ] == [401] * ATTEMPTS_PER_MINUTE
     assert guess(client, "2001:db8:1:2:ffff::9") == 429, (
         "a home changes its address within its /64 as it likes"
     )

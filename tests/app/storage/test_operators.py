@@ -1,31 +1,25 @@
-"""Operators by name: only a hash is stored, a code is used once, and what they do is logged before it is done."""
+"""Operators by name: only a hash is stored, guessing is limited, and what they do is logged before it is done."""
 
-import asyncio
 import shutil
 import sqlite3
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from threading import Event, Timer
-from urllib.parse import parse_qs, urlsplit
 
-import pyotp
 import pytest
 from click.testing import CliRunner
 
 from app.admin import login
 from app.cli.main import cli
-from app.operators.delays import FREE_ATTEMPTS
-from app.operators.operators import (
+from app.storage.operators import (
     OperatorError,
-    Operators,
     add_operator,
     is_password_of,
     list_operators,
     remove_operator,
 )
-from app.storage.store import Store
 from tests.app.admin.test_admin import CHANGING
 from tests.support.servers import PATIENCE_S, eventually
 from tests.support.study import freeze
@@ -35,29 +29,20 @@ ADA, BOB = "a-long-password", "another-password"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Databases with the operator ada, and with bob as well, and the secret of bob's codes: hashes take long."""
-    folder = tmp_path_factory.mktemp("operators")
-    add_operator(folder / "ada.db", "ada", ADA)
-    shutil.copy(folder / "ada.db", folder / "both.db")
-    address = add_operator(folder / "both.db", "bob", BOB, totp=True)
-    return folder, parse_qs(urlsplit(address).query)["secret"][0]
+    """A database with the operator ada: hashes take long."""
+    path = tmp_path_factory.mktemp("operators") / "ada.db"
+    add_operator(path, "ada", ADA)
+    return path
 
 
 @pytest.fixture
 def database(made, tmp_path):
     """A database with the operator ada; the fixture `serve` serves this file."""
-    return Path(shutil.copy(made[0] / "ada.db", tmp_path / "playground.db"))
+    return Path(shutil.copy(made, tmp_path / "playground.db"))
 
 
-@pytest.fixture
-def secret(made, tmp_path):
-    """The secret of bob's codes; the fixture `serve` serves a database with ada and bob."""
-    shutil.copy(made[0] / "both.db", tmp_path / "playground.db")
-    return made[1]
-
-
-def log_in(client, name, password, code=""):
-    return client.post("/api/admin/login", json={"name": name, "password": password, "code": code})
+def log_in(client, name, password):
+    return client.post("/api/admin/login", json={"name": name, "password": password})
 
 
 def query(path, sql):
@@ -111,14 +96,17 @@ def test_the_password_is_stored_as_a_hash_alone(database):
         assert ADA.encode() not in path.read_bytes()
 
 
-def test_attempts_at_the_same_time_are_no_way_around_the_wait(database, serve):
+def test_attempts_at_the_same_time_are_no_way_around_the_limit(database, serve):
     server = serve()
-    clients = [server.page() for _ in range(3 * FREE_ATTEMPTS)]
+    clients = [server.page() for _ in range(3 * login.ATTEMPTS_PER_MINUTE)]
     with ThreadPoolExecutor(len(clients)) as pool:
         statuses = list(
             pool.map(lambda client: log_in(client, "ada", "wrong-wrong").status_code, clients)
         )
-    assert (statuses.count(401), statuses.count(429)) == (FREE_ATTEMPTS, 2 * FREE_ATTEMPTS)
+    assert (statuses.count(401), statuses.count(429)) == (
+        login.ATTEMPTS_PER_MINUTE,
+        2 * login.ATTEMPTS_PER_MINUTE,
+    )
     assert log_in(server.page(), "ada", ADA).status_code == 429, (
         "not even the right password is looked at"
     )
@@ -169,7 +157,7 @@ def lock(path, seconds):
 
 
 def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the_attempt_once(
-    database, secret, serve, monkeypatch
+    database, serve, monkeypatch
 ):
     server, checked = serve(), []
 
@@ -180,55 +168,8 @@ def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the
         return is_password_of(*given)
 
     monkeypatch.setattr(login, "is_password_of", check_and_lock)
-    assert log_in(server.page(), "bob", BOB, pyotp.TOTP(secret).now()).status_code == 200
+    assert log_in(server.page(), "ada", ADA).status_code == 200
     assert len(checked) == 1
-
-
-def test_a_code_is_not_lost_to_a_lock_that_keeps_the_login_from_being_logged(
-    database, secret, serve, monkeypatch
-):
-    server, use_code = serve(), Operators.use_code
-    monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.2)
-
-    def use_and_lock(self, operator, code):
-        is_right = use_code(self, operator, code)
-        with suppress(sqlite3.OperationalError):  # while the login is being written nobody else can
-            lock(database, 1.0)
-        return is_right
-
-    monkeypatch.setattr(Operators, "use_code", use_and_lock)
-    assert log_in(server.page(), "bob", BOB, pyotp.TOTP(secret).now()).status_code == 200
-
-
-def test_a_code_is_asked_for_and_used_once(secret, serve):
-    server = serve()
-    code = pyotp.TOTP(secret).now()
-    assert log_in(server.page(), "bob", BOB).status_code == 401
-    assert (
-        log_in(server.page(), "bob", BOB, "000000" if code != "000000" else "000001").status_code
-        == 401
-    )
-    assert log_in(server.page(), "bob", "wrong-wrong", code).status_code == 401
-    assert log_in(server.page(), "bob", BOB, code).status_code == 200
-    assert log_in(server.page(), "bob", BOB, code).status_code == 401, (
-        "somebody has looked over the shoulder"
-    )
-
-
-def test_codes_stand_for_their_half_minute_and_its_neighbours(database, secret):
-    now = [1_800_000_000.0]
-    with closing(Store(database)) as store:
-        operators = Operators(store, lambda: now[0])
-        bob, code = asyncio.run(operators.find("bob")), pyotp.TOTP(secret).at(1_800_000_000)
-        now[0] += 60
-        assert not operators.use_code(bob, code), "two half minutes later"
-        now[0] -= 30
-        assert operators.use_code(bob, code)
-        assert not operators.use_code(bob, code)
-        assert not operators.use_code(bob, pyotp.TOTP(secret).at(1_800_000_000 - 30)), (
-            "nor one from before"
-        )
-        assert not operators.use_code(bob, "٣" * 6)
 
 
 def test_every_action_is_logged_with_its_operator_and_how_it_ended(database, serve, tmp_path):
@@ -283,9 +224,34 @@ def test_an_action_that_cannot_be_logged_is_not_done(database, serve, tmp_path):
     assert ada.get("/api/studies/small").json()["status"] == "open"
 
 
+def test_attempts_are_limited_by_the_minute_and_by_the_hour_for_one_address_until_one_is_right(
+    monkeypatch,
+):
+    now = [1_800_000_000.0]
+    monkeypatch.setattr("time.time", lambda: now[0])
+    attempts = login.Attempts()
+
+    def begin(address="1.2.3.4"):
+        try:
+            attempts.begin(address)
+        except login.TooManyAttemptsError as error:
+            return error.wait_s
+        return 0
+
+    for _ in range(6):
+        assert [begin() for _ in range(login.ATTEMPTS_PER_MINUTE)] == [
+            0
+        ] * login.ATTEMPTS_PER_MINUTE
+        assert (begin(), begin("5.6.7.8")) == (60, 0)
+        now[0] += 61
+    assert begin() == 3600 - 6 * 61, "thirty in an hour"
+    attempts.forgive("1.2.3.4")
+    assert begin() == 0
+
+
 def test_guessing_does_not_fill_the_log(database, serve):
     server = serve()
-    for _ in range(FREE_ATTEMPTS):
+    for _ in range(login.ATTEMPTS_PER_MINUTE):
         log_in(server.page(), "ada", "wrong-wrong")
     assert query(database, "SELECT count(*) FROM operator_actions WHERE status = 401") == [(1,)]
 
@@ -307,11 +273,8 @@ def test_what_cannot_be_added_is_said(database, name, password, said):
 
 def test_the_command_adds_lists_logs_and_removes(tmp_path):
     database = tmp_path / "lab.db"
-    added = marsexplorer(
-        "operator", "add", "bob", "--totp", "--database", database, given=f"{BOB}\n"
-    )
+    added = marsexplorer("operator", "add", "bob", "--database", database, given=f"{BOB}\n")
     assert added.exit_code == 0, added.output
-    assert "otpauth://totp/MarsExplorer%20Playground:bob?secret=" in added.stdout
     assert BOB not in added.output
     assert (
         "there is an operator 'bob' already"
