@@ -128,16 +128,13 @@ class InputEvent(Message):
 class Events(Message):
     """Input events of a person's episode, sent before the move that they cause.
 
-    The answer is `Kept`, and a batch that was kept already is not kept again: it is known by its id, without one by its events.
+    The answer is `Kept`, and a batch that was kept already is not kept again: it is known by its id.
     """
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
-    batch: str | None = Field(
-        default=None,
-        min_length=8,
-        max_length=64,
-        description="drawn by the page, another for each batch",
+    batch: str = Field(
+        min_length=8, max_length=64, description="drawn by the page, another for each batch"
     )
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 

@@ -120,7 +120,14 @@ class Socket:
         event = {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now}
         event |= {"step": frame["step"], **changes}
         events = [*self._released, event]
-        self.send({"kind": "events", "episode": frame["episode"], "events": events})
+        self.send(
+            {
+                "kind": "events",
+                "batch": secrets.token_hex(8),
+                "episode": frame["episode"],
+                "events": events,
+            }
+        )
         self.clock.wait(self._tempo.randint(40, 80))
         up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
         self._released = [{**event, **up}]

@@ -5,8 +5,6 @@ Works on a store's connection and in its transactions.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -23,16 +21,9 @@ millisecond are the same twice by a copy alone, and the more are compared, the l
 COMPARED_EPISODES = 5_000
 """Newest episodes that are compared: a look at 5,000 takes some 20 ms."""
 
-MAX_STARTS = 50
-"""Most places at which a batch may begin that are compared with events of an earlier schema, which knew no batches."""
-
 _FIRST = "SELECT coalesce(max(number) + 1, 0) AS first FROM input_events WHERE episode_id = ?"
 _ENDED = "SELECT ended_ms FROM episodes WHERE id = ?"
 _BATCH = "SELECT 1 FROM event_batches WHERE episode_id = ? AND batch = ?"
-_UNBATCHED = "SELECT min(first) FROM event_batches WHERE episode_id = ?"
-_STARTS = "SELECT number FROM input_events WHERE episode_id = ? AND number < ? AND client_ms = ? AND kind = ? LIMIT ?"
-_RUN_OF_EVENTS = """SELECT kind, code, repeat, trusted, client_ms, step, round_trip_ms FROM input_events
-    WHERE episode_id = ?1 AND number >= ?2 ORDER BY number LIMIT ?3"""
 _GAP = """(SELECT b.key_down_ms - a.key_down_ms FROM steps a JOIN steps b ON b.episode_id = a.episode_id AND b.step = a.step + 1
     WHERE a.episode_id = f.id AND a.step = {step})"""
 _COMPARED = """(SELECT id FROM episodes WHERE driver = 'human' AND ended_ms IS NOT NULL AND id != ?1
@@ -52,28 +43,21 @@ class InputEventRow(NamedTuple):
 
 
 def add_input_events(
-    store: Store,
-    episode_id: str,
-    events: Sequence[InputEventRow],
-    at_ms: int,
-    batch: str | None = None,
+    store: Store, episode_id: str, events: Sequence[InputEventRow], at_ms: int, batch: str
 ) -> bool:
     """Keep a batch of input events of an episode once, however often it comes; return False when there are too many.
 
-    `batch` is its id, which its page drew; without one (pages and scripts of earlier versions) its content is its id. A batch
-    that was being sent when the connection broke can arrive after its repetition and after later batches.
+    `batch` is its id, which its page drew. A batch that was being sent when the connection broke can arrive after its repetition
+    and after later batches.
 
     An episode keeps at most MAX_EVENTS_PER_EPISODE; of a batch that goes beyond it nothing is kept. What comes after the end
     of the episode is stored with a later time than the end, so that the rows say what was there when it ended.
     """
     if not events:
         return True
-    ident = batch or hashlib.sha256(json.dumps(events).encode()).hexdigest()
     with store.transaction():
         conn = store.connection
-        if conn.execute(_BATCH, (episode_id, ident)).fetchone() or _was_kept_without_id(
-            store, episode_id, events
-        ):
+        if conn.execute(_BATCH, (episode_id, batch)).fetchone():
             return True
         first: int = conn.execute(_FIRST, [episode_id]).fetchone()[0]
         if first + len(events) > MAX_EVENTS_PER_EPISODE:
@@ -82,7 +66,7 @@ def add_input_events(
         at_ms = at_ms if ended_ms is None else max(at_ms, ended_ms + 1)
         rows = [(episode_id, number, *event, at_ms) for number, event in enumerate(events, first)]
         conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
-        conn.execute("INSERT INTO event_batches VALUES (?, ?, ?)", (episode_id, first, ident))
+        conn.execute("INSERT INTO event_batches VALUES (?, ?, ?)", (episode_id, first, batch))
         chain.append_late_events(conn, episode_id, first)
     return True
 
@@ -120,24 +104,3 @@ def has_copied_timing(reader: Reader, episode_id: str) -> bool:
             f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1", [episode_id, COMPARED_EPISODES]
         )
     )
-
-
-def _was_kept_without_id(store: Store, episode_id: str, events: Sequence[InputEventRow]) -> bool:
-    """Return whether a batch is among the events that were kept before batches had ids: they follow each other somewhere.
-
-    Those stand before the first batch with an id, and nothing adds to them, so no client can make this look longer.
-    """
-    conn = store.connection
-    (until,) = conn.execute(_UNBATCHED, [episode_id]).fetchone()
-    if until == 0:
-        return False
-    values = (
-        episode_id,
-        2**62 if until is None else until,
-        events[0].client_ms,
-        events[0].kind,
-        MAX_STARTS,
-    )
-    starts = conn.execute(_STARTS, values).fetchall()
-    runs = (conn.execute(_RUN_OF_EVENTS, (episode_id, number, len(events))) for (number,) in starts)
-    return any([tuple(row) for row in run] == list(events) for run in runs)

@@ -1,6 +1,7 @@
 """The event loop never waits for SQLite: whatever the disk or another program does, moves alone wait for it, and say why."""
 
 import asyncio
+import secrets
 import subprocess
 import sys
 import threading
@@ -200,7 +201,9 @@ def press_and_move(board, server, episode, step, action, code):
         "client_ms": now,
         "step": step,
     }
-    board.send({"kind": "events", "episode": episode, "events": [press]})
+    board.send(
+        {"kind": "events", "batch": secrets.token_hex(8), "episode": episode, "events": [press]}
+    )
     times = {"input": "key", "key_down_ms": now, "client_ms": now}
     board.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
 

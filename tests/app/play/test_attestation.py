@@ -1,6 +1,7 @@
 """The level of an episode by its rows: what people's networks and clocks do passes, what was made up does not."""
 
 import random
+import secrets
 from contextlib import closing
 
 import pytest
@@ -349,6 +350,7 @@ def kept(store, episode_id, moves, events):
             episode_id,
             [InputEventRow(*(event[name] for name in InputEventRow._fields))],
             event["server_ms"],
+            secrets.token_hex(8),
         )
     for move in moves:
         store.add_step(StepRow(episode_id, reward=0.0, discovered=1, key_up_ms=None, **move))

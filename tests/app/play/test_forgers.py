@@ -1,6 +1,7 @@
 """Forgers who hold a valid cookie, the page's Origin and, in a study, an invitation: what enters a human figure of theirs."""
 
 import random
+import secrets
 import sqlite3
 import time
 from collections import Counter
@@ -61,7 +62,14 @@ class Forger:
             "client_ms": stamp,
             "step": frame["step"],
         }
-        socket.send({"kind": "events", "episode": frame["episode"], "events": [press]})
+        socket.send(
+            {
+                "kind": "events",
+                "batch": secrets.token_hex(8),
+                "episode": frame["episode"],
+                "events": [press],
+            }
+        )
         times = {"input": "key", "key_down_ms": stamp, "client_ms": stamp}
         socket.send(
             {

@@ -1,5 +1,7 @@
 """Who is human: trusted events of the page with the session's own cookie; whatever else is a script."""
 
+import secrets
+
 import pytest
 
 from app.web.cookies import PLAYER_COOKIE
@@ -60,7 +62,14 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
                 "client_ms": now,
                 "step": 0,
             }
-            connection.send({"kind": "events", "episode": first["episode"], "events": [press]})
+            connection.send(
+                {
+                    "kind": "events",
+                    "batch": secrets.token_hex(8),
+                    "episode": first["episode"],
+                    "events": [press],
+                }
+            )
             times = {"input": "key", "key_down_ms": now, "client_ms": now}
             connection.send(
                 {

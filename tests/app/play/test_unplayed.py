@@ -1,6 +1,7 @@
 """Boards on which nobody has moved leave the database after a day, and nothing else does."""
 
 import asyncio
+import secrets
 import sqlite3
 from contextlib import closing
 
@@ -81,6 +82,7 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
         socket.send(
             {
                 "kind": "events",
+                "batch": secrets.token_hex(8),
                 "episode": begun["frame"]["episode"],
                 "events": [{"kind": "blur", "client_ms": 1}],
             }

@@ -77,9 +77,9 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     events = [
         InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)
     ]
-    add_input_events(store, row.id, events[:before], 5)
+    add_input_events(store, row.id, events[:before], 5, "first-batch")
     begun = chain.begin_hash(store.connection, row.id)
-    add_input_events(store, row.id, events[before:], 5)
+    add_input_events(store, row.id, events[before:], 5, "second-batch")
     episode.abandon()
     store.next_episode([Closing(row.id, episode.record(), 6, "declared", events=begun)], ())
     sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
@@ -104,14 +104,18 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     events = [
         InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)
     ]
-    add_input_events(store, row.id, events[:2], 5)
+    add_input_events(store, row.id, events[:2], 5, "batch-0")
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
     store.close_episode(row.id, episode.record(), 6, "declared")
     before = store.connection.execute("SELECT * FROM chain").fetchall()
-    for batch in (events[2:5], events[2:5], events[5:]):
-        add_input_events(store, row.id, batch, 7)
+    for batch, name in (
+        (events[2:5], "batch-1"),
+        (events[2:5], "batch-1"),
+        (events[5:], "batch-2"),
+    ):
+        add_input_events(store, row.id, batch, 7, name)
     assert kinds(store) == ["session", "episode", "events", "events"]
     assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
     assert store.connection.execute(

@@ -2,6 +2,7 @@
 
 import json
 import re
+import secrets
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -241,6 +242,7 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, mon
         socket.send(
             {
                 "kind": "events",
+                "batch": secrets.token_hex(8),
                 "episode": frame["episode"],
                 "events": [{"kind": "blur", "client_ms": 1}],
             }

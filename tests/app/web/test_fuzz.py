@@ -6,6 +6,7 @@ What is sent is drawn from the seed alone, so a finding is found again.
 import json
 import logging
 import random
+import secrets
 from collections import Counter
 from contextlib import suppress
 
@@ -199,6 +200,7 @@ def sockets(server):
         },
         {
             "kind": "events",
+            "batch": secrets.token_hex(8),
             "episode": frame["episode"],
             "events": [event, {**event, "kind": "keyup"}],
         },

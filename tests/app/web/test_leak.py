@@ -6,6 +6,7 @@ difference, all that leaves them must be equal: the play socket, HTTP, and the 3
 
 import functools
 import itertools
+import secrets
 import shutil
 import struct
 from contextlib import ExitStack
@@ -193,7 +194,14 @@ class ParticipantRecorder(Recorder):
             socket.send({"kind": "act", **self.act(action), "input": "key", "client_ms": 1.0})
             frame = socket.frame_after(before["step"])
             event = {"kind": "keydown", "code": "KeyW", "client_ms": 1.0, "step": frame["step"]}
-            socket.send({"kind": "events", "episode": frame["episode"], "events": [event]})
+            socket.send(
+                {
+                    "kind": "events",
+                    "batch": secrets.token_hex(8),
+                    "episode": frame["episode"],
+                    "events": [event],
+                }
+            )
             socket.send({"kind": "history"})
             self.tape.add(str(frame).encode(), str(socket.receive("history")).encode())
         return frame
