@@ -54,7 +54,6 @@ EXTRA_OF_COMMAND = {
     "simulate": "study",
     "report": "study",
     "regret": "study",
-    "clone": "export",
     "policies": "hub",
     "verify": "study",
     "release": "export",

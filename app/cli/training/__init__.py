@@ -1,1 +1,1 @@
-"""Commands about policies: train, refine, sweep and clone them, evaluate them on the same terrains, and measure speed."""
+"""Commands about policies: train, refine and sweep them, evaluate them on the same terrains, and measure speed."""

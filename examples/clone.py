@@ -1,0 +1,149 @@
+"""A policy that moves as the people of a released study do: behaviour cloning (Pomerleau 1991).
+
+    pip install '.[networks,export]'
+    python examples/clone.py dunes-1 --out dunes-clone.safetensors
+    marsexplorer serve --policy dunes-clone.safetensors
+
+The release's tables of episodes and steps are read, each episode is played again, and the network
+of `marsexplorer train` is fitted to the moves made. A fifth of the ranked terrains trains nothing:
+there its agreement with the players is measured, beside that of other policies.
+"""
+
+import argparse
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from torch.nn.functional import cross_entropy
+
+from marsexplorer import policies
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import Episode, Record
+from marsexplorer.evaluation.agreement import Agreement, agreement_with
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.model import Net, NetworkPolicy
+from marsexplorer.training.refine import TRANSPOSED
+
+COMPARED = ("ppo", "frontier-cost", "frontier-utility")
+HELD_OUT = 0.2
+CODES = {name: code for code, name in enumerate(ACTIONS)}
+
+
+def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record]]:
+    """Return (participant, ranked terrain or None, record) of the finished episodes of a release.
+
+    kind  "human", or "script" for synthetic players
+    """
+    episodes = pd.read_parquet(release / "parquet" / "episodes.parquet")
+    steps = pd.read_parquet(release / "parquet" / "steps.parquet").sort_values("step")
+    actions = {episode: rows.action for episode, rows in steps.groupby("episode")}
+    kept = episodes[(episodes.driver == kind) & (episodes.outcome != "abandoned")]
+    found = []
+    for row in kept[kept.phase.isin(["warm_up", "ranked"])].itertuples():
+        config = EnvConfig(
+            row.level, row.rows, row.cols, row.sensor_radius, row.beta, row.max_steps
+        )
+        start = (row.start_row, row.start_col)
+        bits = np.unpackbits(np.frombuffer(bytes.fromhex(row.terrain), np.uint8))
+        terrain = bits[: config.n].reshape(config.rows, config.cols).astype(bool)
+        episode = Episode.begin(config, terrain=terrain, start=start)
+        for action in actions.get(row.episode, ()):
+            episode.step(CODES[action])
+        index = row.terrain_index if row.phase == "ranked" else None
+        found.append((row.participant, index, episode.record()))
+    return found
+
+
+def demonstrations_of(records: list[Record], net: Net) -> tuple[torch.Tensor, ...]:
+    """Return every valid move: planes uint8[num, ...], moves float32[num, 4, ...], actions int64[num]."""
+    planes, moves, actions = [], [], []
+    for record in records:
+        episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+        policy = NetworkPolicy("clone", net, record.config.sensor_radius)
+        for action in record.actions:
+            own_planes, own_moves = policy.extract_features(episode.codes)
+            if own_moves[0, action, 0] > 0:
+                planes.append(own_planes[0].copy())
+                moves.append(own_moves[0].copy())
+                actions.append(action)
+            episode.step(action)
+    return tuple(torch.from_numpy(np.array(each)) for each in (planes, moves, actions))
+
+
+def fit(net: Net, demonstrations: tuple[torch.Tensor, ...], epochs: int, seed: int) -> None:
+    """Fit the network by AdamW; every second gradient step sees rows and columns exchanged."""
+    rng, done = np.random.default_rng(seed), 0
+    optimizer = torch.optim.AdamW(net.parameters(), weight_decay=0.1)
+    count = len(demonstrations[2])
+    batches = -(-count // 256)
+    for _ in range(epochs):
+        for batch in np.array_split(rng.permutation(count), batches):
+            optimizer.param_groups[0]["lr"] = 1e-3 * (1 - done / (batches * epochs))
+            planes, moves, actions = (part[batch] for part in demonstrations)
+            if done % 2:
+                planes, moves, actions = planes[:, :, TRANSPOSED], moves.flip(1), 3 - actions
+            optimizer.zero_grad()
+            cross_entropy(net.train()(planes, moves)[0], actions).backward()
+            optimizer.step()
+            done += 1
+    net.eval()
+
+
+def agreement_on(held_out: dict[str, list[Record]], policy: policies.Policy) -> float:
+    """Return the share of the players' moves that a policy would have made, in the mean over players."""
+    shares = []
+    for records in held_out.values():
+        shares.append(sum((agreement_with(policy, each) for each in records), Agreement()).share)
+    return float(np.mean(shares))
+
+
+def main() -> None:
+    """Read a release, fit a network, write it, and print how much it moves like the players."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("release", type=Path, help="folder that `marsexplorer release` wrote")
+    parser.add_argument("--out", type=Path, default=Path("clone.safetensors"))
+    parser.add_argument("--epochs", type=int, default=12, help="passes over the moves")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--synthetic", action="store_true", help="train on its scripts instead")
+    given = parser.parse_args()
+
+    who = "scripts (SYNTHETIC)" if given.synthetic else "people"
+    found = read_records(given.release, "script" if given.synthetic else "human")
+    ranked = sorted({index for _, index, _ in found if index is not None})
+    drawn = np.random.default_rng(given.seed).permutation(ranked)
+    held = set(drawn[: max(1, round(HELD_OUT * len(ranked)))])
+    trained, held_out = (
+        [record for _, index, record in found if index not in held],
+        defaultdict(list),
+    )
+    for participant, index, record in found:
+        if index in held:
+            held_out[participant].append(record)
+    if not trained or not held_out:
+        raise SystemExit(
+            f"{given.release} has no finished ranked episodes of {who} on two terrains"
+        )
+
+    torch.manual_seed(given.seed)
+    torch.set_num_threads(1)
+    net, config = Net(), trained[0].config
+    demonstrations = demonstrations_of(trained, net)
+    fit(net, demonstrations, given.epochs, given.seed)
+    likeness = agreement_on(held_out, NetworkPolicy("clone", net, config.sensor_radius))
+    summary = (
+        f"A clone of the {who} of {given.release.name}, from {len(demonstrations[2]):,} moves."
+    )
+    results = {"human_likeness": likeness, "held_out_terrains": len(held)}
+    size = [config.rows, config.cols]
+    save_network(net, given.out, {"summary": summary, "size": size, "results": results})
+    print(f"{given.out}: {summary}")
+    print(f"on {len(held)} held-out terrains it makes {likeness:.1%} of the players' moves")
+    for name in COMPARED:
+        other = agreement_on(held_out, policies.load(name, config.sensor_radius))
+        print(f"{name} makes {other:.1%} of them")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""The example of a clone: a policy from a release's people, held-out terrains, and no clone of nobody."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from app.release.build import ReleaseRequest, build_release
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation.agreement import Agreement, agreement_with
+from marsexplorer.policies import load
+from marsexplorer.policies.files.card import read_card
+from marsexplorer.policies.network.model import Net, NetworkPolicy
+from tests.support.stored_studies import freeze, play_study
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def release(tmp_path):
+    """`release(kinds)` is the folder of a small released study that these kinds of players played."""
+
+    def made(*kinds):
+        play_study(tmp_path / "play.db", freeze(tmp_path / "studies"), kinds=kinds)
+        build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
+        return tmp_path / "out"
+
+    return made
+
+
+def clone(*words):
+    command = [sys.executable, "examples/clone.py", *map(str, words)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_a_release_becomes_a_policy_with_a_card(release, tmp_path):
+    bundle = release("human", "human")
+    first, again = tmp_path / "dunes.safetensors", tmp_path / "again.safetensors"
+    done = clone(bundle, "--out", first, "--epochs", 2)
+    assert done.returncode == 0, done.stderr
+    assert "on 1 held-out terrains it makes" in done.stdout
+    card = read_card(first)
+    assert card["summary"].startswith("A clone of the people of out, from ")
+    assert 0 <= card["results"]["human_likeness"] <= 1
+    board = Episode.begin(EnvConfig("random", 9, 12, sensor_radius=4), seed=1).codes
+    assert load(first).act(board) in range(4)
+    assert clone(bundle, "--out", again, "--epochs", 2).returncode == 0
+    assert again.read_bytes() == first.read_bytes(), "release and seed fix the weights"
+
+
+def test_scripts_alone_are_refused_and_marked_when_asked_for(release, tmp_path):
+    bundle, out = release("script", "script"), tmp_path / "scripts.safetensors"
+    done = clone(bundle, "--out", out)
+    assert done.returncode == 1
+    assert "no finished ranked episodes of people" in done.stderr
+    assert not out.exists()
+    assert clone(bundle, "--synthetic", "--epochs", 1, "--out", out).returncode == 0
+    assert "SYNTHETIC" in read_card(out)["summary"]
+
+
+def test_a_clone_learns_the_moves_it_is_shown():
+    spec = importlib.util.spec_from_file_location("clone", ROOT / "examples" / "clone.py")
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    config, rule = EnvConfig("random", 9, 12, sensor_radius=4), load("frontier-cost", 4)
+
+    def record(seed):
+        episode = Episode.begin(config, seed=seed)
+        rule.reset(0)
+        while not episode.ended:
+            episode.step(rule.act(episode.codes))
+        return episode.record()
+
+    torch.manual_seed(0)
+    net = Net()
+    shown = example.demonstrations_of([record(seed) for seed in range(40)], net)
+    example.fit(net, shown, epochs=8, seed=0)
+    policy = NetworkPolicy("clone", net, 4)
+    held = (record(seed) for seed in range(100, 110))
+    assert sum((agreement_with(policy, each) for each in held), Agreement()).share > 0.8
