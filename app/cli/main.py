@@ -1,4 +1,4 @@
-"""The command `marsexplorer`: a group of commands, each in a module of its own in app/cli or in a folder there.
+"""The command `marsexplorer`: a group of commands, in modules of app/cli and its folders.
 
 Every failure ends with one sentence on stderr: exit code 2 for a command that cannot be carried out as given or needs an extra
 that is not installed, 1 for a failure on the way, 130 for Ctrl-C. A command's module is imported when the command is called, so
@@ -47,17 +47,17 @@ COMMANDS = {
     "restore": "Put a backup in the place of the database.",
     "operator": "Let operators log in at /admin by name.",
 }
-"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module."""
+"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module; `import`, which
+Python keeps for itself, is `import_release`."""
 
 _MODULES = {
-    "export": "database.export",
-    "replay": "database.replay",
-    "verify": "database.verify",
-    "merge": "database.merge",
-    "forget": "database.forget",
-    "backup": "database.backup",
-    "restore": "database.restore",
-    "operator": "database.operator",
+    "export": "database",
+    "verify": "database",
+    "merge": "database",
+    "forget": "database",
+    "backup": "database",
+    "restore": "database",
+    "operator": "database",
     "evaluate": "training.evaluate",
     "leaderboard": "training.leaderboard",
     "train": "training.train",
@@ -90,7 +90,8 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
-        command = getattr(import_module(f"app.cli.{module}"), module.rpartition(".")[2])
+        name = "import_release" if cmd_name == "import" else cmd_name.replace("-", "_")
+        command = getattr(import_module(f"app.cli.{module}"), name)
         assert isinstance(command, click.Command)
         return command
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, Protocol, TypeVar
 
-from app.database_file.errors import StoreError
+from app.database_file.file import StoreError
 
 
 class Closable(Protocol):

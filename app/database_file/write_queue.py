@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from app.database_file.errors import StoreError, WriteRefusedError
+from app.database_file.file import StoreError, WriteRefusedError
 
 T = TypeVar("T")
 Notice = Callable[[str], Awaitable[None]]

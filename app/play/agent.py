@@ -23,7 +23,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.database_file.errors import WriteRefusedError
+from app.database_file.file import WriteRefusedError
 from app.database_file.write_queue import NOTICE_S
 from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode

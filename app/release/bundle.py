@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from app.database_file.lock import take_lock
+from app.database_file.file import DatabaseLock
 from app.release.errors import ReleaseError
 from app.release.header import BUNDLE_DATABASE
 from app.release.manifest import check_files, read_manifest
@@ -76,7 +76,7 @@ def import_release(
         )
     manifest = checked.manifest
     released_ms = int(datetime.fromisoformat(manifest["released"]).timestamp() * 1000)
-    lock = take_lock(database)
+    lock = DatabaseLock(database)
     try:
         with (
             kept_or_new_database(database) as conn,

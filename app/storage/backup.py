@@ -18,7 +18,7 @@ from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.database_file.lock import take_lock
+from app.database_file.file import DatabaseLock
 from app.storage.checks import check_chain
 from app.storage.database import StoreError, reading
 
@@ -128,7 +128,7 @@ def restore(
         )
     if database.exists() and backup.samefile(database):
         raise StoreError(f"{backup} is the database itself: give the path of a backup")
-    lock = take_lock(database)
+    lock = DatabaseLock(database)
     new = database.with_name(database.name + ".restored")
     try:
         new.unlink(missing_ok=True)

@@ -14,8 +14,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.database_file.errors import StoreError
-from app.database_file.in_use import hold, is_in_use
+from app.database_file.file import StoreError, hold, is_in_use
 from app.storage.schema import SCHEMA, TABLES
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.database_file.lock import take_lock
+from app.database_file.file import DatabaseLock
 from app.storage import chain
 from app.storage.chain import Thing
 from app.storage.database import StoreError, open_database, reading, rows, transaction
@@ -67,7 +67,7 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
     """
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
-    lock = take_lock(database)
+    lock = DatabaseLock(database)
     try:
         conn: sqlite3.Connection = open_database(database).conn
         try:

@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from app.database_file.in_use import hold
+from app.database_file.file import hold
 from app.storage.database import StoreError, open_read_only
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Record, unpack_terrain

@@ -21,9 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from app.database_file.errors import WriteRefusedError
-from app.database_file.lock import take_lock
-from app.database_file.place import FilePlace, LostDatabaseError
+from app.database_file.file import DatabaseLock, FilePlace, LostDatabaseError, WriteRefusedError
 from app.database_file.read_threads import ReadThreads
 from app.database_file.write_queue import LOCKED, Notice, WriteQueue
 from app.monitoring.metrics import Metrics
@@ -195,7 +193,7 @@ class Store(Reader):
         path, self.metrics = Path(path), metrics or Metrics()
         self._reads: ReadThreads[Database] | None = None
         check_writable(path)
-        self._lock = take_lock(path)
+        self._lock = DatabaseLock(path)
         try:
             expected = self._lock.expected_step()
             if not accept_loss:

@@ -92,7 +92,7 @@ def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_runnin
     subprocess.run([sys.executable, "-c", damage, str(path), str(4096 * (root - 1))], check=True)
     answer = server.client().get("/api/episodes")
     assert answer.status_code == 503
-    assert "`marsexplorer recover`" in answer.json()["detail"]
+    assert "`marsexplorer verify`" in answer.json()["detail"]
     server.stop()
     with pytest.raises(SystemExit) as left:
         main(["serve", "--port", "0", "--database", str(path)])
@@ -100,4 +100,4 @@ def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_runnin
     assert "Traceback" not in said
     assert left.value.code == 1
     assert f"the database {path} is damaged" in said
-    assert f"marsexplorer recover {path} --out NEW" in said
+    assert f"sqlite3 {path} .recover | sqlite3 NEW" in said

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.database_file.errors import StoreError
+from app.database_file.file import StoreError
 from app.storage.reader import Reader
 from app.storage.store import Store
 from tests.support.recorded import play

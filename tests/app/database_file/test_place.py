@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from app.database_file.place import LostDatabaseError
+from app.database_file.file import LostDatabaseError
 from app.storage.store import Store
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 

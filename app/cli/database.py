@@ -1,0 +1,526 @@
+"""Commands about what a server recorded: export, verify, back up, restore, merge, forget a participant; its operators."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, pins_file, print_table, progress, reason, settings_of
+
+if TYPE_CHECKING:
+    from app.storage.export import ExportFormat
+    from app.storage.reader import Who
+    from app.study.verification import Verification
+
+
+@click.command(short_help="Write what was played as CSV or JSON Lines.")
+@click.option(
+    "--database", type=PATH, help="The database to read; a running server may go on writing."
+)
+@click.option(
+    "--format",
+    "fmt",
+    type=click.Choice(["csv", "jsonl"]),
+    default="csv",
+    show_default=True,
+    help="CSV or JSON Lines.",
+)
+@click.option(
+    "--out", type=PATH, required=True, help="Folder for episodes.* and steps.*; made when absent."
+)
+@click.option(
+    "--who",
+    type=click.Choice(["all", "human"]),
+    default="all",
+    show_default=True,
+    help="human: the counted ones.",
+)
+def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> None:
+    """Write every finished episode, and every step of it, as two tables.
+
+    Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
+    Players appear under pseudonyms drawn anew for each export. docs/data.md lists the columns. Both files appear
+    whole or not at all.
+
+    \b
+    Examples:
+      marsexplorer export --out results
+      marsexplorer export --database lab.db --format jsonl --out results --who human
+    """
+    from app.storage.export import export_to
+    from app.storage.store import StoreError
+
+    path = database or settings_of().database
+    try:
+        with progress("exporting") as advance:
+            summary = export_to(path, out, fmt, who, advance)
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot write to {out}: {reason(error)}; choose another --out"
+        ) from error
+    click.echo(summary)
+
+
+MAX_PRINTED = 200
+"""Findings that are printed; more are counted."""
+
+
+@click.command(short_help="Simulate every episode again and compare.")
+@click.option(
+    "--database", type=PATH, help="The database to verify; a running server may go on writing."
+)
+@click.option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
+@click.option(
+    "--studies",
+    type=PATH,
+    help="The folder of studies, for the secrets of open ones.  [default: data/studies]",
+)
+@click.option(
+    "--key",
+    "--signer",
+    "key",
+    metavar="FINGERPRINT|FILE",
+    help="The key that must have signed the dataset.",
+)
+@click.option(
+    "--pin",
+    "to_pin",
+    is_flag=True,
+    help="Remember the dataset's signing key as a known one, if all else is well.",
+)
+@click.option(
+    "--head",
+    help="A head of the database's chain from before, or a release's folder, which holds one.",
+)
+def verify(
+    database: Path | None,
+    dataset: Path | None,
+    studies: Path | None,
+    key: str | None,
+    to_pin: bool,
+    head: str | None,
+) -> int:
+    """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
+
+    Every reward, outcome, total, score and trajectory hash is compared, every seed with its terrain, every study
+    with its protocol, and every stored field of episodes, sessions, players, participants and studies with the
+    chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
+    one. A dataset's files and signature are checked as well.
+    This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
+    one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
+    dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
+    is not pinned, the signer is said to be not checked.
+
+    \b
+    Examples:
+      marsexplorer verify
+      marsexplorer verify --database lab.db
+      marsexplorer verify --head 9c0d1ab2...
+      marsexplorer verify --head dunes-1
+      marsexplorer verify --dataset dunes-1 --key 15f592c2...
+    """
+    if database is not None and dataset is not None:
+        raise click.UsageError("give --database or --dataset, not both")
+    if dataset is None and (key is not None or to_pin):
+        raise click.UsageError(
+            f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed"
+        )
+    if head is not None and dataset is not None:
+        raise click.UsageError(
+            "--head goes with --database: a dataset's signature stands for all of it"
+        )
+    from app.release.errors import ReleaseError
+    from app.storage.database import StoreError
+
+    try:
+        about, signer = "", None
+        if dataset is None:
+            result, about = _of_database(database, studies, head)
+        else:
+            result, about, signer = _of_dataset(dataset, key, to_pin)
+    except (StoreError, ReleaseError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
+    for finding in result.findings[:MAX_PRINTED]:
+        click.echo(str(finding))
+    if len(result.findings) > MAX_PRINTED:
+        click.echo(f"... and {len(result.findings) - MAX_PRINTED} more")
+    click.echo(_sentence(result, about))
+    for line in _chain_lines(result):
+        click.echo(line)
+    if signer:
+        click.echo(signer)
+    return 1 if result.findings else 0
+
+
+def _of_database(
+    database: Path | None, studies: Path | None, head: str | None
+) -> tuple[Verification, str]:
+    from app.study.folder import Folder
+    from app.study.verification import check_policy_files, verify_database
+
+    settings = settings_of()
+    path, folder = database or settings.database, Folder(studies or settings.studies)
+    known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
+    earlier = None if head is None else _earlier_head(head)
+    with progress("verifying (the rules are compiled first)") as advance:
+        result = verify_database(path, advance, known, head=earlier)
+    return replace(result, findings=(*result.findings, *check_policy_files(folder, known))), str(
+        path
+    )
+
+
+def _earlier_head(given: str) -> str:
+    """Return the head that was given in hexadecimal, or the one that a release's manifest holds."""
+    from app.release.errors import ReleaseError
+    from app.release.manifest import read_manifest
+
+    if not Path(given).is_dir():
+        if not re.fullmatch(r"[0-9a-fA-F]{64}", given):
+            raise click.UsageError(
+                f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {given!r}"
+            )
+        return given.lower()
+    found = read_manifest(Path(given))[0].get("chain_head")
+    if not found:
+        raise ReleaseError(
+            f"{given} holds no head of a chain: an earlier version of the software wrote it"
+        )
+    return str(found)
+
+
+def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verification, str, str]:
+    """Return what was found, the dataset in words, and what is known of its signer."""
+    from app.release.bundle import verify_bundle
+    from app.release.signers import check_signer, fingerprint_of, pin
+
+    expected = None if key is None else fingerprint_of(key)
+    with progress("verifying (the rules are compiled first)") as advance:
+        found = verify_bundle(dataset, advance, expected)
+    if to_pin and not found.verified.findings:
+        pin(pins_file(), found.manifest)
+    signer = check_signer(found.manifest, expected, pins_file()).sentence()
+    key_words = f"signed by the key {found.manifest.get('signer')}"
+    about = f"{dataset}, version {found.manifest.get('version')} of {found.manifest.get('study')}, {key_words}"
+    return found.verified, about, signer
+
+
+def _sentence(result: Verification, about: str) -> str:
+    rate = (
+        f", {result.episodes / result.seconds:,.0f} episodes/s"
+        if result.seconds > 0 and result.episodes
+        else ""
+    )
+    still_open = (
+        f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
+    )
+    verdict = (
+        f"{result.failed} of its parts DIFFER from what was recorded"
+        if result.findings
+        else "all as recorded"
+    )
+    return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{still_open}"
+
+
+def _chain_lines(result: Verification) -> Iterator[str]:
+    """Yield what the chain is, and what came after the earlier head that was asked for."""
+    if result.chain is not None and result.chain.entries:
+        forgotten = (
+            f", {result.chain.forgotten} of them of forgotten people"
+            if result.chain.forgotten
+            else ""
+        )
+        yield f"chain: {result.chain.entries:,} entries{forgotten}; head {result.chain.head}"
+    if (since := result.since) is not None:
+        day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
+        yield f"the head {since.head} is that of entry {since.entry:,}, of {day}; since then: {_counted(since.added)}"
+        yield f"of what stood then, changed since: {_counted(since.replaced)}; forgotten since: {_counted(since.forgotten)}"
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return (
+        ", ".join(f"{count:,} of kind {kind}" for kind, count in sorted(counts.items()))
+        or "nothing"
+    )
+
+
+@click.command(short_help="Copy the database while people play.")
+@click.argument("file", type=PATH)
+@click.option(
+    "--database", type=PATH, help="The database to copy; a running server may go on writing."
+)
+def backup(file: Path, database: Path | None) -> None:
+    """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
+
+    FILE is there when the copy is whole, and not before: Ctrl-C leaves nothing. A server makes backups by itself with
+    `serve --backup-every MINUTES --backup-to DIR`; `marsexplorer restore FILE` puts one back.
+
+    \b
+    Examples:
+      marsexplorer backup monday.db
+      marsexplorer backup /mnt/backups/lab.db --database lab.db
+    """
+    from app.storage.backup import back_up
+    from app.storage.database import StoreError
+
+    path = database or settings_of().database
+    try:
+        with progress("copying") as advance:
+            size = back_up(path, file, advance)
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    click.echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
+
+
+@click.command(short_help="Put a backup in the place of the database.")
+@click.argument("backup", type=PATH)
+@click.option("--database", type=PATH, help="The database whose place it takes.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def restore(backup: Path, database: Path | None, yes: bool) -> None:
+    """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
+
+    What stood there stays beside it as NAME.before-TIME, so nothing is deleted. Stop the server first: while one runs,
+    nothing is changed.
+
+    \b
+    Examples:
+      marsexplorer restore monday.db
+      marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
+    """
+    from app.storage.backup import restore as put_back
+    from app.storage.database import StoreError
+
+    path = database or settings_of().database
+    if path.exists() and not yes:
+        click.confirm(f"Put {backup} in the place of {path}?", abort=True, err=True)
+    try:
+        with progress("copying") as advance:
+            kept = put_back(backup, path, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    before = "" if kept is None else f"; what stood there is {kept}"
+    click.echo(f"restored {path} from {backup}, verified{before}")
+
+
+@click.command(short_help="Join the databases of several servers.")
+@click.argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="A new file for all of it; it appears whole or not at all.",
+)
+def merge(databases: tuple[Path, ...], out: Path) -> None:
+    """Join databases in which the same study, or different ones, were played; the sources stay as they are.
+
+    What two of them hold alike is taken once; two contents under one id are refused. Whoever was forgotten in one of them is
+    left out. The key that signs cookies is not taken along. A server may go on writing its own file meanwhile.
+
+    \b
+    Examples:
+      marsexplorer merge berlin.db athens.db --out both.db
+      marsexplorer verify --database both.db
+    """
+    if len(databases) < 2:
+        raise click.UsageError(
+            "give two databases or more: marsexplorer merge A.db B.db --out C.db"
+        )
+    from app.storage import merging
+    from app.storage.database import StoreError
+
+    try:
+        with progress("joining") as advance:
+            counts, twice = merging.merge(databases, out, advance)
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot write {out}: {reason(error)}; choose another --out"
+        ) from error
+    alike = (
+        f", {counts.equal['episodes']:,} of them in more than one"
+        if counts.equal["episodes"]
+        else ""
+    )
+    left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
+    people, episodes = counts.added["participants"], counts.added["episodes"]
+    click.echo(
+        f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}"
+    )
+    if twice:
+        click.echo(
+            f"beware: {twice} outside ids or invitations took part in a study twice, on two servers; the report counts each "
+            "as two people"
+        )
+
+
+@click.command(short_help="Erase a participant.")
+@click.argument("participant")
+@click.option("--study", help="The study, where an outside id took part in several.")
+@click.option("--database", type=PATH, help="The database to erase them from.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def forget(participant: str, study: str | None, database: Path | None, yes: bool) -> None:
+    """Erase a participant, named by their id, the label their page shows or the outside id of their link, for good.
+
+    Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
+    study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
+    log emptied. Hashes of the erased trajectories stop a bundle from bringing them back. Copies elsewhere, backups and
+    bundles that were published, are yours to replace: the next `release` is a successor that says so.
+    Stop the server first.
+
+    \b
+    Examples:
+      marsexplorer forget 6ABA18A1
+      marsexplorer forget 5f3e0c9a1b2d --study dunes
+      marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
+    """
+    from app.moves.regret import forget_regrets
+    from app.storage import erasure
+    from app.storage.database import StoreError
+
+    path = database or settings_of().database
+    try:
+        found = erasure.find_participant(path, participant, study)
+        if not yes:
+            what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
+            click.confirm(f"Erase {what} from {path} for good?", abort=True, err=True)
+        done = erasure.forget(path, participant, study)
+        forget_regrets(path)
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot write {path}: {reason(error)}") from error
+    kept = (
+        ", and the episodes of the study stay without a person, as its protocol says"
+        if done.keeps
+        else ""
+    )
+    click.echo(
+        f"erased from {path}: one participant of {done.study}, {done.episodes} episodes{kept}"
+    )
+    if done.outdated:
+        versions = ", ".join(map(str, done.outdated))
+        click.echo(
+            f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
+            f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
+        )
+
+
+DATABASE = click.option(
+    "--database",
+    type=PATH,
+    help="The database that the server records in, if it is not the default one.",
+)
+
+
+@click.group(short_help="Let operators log in at /admin by name.")
+def operator() -> None:
+    """Add, list and remove the operators who may log in at /admin by name.
+
+    The password MARS_ADMIN_PASSWORD of a server stays valid beside them. A server that is started with an operator in its
+    database has the page /admin. Operators are added and removed while it runs; whoever is removed is logged out at once.
+
+    \b
+    Examples:
+      marsexplorer operator add ada
+      marsexplorer operator list
+      marsexplorer operator log                   what operators did, the newest first
+      marsexplorer operator remove ada
+    """
+
+
+@operator.command(short_help="Add an operator.")
+@click.argument("name")
+@DATABASE
+def add(name: str, database: Path | None) -> None:
+    """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
+    from app.storage.operators import add_operator
+
+    path = database or settings_of().database
+    if sys.stdin.isatty():
+        password = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
+    else:
+        password = sys.stdin.readline().rstrip("\n")
+    with _errors():
+        add_operator(path, name, password)
+    click.echo(
+        f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start"
+    )
+
+
+@operator.command("list", short_help="List the operators.")
+@DATABASE
+def list_(database: Path | None) -> None:
+    """List the operators: by name, and since when."""
+    from app.storage.operators import list_operators
+
+    with _errors():
+        found = list_operators(database or settings_of().database)
+    rows = [(each.name, _time(each.created_ms)) for each in found]
+    print_table("Operators", ("name", "since (UTC)"), rows)
+
+
+@operator.command(short_help="Remove an operator.")
+@click.argument("name")
+@DATABASE
+def remove(name: str, database: Path | None) -> None:
+    """Remove an operator; what they did stays in the log."""
+    from app.storage.operators import remove_operator
+
+    path = database or settings_of().database
+    with _errors():
+        remove_operator(path, name)
+    click.echo(f"{name} cannot log in any more")
+
+
+@operator.command(short_help="Print what operators did.")
+@click.option(
+    "--count", type=click.IntRange(1), default=100, show_default=True, help="Actions to print."
+)
+@DATABASE
+def log(count: int, database: Path | None) -> None:
+    """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
+    from app.storage.operators import read_actions
+
+    with _errors():
+        found = read_actions(database or settings_of().database, count)
+    rows = [
+        (
+            _time(each["at_ms"]),
+            each["operator"],
+            each["action"],
+            each["study"] or "",
+            str(each["status"] or "not ended"),
+        )
+        for each in found
+    ]
+    print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)
+
+
+@contextmanager
+def _errors() -> Iterator[None]:
+    """Turn what is wrong with the name, the password or the database into one sentence."""
+    from app.storage.database import StoreError
+    from app.storage.operators import OperatorError
+
+    try:
+        yield
+    except OperatorError as error:
+        raise click.UsageError(str(error)) from error
+    except StoreError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _time(at_ms: int) -> str:
+    return datetime.fromtimestamp(at_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M:%S")

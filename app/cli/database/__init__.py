@@ -1,1 +1,0 @@
-"""Commands about what a server recorded: export, verify, merge, and forget a participant."""
