@@ -7,10 +7,8 @@ import pytest
 
 from app.simulate import occupancy_codes
 from marsexplorer import policies
-from tests.support import servers
 from tests.support.browser import KEY_OF, NO_3D, QUIET, SOFTWARE_3D, chromium_path
 
-limits, spawn = servers.limits, servers.spawn  # fixtures
 pytestmark = [pytest.mark.bench, pytest.mark.skipif(chromium_path() is None, reason="NO CHROMIUM")]
 
 PRESSES = 300
