@@ -7,9 +7,8 @@ from app.study.data import load
 from app.study.plausibility import effort_labels
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort
+from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort, random_mean_known
 from marsexplorer.evaluation.episodes import play_episode
-from marsexplorer.evaluation.random_reference import random_mean_known
 from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import StudyRecorder, freeze
 
