@@ -44,7 +44,7 @@ def bench(quick: bool, json_path: Path | None, policies: tuple[str, ...]) -> Non
     Examples:
       python -m research.speed
       python -m research.speed --quick --json speed.json
-      python -m research.speed --policy ppo-priced --policy frontier-priced
+      python -m research.speed --policy ppo --policy frontier-priced
     """
     if json_path is None:
         _print_figures(_measure(quick, policies))

@@ -87,7 +87,7 @@ def test_frozen_lake_is_always_there():
 
 
 def test_a_move_of_a_network_takes_less_in_a_stack_than_alone_and_a_rule_has_no_stack():
-    alone, together = decisions.decide("ppo-priced", 12)
+    alone, together = decisions.decide("ppo", 12)
     assert 0 < together.value < alone.value
     assert [figure.name for figure in decisions.decide("frontier-priced", 12)] == [
         "frontier-priced, a move alone, 12x12"

@@ -25,7 +25,7 @@ import { many } from "../common/words.js";
  * Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take the rest in turn.
  * @type {Record<string, [string, string]>}
  */
-const OWN = { ppo: ["--chart-policy", "7 4"], "ppo-priced": ["--line-sea", "5 2"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], random: ["--line-rose", "4 4"] };
+const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], random: ["--line-rose", "4 4"] };
 /** @type {[string, string][]} */
 const REST = [["--line-clay", "3 6"], ["--line-olive", "10 2 2 2"]];
 const PEOPLE_COLOUR = "--chart-you";

@@ -122,7 +122,7 @@ def evaluate(
       marsexplorer evaluate --policy mine.safetensors --level all --informed --json result.json --csv result.csv
       marsexplorer evaluate --policy ppo --size 21 --size 42x84 --episodes 50 --plots pictures
       marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
-      marsexplorer evaluate --policy ppo-priced --map office.yaml --map garage.yaml
+      marsexplorer evaluate --policy ppo --map office.yaml --map garage.yaml
     """
     from marsexplorer.evaluation import INFORMED, RULES
 

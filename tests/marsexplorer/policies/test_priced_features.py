@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
-from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.files.card import shipped
 from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
-from marsexplorer.policies.network.model import Net, format_of, load_net, with_prices
+from marsexplorer.policies.network.model import Net, load_net, with_prices
 from marsexplorer.policies.network.priced_features import LEAST_SHARE, PRICED_FEATURES, RULES
 from marsexplorer.policies.network.prior import size_nearness
 from tests.support import reference_frontier as literal
@@ -152,31 +150,13 @@ def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
     assert torch.allclose(size_nearness(cells.log()), torch.tensor(expected), atol=1e-4)
 
 
-def test_a_file_says_whether_its_network_sees_prices(nets, tmp_path):
-    for net, name in zip(nets, ("few", "more"), strict=True):
-        path = tmp_path / f"{name}.safetensors"
-        save_network(
-            net,
-            path,
-            {"format": "of the file that it was made from", "summary": "Wanders."},
-            format_of(net),
-        )
-        assert load_net(path).sees_prices == net.sees_prices
-        assert read_card(path)["format"] == f"marsexplorer-network-{4 if net.sees_prices else 3}"
-        policy, episode = policies.load(path), Episode.begin(EnvConfig("random", 9, 14), seed=1)
-        policy.reset(0)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
-        assert episode.outcome == "explored"
-
-
 @pytest.mark.parametrize(("side", "rules"), [(15, ()), (21, ()), (30, (0, 1, 2)), (84, (1,))])
 def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_stay_the_same(
     side, rules
 ):
     """Bit by bit, but for 84 x 84, where rounding gives the rules for 42 x 42 a ten-millionth."""
     far = 1e-5 if side == 84 else 0.0
-    net, config = load_net(shipped()["ppo-priced"]), EnvConfig("random", side, side)
+    net, config = load_net(shipped()["ppo"]), EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
     all_rules, few_rules = (
         GreedyRollouts(config, 2, sees_prices=True),
@@ -207,7 +187,3 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(nets):
     assert net.rules_that_count(21, 21) == (0, 2)
     assert net.rules_that_count(84, 84) == (0, 1, 2)
     assert nets[0].rules_that_count(84, 84) == ()
-
-
-def test_the_first_network_sees_no_prices():
-    assert not load_net(shipped()["ppo"]).sees_prices
