@@ -6,8 +6,9 @@ The server runs on one core. The players are simulated by this process on anothe
 later than due a timer of 10 ms is served. Where that is too much it could not tell a slow server from its own slowness, so it
 reports nothing of that number of players and ends with exit code 1.
 
-A move's time on the server is taken from the arrival of its message at the socket's protocol until it is handled: committed
-and its frame published. What waits in the kernel is not in it; the server's own lag, printed beside it, bounds that.
+A move's time on the server is taken from when the application takes its message until it comes for
+the next: the move is committed and its frame published. What waits before that is not in it; the
+server's own lag, printed beside it, bounds that.
 """
 
 from __future__ import annotations
@@ -38,29 +39,27 @@ MOST_LAG_MS = 10.0
 
 SERVER = """
 import asyncio, json, os, sys, time
+import uvicorn
 os.sched_setaffinity(0, {int(sys.argv[1])})
-from collections import deque
-from app.protection.protocols import LimitedWebSocket
 from app.settings import Settings
 from app import server
 
-moves, lags = [], []
-arrive, receive, made = LimitedWebSocket.send_receive_event_to_app, LimitedWebSocket.receive, LimitedWebSocket.connection_made
+moves, lags, tasks = [], [], []
 
-def timed_made(self, transport):
-    self.arrived, self.is_handled = deque(), True
-    made(self, transport)
-
-def timed_arrival(self):
-    self.arrived.append(time.perf_counter())
-    arrive(self)
-
-async def timed_receive(self):
-    if not self.is_handled:  # the application comes for the next message: it has handled the one before
-        moves.append((time.perf_counter() - self.arrived.popleft()) * 1000)
-    message = await receive(self)
-    self.is_handled = message["type"] != "websocket.receive"
-    return message
+def timed(app):
+    async def run(scope, receive, send):
+        began = None
+        async def receive_timed():
+            nonlocal began
+            if began is not None:  # the application has handled the message before
+                moves.append((time.perf_counter() - began) * 1000)
+            message = await receive()
+            began = time.perf_counter() if message["type"] == "websocket.receive" else None
+            return message
+        if not tasks:
+            tasks.append(asyncio.create_task(measure_lag()))
+        await app(scope, receive_timed if scope["type"] == "websocket" else receive, send)
+    return run
 
 async def measure_lag():
     while True:
@@ -75,13 +74,11 @@ async def measure_lag():
             os.remove(sys.argv[3])
             moves.clear(), lags.clear()
 
-LimitedWebSocket.connection_made = timed_made
-LimitedWebSocket.send_receive_event_to_app, LimitedWebSocket.receive = timed_arrival, timed_receive
-services = server._services
-def with_lag(*given):
-    asyncio.get_running_loop().create_task(measure_lag())
-    return services(*given)
-server._services = with_lag
+class TimedConfig(uvicorn.Config):
+    def __init__(self, app, **options):
+        super().__init__(timed(app), **options)
+
+uvicorn.Config = TimedConfig
 server.run(Settings(database=sys.argv[2], port=0))
 """
 
