@@ -77,11 +77,6 @@ CHECK_FACTOR = 5
 )
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/tuned]")
 @click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the run in --out, which was begun with the same options.",
-)
-@click.option(
     "--ablate",
     is_flag=True,
     help="Tune nothing: print what each term is good for, on held-out terrains.",
@@ -95,22 +90,19 @@ def tune(
     seed: int,
     given: Path | None,
     out: Path | None,
-    resume: bool,
     ablate: bool,
 ) -> None:
     """Tune the parameters of the policy `frontier-priced` by CMA-ES, or take its terms out one by one (--ablate).
 
     A point is as good as its moves to 99 % divided by those of the first parameters on the same terrains, in the mean over
     levels and sizes. Every generation has new terrains, of seeds from 3,000,000,000 on, which evaluation never uses. After each
-    one --out gets the parameters (parameters.json, the mean of the search) and a log, so Ctrl-C loses only the generation
-    under way. At the end both sets of parameters play further terrains. The default run takes about 15 minutes of one
+    one --out gets the parameters (parameters.json, the mean of the search), so Ctrl-C loses only the generation under way. At the end both sets of parameters play further terrains. The default run takes about 15 minutes of one
     core; all cores are used.
 
     \b
     Examples:
       python -m research.tuning --tune small --size 21 --generations 20
       python -m research.tuning --level 1-2-1 --level 3-2-1 --out runs/large-obstacles
-      python -m research.tuning --resume --generations 80
       python -m research.tuning --ablate --level random --terrains 400
     """
 
@@ -123,41 +115,19 @@ def tune(
         configs, terrains, {"both": ("small", "large"), "all": ENDS}.get(end, (end,)), seed, start
     )
     folder = out or Path("runs") / "tuned"
-    run = _begin(config, folder, resume)
+    if (folder / "parameters.json").exists():
+        raise click.UsageError(f"{folder} holds a run already; give another --out")
+    run = TuneRun(config)
     try:
         _tune(run, generations, folder)
     except KeyboardInterrupt:
         left = (
-            f"{folder / 'parameters.json'} is as it was after generation {run.generations}; --resume goes on"
+            f"{folder / 'parameters.json'} is as it was after generation {run.generations}"
             if run.generations
             else "nothing is written before the first generation is done"
         )
         click.echo(f"stopped; {left}", err=True)
         raise
-
-
-def _begin(config: TuneConfig, folder: Path, resume: bool) -> TuneRun:
-    """Return a new run, or the one in the folder with all that it has played."""
-
-    log = folder / "log.jsonl"
-    if not resume:
-        if log.exists():
-            raise click.UsageError(
-                f"{folder} holds a run already; go on with it (--resume) or give another --out"
-            )
-        return TuneRun(config)
-    try:
-        first, *lines = [json.loads(line) for line in log.read_text().splitlines()]
-        values = [line["values"] for line in lines]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise click.UsageError(
-            f"no run to go on with at {log}; begin one without --resume"
-        ) from error
-    if first != json.loads(json.dumps(asdict(config))):
-        raise click.UsageError(
-            f"{folder} was begun with other options; give the same ones, or another --out"
-        )
-    return TuneRun(config, values)
 
 
 def _tune(run: TuneRun, generations: int, folder: Path) -> None:
@@ -171,10 +141,7 @@ def _tune(run: TuneRun, generations: int, folder: Path) -> None:
                         run.generations * run.points + done, generations * run.points
                     ),
                 )
-                lines = [asdict(run.config), *({"values": values} for values in run.values)]
                 folder.mkdir(parents=True, exist_ok=True)
-                with write_whole(folder / "log.jsonl") as file:
-                    file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
                 with write_whole(folder / "parameters.json") as file:
                     file.write((json.dumps(asdict(run.rule), indent=1) + "\n").encode())
             episodes = make_episodes(

@@ -62,28 +62,20 @@ class TuneConfig:
 class TuneRun:
     """A run of CMA-ES.
 
-    played  the values of the points of generations that were played before, in order: the run goes on from there
-    values  those of all its generations
-    rule    the mean of the search: what the run has found
+    generations  that are done
+    rule         the mean of the search: what the run has found
     """
 
-    def __init__(self, config: TuneConfig, played: Sequence[Sequence[float]] = ()) -> None:
-        self.config, self.values = config, list[list[float]]()
+    def __init__(self, config: TuneConfig) -> None:
+        self.config, self.generations = config, 0
         self._optimizer = CMA(
             np.zeros(len(SPREAD) * len(config.ends)), config.sigma, seed=config.seed
         )
-        for values in played:
-            self._finish(self._ask(), values)
 
     @property
     def points(self) -> int:
         """Points in a generation."""
         return int(self._optimizer.population_size)
-
-    @property
-    def generations(self) -> int:
-        """Generations that are done."""
-        return len(self.values)
 
     @property
     def rule(self) -> SizedRule:
@@ -92,21 +84,16 @@ class TuneRun:
 
     def run_generation(self, pool: ThreadPoolExecutor, advance: Callable[[int], None]) -> None:
         """Play a generation; `advance` is called with the number of its points that are done."""
-        points, most = self._ask(), self.config.terrains
+        points = [self._optimizer.ask() for _ in range(self.points)]
+        most = self.config.terrains
         episodes = make_episodes(self.config.configs, most, FIRST_SEED + most * self.generations, 1)
         before = mean_moves(self.config.start, episodes, pool)
         values = []
         for point in points:
             values.append(float(np.mean(mean_moves(self._rule(point), episodes, pool) / before)))
             advance(len(values))
-        self._finish(points, values)
-
-    def _ask(self) -> list[NDArray[np.float64]]:
-        return [self._optimizer.ask() for _ in range(self.points)]
-
-    def _finish(self, points: Sequence[NDArray[np.float64]], values: Sequence[float]) -> None:
         self._optimizer.tell(list(zip(points, values, strict=True)))
-        self.values.append(list(values))
+        self.generations += 1
 
     def _rule(self, point: NDArray[np.float64]) -> SizedRule:
         found = {}

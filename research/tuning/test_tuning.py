@@ -50,17 +50,14 @@ def test_stacked_episodes_are_the_policy_s_own_whatever_was_played_before():
     assert len(set(alone)) > 1
 
 
-def test_a_run_goes_on_as_if_it_had_not_been_interrupted(pool):
-    config = TuneConfig((SMALL, EnvConfig.of("1-1-1", (9, 7))), terrains=1)
-    whole = TuneRun(config)
-    for _ in range(3):
-        whole.run_generation(pool, lambda done: None)
-    half = TuneRun(config, whole.values[:2])
-    done = []
-    half.run_generation(pool, done.append)
-    assert done == list(range(1, half.points + 1))
-    assert (half.values, half.rule, half.generations) == (whole.values, whole.rule, 3)
-    assert half.rule != TUNED
+def test_the_same_configuration_gives_the_same_rule_and_each_point_is_announced(pool):
+    config, done = TuneConfig((SMALL, EnvConfig.of("1-1-1", (9, 7))), terrains=1), []
+    first, again = TuneRun(config), TuneRun(config)
+    for _ in range(2):
+        first.run_generation(pool, done.append)
+        again.run_generation(pool, lambda done: None)
+    assert done == 2 * list(range(1, first.points + 1))
+    assert first.rule == again.rule != TUNED
 
 
 def test_only_the_chosen_end_moves(pool):
@@ -108,28 +105,14 @@ def run(*args):
     return found.exit_code, found.output
 
 
-def test_a_run_is_gone_on_with_and_ends_where_it_would_have_ended(tmp_path):
-    at_once, in_parts = tmp_path / "at once", tmp_path / "in parts"
-    code, text = run(*FEW, "--generations", 2, "--out", at_once)
+def test_a_run_writes_its_parameters_and_a_second_one_spares_them(tmp_path):
+    folder = tmp_path / "run"
+    code, text = run(*FEW, "--generations", 1, "--out", folder)
     assert code == 0, text
     assert "from seed 4000000000 on" in " ".join(text.split())
-    assert run(*FEW, "--generations", 1, "--out", in_parts)[0] == 0
-    after_one = json.loads((in_parts / "parameters.json").read_text())
-    assert run(*FEW, "--generations", 2, "--out", in_parts, "--resume")[0] == 0
-    for name in ("log.jsonl", "parameters.json"):
-        assert (in_parts / name).read_text() == (at_once / name).read_text()
-    assert json.loads((at_once / "parameters.json").read_text()) != after_one
-    assert read_rule(after_one) != TUNED
-
-
-def test_what_cannot_be_gone_on_with_is_refused_in_a_sentence(tmp_path):
-    folder = tmp_path / "run"
-    assert "begin one without --resume" in run(*FEW, "--out", folder, "--resume")[1]
-    assert run(*FEW, "--generations", 1, "--out", folder)[0] == 0
-    assert "holds a run already" in run(*FEW, "--generations", 1, "--out", folder)[1]
-    code, text = run(*FEW, "--generations", 2, "--out", folder, "--resume", "--seed", 3)
-    assert code == 2
-    assert "begun with other options" in text
+    assert read_rule(json.loads((folder / "parameters.json").read_text())) != TUNED
+    code, text = run(*FEW, "--generations", 1, "--out", folder)
+    assert (code, "holds a run already" in text) == (2, True)
 
 
 @pytest.mark.parametrize("text", [None, "[", "{}", '{"small": {"prices": 1}}'])
