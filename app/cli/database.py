@@ -21,6 +21,26 @@ if TYPE_CHECKING:
     from app.study.verification import Verification
 
 
+@contextmanager
+def _errors(what: str = "cannot read the database") -> Iterator[None]:
+    """Turn what is wrong with what was given, the database or the disk into one sentence.
+
+    what  begins the sentence about a file that cannot be read or written
+    """
+    from app.release.errors import ReleaseError
+    from app.storage.database import StoreError
+    from app.storage.operators import OperatorError
+
+    try:
+        yield
+    except OperatorError as error:
+        raise click.UsageError(str(error)) from error
+    except (StoreError, ReleaseError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{what}: {reason(error)}") from error
+
+
 @click.command(short_help="Write what was played as CSV or JSON Lines.")
 @click.option(
     "--database", type=PATH, help="The database to read; a running server may go on writing."
@@ -56,18 +76,10 @@ def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> Non
       marsexplorer export --database lab.db --format jsonl --out results --who human
     """
     from app.storage.export import export_to
-    from app.storage.store import StoreError
 
     path = database or settings_of().database
-    try:
-        with progress("exporting") as advance:
-            summary = export_to(path, out, fmt, who, advance)
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write to {out}: {reason(error)}; choose another --out"
-        ) from error
+    with _errors(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
+        summary = export_to(path, out, fmt, who, advance)
     click.echo(summary)
 
 
@@ -139,19 +151,12 @@ def verify(
         raise click.UsageError(
             "--head goes with --database: a dataset's signature stands for all of it"
         )
-    from app.release.errors import ReleaseError
-    from app.storage.database import StoreError
-
-    try:
-        about, signer = "", None
+    signer = None
+    with _errors(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
             result, about = _of_database(database, studies, head)
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
-    except (StoreError, ReleaseError) as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
     for finding in result.findings[:MAX_PRINTED]:
         click.echo(str(finding))
     if len(result.findings) > MAX_PRINTED:
@@ -194,9 +199,7 @@ def _earlier_head(given: str) -> str:
         return given.lower()
     found = read_manifest(Path(given))[0].get("chain_head")
     if not found:
-        raise ReleaseError(
-            f"{given} holds no head of a chain: an earlier version of the software wrote it"
-        )
+        raise ReleaseError(f"{given} holds no head of a chain: give one that `release` wrote whole")
     return str(found)
 
 
@@ -272,14 +275,10 @@ def backup(file: Path, database: Path | None) -> None:
       marsexplorer backup /mnt/backups/lab.db --database lab.db
     """
     from app.storage.backup import back_up
-    from app.storage.database import StoreError
 
     path = database or settings_of().database
-    try:
-        with progress("copying") as advance:
-            size = back_up(path, file, advance)
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
+    with _errors(), progress("copying") as advance:
+        size = back_up(path, file, advance)
     click.echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
 
 
@@ -299,16 +298,12 @@ def restore(backup: Path, database: Path | None, yes: bool) -> None:
       marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
     """
     from app.storage.backup import restore as put_back
-    from app.storage.database import StoreError
 
     path = database or settings_of().database
     if path.exists() and not yes:
         click.confirm(f"Put {backup} in the place of {path}?", abort=True, err=True)
-    try:
-        with progress("copying") as advance:
-            kept = put_back(backup, path, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
+    with _errors(), progress("copying") as advance:
+        kept = put_back(backup, path, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
     before = "" if kept is None else f"; what stood there is {kept}"
     click.echo(f"restored {path} from {backup}, verified{before}")
 
@@ -337,17 +332,9 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
             "give two databases or more: marsexplorer merge A.db B.db --out C.db"
         )
     from app.storage import merging
-    from app.storage.database import StoreError
 
-    try:
-        with progress("joining") as advance:
-            counts, twice = merging.merge(databases, out, advance)
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write {out}: {reason(error)}; choose another --out"
-        ) from error
+    with _errors(f"cannot write {out}, choose another --out"), progress("joining") as advance:
+        counts, twice = merging.merge(databases, out, advance)
     alike = (
         f", {counts.equal['episodes']:,} of them in more than one"
         if counts.equal["episodes"]
@@ -387,20 +374,15 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
     """
     from app.moves.regret import forget_regrets
     from app.storage import erasure
-    from app.storage.database import StoreError
 
     path = database or settings_of().database
-    try:
+    with _errors(f"cannot write {path}"):
         found = erasure.find_participant(path, participant, study)
         if not yes:
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {path} for good?", abort=True, err=True)
         done = erasure.forget(path, participant, study)
         forget_regrets(path)
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(f"cannot write {path}: {reason(error)}") from error
     kept = (
         ", and the episodes of the study stay without a person, as its protocol says"
         if done.keeps
@@ -506,20 +488,6 @@ def log(count: int, database: Path | None) -> None:
         for each in found
     ]
     print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)
-
-
-@contextmanager
-def _errors() -> Iterator[None]:
-    """Turn what is wrong with the name, the password or the database into one sentence."""
-    from app.storage.database import StoreError
-    from app.storage.operators import OperatorError
-
-    try:
-        yield
-    except OperatorError as error:
-        raise click.UsageError(str(error)) from error
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
 
 
 def _time(at_ms: int) -> str:
