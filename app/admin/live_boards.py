@@ -1,4 +1,4 @@
-"""The boards that are being played, for the operator: every frame, with its scores unless the study hides its figures."""
+"""The boards that are being played, for the operator: every frame, with its scores but a person's in an open study."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
 async def board_messages(session: Session) -> AsyncGenerator[str, None]:
     """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
 
-    Scores are left out while the study's protocol hides its figures.
+    Scores of a person in a study are left out while it is open.
     The operator is no subscriber: a board that its player has left is not kept alive by being watched.
     """
     frame, episode, steps = "", "", 0
-    hides = session.participation is not None and session.participation.hides_interim()
+    hides = session.participation is not None and session.participation.hides_figures()
     woken = asyncio.Event()
     woken.set()
     leave = session.channel.add_listener(woken.set)

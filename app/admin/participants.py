@@ -6,7 +6,6 @@ These queries are cheap and always fresh; the figure and the labels, which read 
 from __future__ import annotations
 
 import json
-import logging
 import threading
 import time
 from collections import Counter, defaultdict
@@ -19,10 +18,8 @@ from app.statistics.study_figures import live_figure
 from app.storage import study_reader
 from app.storage.reader import Reader, config_of
 from app.storage.study_rows import Stage, participant_label
-from app.study.data import StudyData, load
+from app.study.data import load
 from app.study.flow import REPEATED_JOIN, repeated_reasons
-from app.study.folder import Folder
-from app.study.looks import take_look
 from app.study.protocol import StudyError
 from marsexplorer.score import steps_to_target
 
@@ -30,7 +27,6 @@ STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
-_log = logging.getLogger(__name__)
 PARTICIPANT_FIELDS = (
     "id",
     "kind",
@@ -44,10 +40,12 @@ PARTICIPANT_FIELDS = (
 """What the operator sees of a participant's row."""
 
 
-def list_participants(reader: Reader, study: str, now_ms: int, hides: bool) -> list[dict[str, Any]]:
+def list_participants(
+    reader: Reader, study: str, now_ms: int, is_open: bool
+) -> list[dict[str, Any]]:
     """Return the participants of a study in the order of joining, each with its progress so far.
 
-    hides  whether the study's figures are hidden: of people then only counts are listed, neither means nor outcomes
+    is_open  whether the study is: of people then only counts are listed, neither means nor outcomes
     """
     trials = defaultdict(list)
     for row in study_reader.trial_activity(reader, study):
@@ -74,7 +72,7 @@ def list_participants(reader: Reader, study: str, now_ms: int, hides: bool) -> l
                 "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
                 "repeated": repeated_reasons(signs[person.id]),
-                **_totals(own, hides and person.kind == "human"),
+                **_totals(own, is_open and person.kind == "human"),
             }
         )
     return found
@@ -110,8 +108,8 @@ def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 class LiveFigures:
     """The newest figure and labels of each study; one thread at a time computes them, and the others wait for it."""
 
-    def __init__(self, database: Path, folder: Folder) -> None:
-        self._database, self._folder = database, folder
+    def __init__(self, database: Path) -> None:
+        self._database = database
         self._lock = threading.Lock()
         self._made: dict[str, tuple[float, dict[str, Any]]] = {}
 
@@ -126,17 +124,15 @@ class LiveFigures:
                 self._made[study] = (time.monotonic() + max(FRESH_S, 10 * took), made)
             return made
 
-    def emergency_look(self, study: str, reason: str) -> dict[str, Any]:
-        """Log a look outside the plan and return the figure that it shows; StudyError where nothing is hidden or no reason."""
-        return live_figure(take_look(self._folder, self._load(study), reason))
-
-    def _load(self, study: str) -> StudyData:
-        with closing(Reader.open(self._database)) as reader, reader.snapshot():
-            return load(reader, study)
+    def forget(self, study: str) -> None:
+        """Make a study's figure anew when it is asked for again: the study was closed."""
+        with self._lock:
+            self._made.pop(study, None)
 
     def _make(self, study: str) -> dict[str, Any]:
         try:
-            data = self._load(study)
+            with closing(Reader.open(self._database)) as reader, reader.snapshot():
+                data = load(reader, study)
         except StudyError:  # nobody has joined
             return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
@@ -157,9 +153,4 @@ class LiveFigures:
             }
             for name, number in counts.most_common()
         ]
-        try:
-            figure: dict[str, Any] | None = live_figure(take_look(self._folder, data))
-        except StudyError as error:  # a planned look that cannot be logged shows nothing
-            _log.warning("%s", error)
-            figure = None
-        return {"figure": figure, "labels": by_label}
+        return {"figure": live_figure(data), "labels": by_label}

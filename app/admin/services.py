@@ -28,7 +28,7 @@ class AdminServices:
         store = progress.lobby.store
         self.actions, self.progress = ActionLog(store), progress
         self.login = AdminLogin(password, store, self.actions)
-        self.health, self.figures = health, participants.LiveFigures(database, progress.folder)
+        self.health, self.figures = health, participants.LiveFigures(database)
         self.exports = Exports(database, studies)
         self.began = time.monotonic()
 

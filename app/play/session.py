@@ -167,7 +167,7 @@ class Move:
 class Participation(Protocol):
     """A participant's part in a study, as far as their board must ask for it; `app.study` implements it.
 
-    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `hides_interim` and
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `hides_figures` and
     `check_open` asks the database: call it in `Store.write` or `Store.read`.
     """
 
@@ -178,7 +178,7 @@ class Participation(Protocol):
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of the episode leave out reward, return and score."""
 
-    def hides_interim(self) -> bool:
+    def hides_figures(self) -> bool:
         """Return whether the operator, too, sees no scores of this board while the study is open."""
 
     def check_open(self) -> None:

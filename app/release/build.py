@@ -30,11 +30,10 @@ from app.release.queries import QUERIES
 from app.release.tables import JsonLines, released_episodes, write_tables
 from app.storage import chain
 from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
-from app.storage.releases import ReleaseRow, latest_release, note_release, noted_looks
-from app.study.data import LookTaken, load
+from app.storage.releases import ReleaseRow, latest_release, note_release
+from app.study.data import load
 from app.study.folder import Advance
 from app.study.invitations import Invitation
-from app.study.looks import LOOKS_FILE, joined_looks, write_looks
 from app.study.policy_episodes import PolicyEpisode, compared_policies
 from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
@@ -50,10 +49,8 @@ class ReleaseRequest:
     """What to release and where.
 
     authors  named in the citation
-    interim  True builds a study that is still open
     secrets  of studies whose end the database has not noted yet: name -> (closed_ms, 32 bytes); None as closed_ms: still open
     without_policies  that the report leaves out although the protocol names them
-    looks        taken at the figures while the study was open
     invitations  of the study by id; None where it has none, or its folder is not at hand
     policy_folder  in which the files of the policies are kept; None where it is not at hand
     """
@@ -63,10 +60,8 @@ class ReleaseRequest:
     out: Path
     authors: tuple[str, ...] = ()
     url: str | None = None
-    interim: bool = False
     secrets: Mapping[str, tuple[int | None, bytes]] | None = None
     without_policies: tuple[str, ...] = ()
-    looks: tuple[LookTaken, ...] = ()
     invitations: Mapping[str, Invitation] | None = None
     policy_folder: Path | None = None
 
@@ -110,7 +105,7 @@ def build_release(
     """Verify a study and write its release to `request.out`.
 
     advance   called with (episodes verified or written, of how many)
-    reporter  makes the report, which only a closed study's release holds; None: a release without one
+    reporter  makes the report; None: a release without one
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
     PolicyNotFoundError when the file of a policy that the report compares is lost.
@@ -132,8 +127,6 @@ def build_release(
                 source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals
             )
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-            if header.looks:
-                write_looks(folder / LOOKS_FILE, header.looks)
             report = _report(request, header, folder, reporter)
             given = replace(header, left_out=out)
             written = _write_files(
@@ -141,8 +134,7 @@ def build_release(
             )
             signing_key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, signing_key)
-    if not header.interim:
-        _note_published(request, written[0], manifest_hash)
+    _note_published(request, written[0], manifest_hash)
     return WrittenRelease(
         written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key))
     )
@@ -151,8 +143,8 @@ def build_release(
 def _report(
     request: ReleaseRequest, header: ReleaseHeader, folder: Path, reporter: Reporter | None
 ) -> ReleasedReport:
-    """Return the report with what it is made from, the files of the policies put into the release; an interim one has none."""
-    if reporter is None or header.interim:
+    """Return the report with what it is made from, and put the files of the policies into the release."""
+    if reporter is None:
         return ReleasedReport({})
     compared = {*compared_policies(header.protocol), POLICY} - {*request.without_policies}
     PolicyFiles.of(header.protocol, request.policy_folder).copy_to(
@@ -178,10 +170,10 @@ def _new_header(
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
         closed = (closed_ms, secret.hex()) if closed_ms is not None else (None, None)
-    if closed[0] is None and not request.interim:
+    if closed[0] is None or closed[1] is None:
         raise ReleaseError(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "
-            f"`marsexplorer study close {request.study}`, or build one for yourself alone with --interim"
+            f"`marsexplorer study close {request.study}`"
         )
     last = latest_release(conn, request.study)
     now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
@@ -201,9 +193,6 @@ def _new_header(
         chain_head=head or None,
         chain_entries=entries,
         without_policies=request.without_policies,
-        looks=joined_looks(
-            request.looks, [LookTaken(**each) for each in noted_looks(conn, request.study)]
-        ),
         arrivals=count_arrivals(conn, request.study, request.invitations),
     ), closed
 

@@ -5,7 +5,7 @@ The verification checks the files, the signature and the chain, and simulates ev
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,9 @@ from app.release.manifest import check_files, read_manifest
 from app.storage.database import StoreError, reading, transaction
 from app.storage.forgotten import learn_counts
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
-from app.storage.releases import ReleaseRow, note_imported_release, note_looks
+from app.storage.releases import ReleaseRow, note_imported_release
 from app.storage.resimulation import Finding
 from app.study.folder import Advance
-from app.study.looks import LOOKS_FILE, read_looks
 from app.study.verification import Verification, verify_database
 
 
@@ -85,14 +84,10 @@ def import_release(
         ):
             counts = merge_rows(conn, source, str(folder))
             learn_counts(conn, source)
-            note_looks(
-                conn, manifest["study"], [asdict(look) for look in read_looks(folder / LOOKS_FILE)]
+            release = ReleaseRow(
+                manifest["study"], manifest["version"], checked.manifest_hash, released_ms
             )
-            if not manifest["interim"]:
-                release = ReleaseRow(
-                    manifest["study"], manifest["version"], checked.manifest_hash, released_ms
-                )
-                note_imported_release(conn, release)
+            note_imported_release(conn, release)
         return counts
     finally:
         lock.close()

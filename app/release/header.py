@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from app.study.data import LookTaken
 from app.study.flow import Arrivals
 from app.study.protocol import Protocol
 
@@ -19,12 +18,11 @@ class ReleaseHeader:
 
     version     1, 2, ... of this study's releases
     released    ISO 8601, UTC
-    secret      hex; None while the study is open
+    secret      hex
     supersedes  {"version", "manifest_sha256", "reason"} of the release it stands in for, or None
     rows        rows by table
     left_out    what the release does not hold, counted
     chain_head  hex: head of the chain (of `chain_entries`) of the database it was made from; None without an entry
-    looks       taken at the study's figures while it was open; `looks.json` holds them
     arrivals    people who are not in it, and invitations
     attestation ranked episodes of people by level; "" stands for those that have none
     withdrawn   people who agreed and withdrew later
@@ -37,7 +35,7 @@ class ReleaseHeader:
     protocol: Protocol
     protocol_hash: str
     commitment: str
-    secret: str | None
+    secret: str
     version: int
     released: str
     software_version: str
@@ -51,17 +49,11 @@ class ReleaseHeader:
     chain_entries: int = 0
     without_policies: tuple[str, ...] = ()
     regret_policy_hash: str = ""
-    looks: tuple[LookTaken, ...] = ()
     arrivals: Arrivals = field(default_factory=Arrivals)
     attestation: dict[str, int] = field(default_factory=dict)
     withdrawn: int = 0
     frozen_at: str = ""
     first_came_at: str = ""
-
-    @property
-    def interim(self) -> bool:
-        """Whether the study is still open: such a release gives its terrains away and is the operator's alone."""
-        return self.secret is None
 
     @property
     def title(self) -> str:
@@ -88,7 +80,6 @@ class ReleaseHeader:
             "title": self.title,
             "version": self.version,
             "released": self.released,
-            "interim": self.interim,
             "software_version": self.software_version,
             "core_version": self.protocol.core_version,
             "protocol_hash": self.protocol_hash,
@@ -103,7 +94,6 @@ class ReleaseHeader:
             "chain_entries": self.chain_entries,
             "without_policies": list(self.without_policies),
             "regret_policy_hash": self.regret_policy_hash or None,
-            "looks": [asdict(look) for look in self.looks],
             "arrivals": asdict(self.arrivals),
         }
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from app.moves.analysis import MoveAnalysis
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
-from app.report.looks import look_section
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
 from app.report.policies import PolicyRun
 from app.statistics.attestation_summary import attestation_summary
@@ -35,7 +34,7 @@ from app.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
-from app.statistics.headline import RULES
+from app.statistics.headline import HEADLINE_RULE
 from app.statistics.learning import assess_learning, trial_means
 from app.statistics.mixed_model import fit_mixed_model
 from app.statistics.spread import iqm, iqm_interval, variance_components
@@ -48,7 +47,6 @@ from app.statistics.study_figures import (
 from app.statistics.terrain_leaks import leak_trend
 from app.study.data import StudyData, StudyEpisode
 from app.study.flow import participant_flow
-from app.study.looks import present, view_sentence
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
 
@@ -72,7 +70,7 @@ def build(
     pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
     moves     by group's name, what `app.moves.analysis.analyse_moves` gives; none: no regret and no likeness
     """
-    data = present(data)
+    data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = tuple(
         _with_moves(
@@ -97,14 +95,11 @@ def build(
         closed_at=None if data.closed_ms is None else _iso(data.closed_ms),
         protocol=data.protocol.model_dump(mode="json"),
         estimand=ESTIMAND,
-        rule=RULES[data.protocol.interval_rule],
-        rule_version=data.protocol.interval_rule,
-        labels_version=data.protocol.labels_version,
+        rule=HEADLINE_RULE,
         sentence=_sentence(data, groups, synthetic),
         groups=groups,
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
-        look=None if synthetic else look_section(data, runs),
         scripts=_script_counts(data),
         checklist=() if synthetic else checklist(_facts(data, groups[0], runs)),
     )
@@ -205,7 +200,6 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
-    has_model = data.protocol.second_analysis == "mixed-model"
     return Metric(
         name=metric,
         mean=float(player_means(table).mean()),
@@ -215,9 +209,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         variance=variance_components(table),
         learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
-        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids))
-        if has_model
-        else None,
+        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)),
     )
 
 
@@ -299,13 +291,13 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
     """Return the headline of the report."""
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
-    group, shown = groups[0], view_sentence(data)
-    if shown:
-        return f"{shown} {figure_sentence(group.figure)}" if group.figure.players else shown
+    group = groups[0]
+    if data.closed_ms is None:
+        return data.progress_sentence()
     if group.figure.players:
         return figure_sentence(group.figure)
     if group.figures[0].players:
-        return f"Nobody has finished the study yet. So far: {figure_sentence(group.figures[0])}"
+        return f"Nobody finished the study. Of those who began: {figure_sentence(group.figures[0])}"
     return NO_HUMAN_FIGURE
 
 

@@ -9,7 +9,7 @@ from app.report import measured_coverage
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate
-from app.study.data import LookTaken, StudyData, StudyEpisode
+from app.study.data import StudyData, StudyEpisode
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
 from marsexplorer.config import CORE_VERSION
@@ -37,8 +37,8 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     found += _about_skewness(figure.score, figure.steps)
     if figure.score.headline == "guaranteed":
         found.append(
-            "Failures are a few players' here, so the guaranteed interval is the headline (rule 2). The printed interval, and "
-            "with it every comparison with policies, rests on how many of these players the sample happens to hold."
+            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies "
+            "rests on how many of these players the sample happens to hold."
         )
     found.append(_about_failures(group))
     variances = [
@@ -160,13 +160,6 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _taken(look: LookTaken) -> str:
-    return (
-        f"A look outside the plan was taken at {look.at}, when {look.finished} people had finished: {look.reason}. Where what "
-        "it showed led to the study's end, its intervals and tests do not hold."
-    )
-
-
 def study_deviations(data: StudyData) -> tuple[str, ...]:
     """Return how the study as a whole deviated from what was frozen."""
     found = []
@@ -181,15 +174,6 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:
         found.append(f"{len(early)} participants joined before the protocol was frozen.")
-    found += [_taken(look) for look in data.looks if look.kind == "emergency"]
-    if (
-        data.closed_ms is None
-        and data.view is not None
-        and data.view.kind in ("whole", "emergency")
-    ):
-        found.append(
-            "The study is still open: these figures are preliminary, and looking at them is no reason to stop."
-        )
     finished = sum(
         person.kind == "human" and person.completed_ms is not None for person in data.people
     )

@@ -152,9 +152,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         )
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
-        lines = [("headline", estimate.interval), ("printed", estimate.printed), ("t", estimate.t)]
-        lines.append(("bootstrap", estimate.bootstrap))
-        lines.append(("new terrains", metric.new_terrains))
+        lines = [("headline", estimate.interval), ("new terrains", metric.new_terrains)]
         if len(values) < 2:
             lines = []
         for row, (label, ends) in enumerate(lines):

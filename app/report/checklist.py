@@ -237,10 +237,7 @@ def _execution(facts: Facts) -> Iterator[Item]:
     yield Item(
         "3.1", "Instrument length", str(protocol.warm_up + protocol.ranked), sitting, "protocol"
     )
-    order = {
-        "drawn": "Each participant has an order of their own, drawn from the study's secret.",
-        "latin-square": "Orders are rows of a Latin square permuted by the study's secret.",
-    }[protocol.orders]
+    order = "Orders are rows of a Latin square permuted by the study's secret."
     yield Item("3.1.1", "Item randomization", "Yes", order, "protocol")
     checks = (
         "The server makes every move itself and compares it with the input events that the page sends; an episode below the "

@@ -61,7 +61,6 @@ class Cell:
     above: float
     width: float
     t: float
-    bootstrap: float
     guaranteed: float
     new_terrains: float
     pooled: float

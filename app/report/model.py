@@ -9,9 +9,7 @@ from typing import Any
 
 from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
-from app.report.looks import LookSection
 from app.statistics.attestation_summary import AttestationSummary
-from app.statistics.bayesian_model import BayesianModel
 from app.statistics.comparisons import PolicyComparison
 from app.statistics.intervals import Interval
 from app.statistics.learning import Learning, TrialMean
@@ -34,7 +32,7 @@ class Metric:
     new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its interval for other players
     warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
-    mixed_model   the second analysis, where the protocol names it
+    mixed_model   the second analysis
     """
 
     name: str
@@ -44,8 +42,8 @@ class Metric:
     iqm_interval: Interval | None
     variance: VarianceComponents | None
     learning: Learning
+    mixed_model: MixedModel
     warm_up: tuple[TrialMean, ...] = ()
-    mixed_model: MixedModel | None = None
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,6 @@ class GroupReport:
     excluded    people who ended all ranked episodes and are not in the primary figure, by reason
     repeated    people who show a sign of taking part more than once, by sign
     pictures    curves and visit maps, empty where no episodes were replayed
-    bayesian    the Bayesian mixed model of the steps, where it was asked for
     """
 
     name: str
@@ -104,7 +101,6 @@ class GroupReport:
     repeated: dict[str, int] = field(default_factory=dict)
     moves: MoveAnalysis = field(default_factory=MoveAnalysis)
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
-    bayesian: BayesianModel | None = None
 
     @property
     def figure(self) -> StudyFigure:
@@ -135,7 +131,6 @@ class Report:
 
     estimand    what the primary figure estimates, in words; rule: which interval is printed
     deviations  of the study as a whole
-    look        the planned look or the final analysis of a study that had looks; None elsewhere
     scripts     scripted participants, by kind: counted and left out
     """
 
@@ -153,15 +148,12 @@ class Report:
     protocol: dict[str, Any]
     estimand: str
     rule: str
-    rule_version: str
-    labels_version: str
     sentence: str
     groups: tuple[GroupReport, ...]
     policies: tuple[PolicyRow, ...]
     deviations: tuple[str, ...]
     scripts: dict[str, int]
     checklist: tuple[Item, ...]
-    look: LookSection | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

@@ -8,19 +8,17 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.report.bayesian import bayesian_tables, sampling_sentence
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
 from app.report.page_table import PageTable
 from app.report.second_analysis import second_analysis_tables
 from app.report.tables import GroupTables, checklist_table, coverage_table, group_tables
-from app.statistics.formatting import level, number
 from app.statistics.study_figures import why_no_interval
 
 FOLDER = Path(__file__).parent
@@ -33,7 +31,6 @@ class Section:
     group: GroupReport
     tables: GroupTables
     second_analysis: tuple[PageTable, ...]
-    bayesian: tuple[PageTable, ...]
     charts: dict[str, str]
 
     @property
@@ -76,7 +73,6 @@ def _sections(report: Report) -> list[Section]:
             group,
             group_tables(report, group),
             second_analysis_tables(group),
-            bayesian_tables(group),
             charts(report, group),
         )
         for group in groups
@@ -95,9 +91,6 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["counts"] = _counts
-    environment.filters["sampling"] = sampling_sentence
-    environment.filters["level"] = level
-    environment.filters["number"] = partial(number, digits=4)
     return environment
 
 

@@ -21,8 +21,8 @@ QUANTITIES = (
 
 
 def second_analysis_tables(group: GroupReport) -> tuple[PageTable, ...]:
-    """Return the mixed model's figures and the terrains' difficulties; nothing where the protocol names no second analysis."""
-    models = [metric.mixed_model for metric in group.metrics if metric.mixed_model]
+    """Return the mixed model's figures and the terrains' difficulties."""
+    models = [metric.mixed_model for metric in group.metrics]
     if not models:
         return ()
     heads = ("quantity", *(METRIC_NAMES[model.metric] for model in models))

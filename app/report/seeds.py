@@ -11,7 +11,6 @@ from app.study.data import StudyData, load
 from app.study.flow import with_invitations
 from app.study.folder import Folder, Study
 from app.study.invitations import Invitations
-from app.study.looks import LOOKS_FILE, with_looks_in
 from app.study.policy_files import FOLDER
 from app.study.protocol import StudyError
 
@@ -56,7 +55,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         )
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
-    data = with_looks_in(studies / name / LOOKS_FILE, data).with_policies_in(policies)
+    data = data.with_policies_in(policies)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
 
 

@@ -11,7 +11,7 @@ from app.report.model import GroupReport, Metric, Report
 from app.report.move_tables import MoveTables, move_tables
 from app.report.page_table import PageTable
 from app.statistics.exclusion_sets import METRICS
-from app.statistics.formatting import NONE, interval, level, number, p_value, percent
+from app.statistics.formatting import NONE, interval, number, p_value, percent
 from app.statistics.study_figures import StudyFigure, why_no_interval
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
@@ -22,7 +22,6 @@ LEVELS_IN_WORDS: dict[Attestation, str] = {
 }
 METRIC_NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
-INTERVALS = ("t interval", "studentised bootstrap", "new terrains too", "guaranteed")
 SPREAD = (
     "ICC",
     "95 % interval of the ICC",
@@ -119,11 +118,8 @@ def coverage_table(report: Report) -> PageTable | None:
             "population",
             "ICC",
             "printed",
-            "t",
-            "bootstrap",
             "guaranteed",
             "new terrains",
-            "pooled episodes",
         ),
         rows=[_coverage_row(cell) for cell in cells],
     )
@@ -133,7 +129,7 @@ def _coverage_row(cell: Cell) -> tuple[str, ...]:
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}[
         cell.population
     ]
-    shares = (cell.printed, cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
+    shares = cell.printed, cell.guaranteed, cell.new_terrains
     return (
         f"{cell.population}: {summary}",
         f"{cell.icc:g}",
@@ -158,42 +154,27 @@ def _result(group: GroupReport) -> PageTable | None:
     columns = []
     for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
         headline = None if why_no_interval(estimate) else estimate.interval
-        ends = (
-            headline,
-            estimate.printed,
-            estimate.t,
-            estimate.bootstrap,
-            metric.new_terrains,
-            estimate.guaranteed,
-        )
+        ends = headline, metric.new_terrains
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     players = f"{found.players} player{'s' * (found.players != 1)}"
     who = f"{players}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
-    kind = level(found.score.confidence)
-    shown = (
-        "guaranteed 95 % interval (headline)"
-        if found.score.headline == "guaranteed"
-        else f"{kind} interval (headline)"
-    )
-    names = ("mean", shown, f"{kind} interval (printed)", *INTERVALS)
+    kind = "guaranteed " if found.score.headline == "guaranteed" else ""
+    names = "mean", f"{kind}95 % interval (headline)", "95 % interval, new terrains too"
     table = _by_metric(f"Means over players. {who}", group, names, columns)
     return replace(table, rows=[row for row in table.rows if set(row[1:]) != {NONE}])
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:
     rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
-    kind = (
-        f"{level(group.figures[0].score.confidence) if group.figures[0].score else '95 %'} interval"
-    )
     return PageTable(
         caption=f"The figure under each exclusion set; who enters: {rules}",
         heads=(
             "set",
             "players",
             "episodes",
-            f"score ({kind})",
-            f"steps to 99 % ({kind})",
+            "score (95 % interval)",
+            "steps to 99 % (95 % interval)",
             "reached 99 %",
         ),
         rows=[_exclusion_set_row(group, figure) for figure in group.figures],

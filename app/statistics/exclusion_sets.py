@@ -16,7 +16,6 @@ import numpy as np
 from app.play.attestation import level_reaches
 from app.statistics.formatting import percent
 from app.study.data import Person, StudyData, StudyEpisode
-from app.study.looks import present
 from marsexplorer.evaluation.intervals import Floats
 
 MetricName = Literal["score", "steps"]
@@ -75,8 +74,8 @@ def metric_value(trial: StudyEpisode, metric: MetricName) -> float:
 
 
 def people_of(data: StudyData) -> Cohort:
-    """Return the people of a study, with the episodes that may be seen of it now (`app.study.looks`)."""
-    shown = present(data)
+    """Return the people of a study, with the episodes that may be seen of it now."""
+    shown = data.shown()
     return _cohort(
         shown, "people", "human", [person for person in shown.people if person.kind == "human"]
     )

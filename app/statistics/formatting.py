@@ -25,11 +25,3 @@ def p_value(p: float | None) -> str:
 def percent(share: float, digits: int = 0) -> str:
     """Return a share of 0..1 in percent, as in "46 %"."""
     return f"{100 * share:.{digits}f} %"
-
-
-def level(confidence: float) -> str:
-    """Return the level of an interval in percent, as in "95 %", "97.06 %" or "99.9999 %": never rounded up to 100."""
-    digits = 2
-    while digits < 12 and float(f"{100 * confidence:.{digits}f}") >= 100 > 100 * confidence:
-        digits += 2
-    return f"{100 * confidence:.{digits}f}".rstrip("0").rstrip(".") + " %"

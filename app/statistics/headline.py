@@ -2,7 +2,7 @@
 
 A failure is a ranked episode that ends short of 99 %: it costs far more than players differ otherwise. Where nearly all
 failures are a few players', the sample's spread depends on how many of these players it happens to hold, and every interval
-made from that spread misses too often. Rule 2, fixed before any data, then makes the guaranteed interval the headline. It looks
+made from that spread misses too often. The rule, fixed before any data, then makes the guaranteed interval the headline. It looks
 at the failures alone, never at the figure. No rule can see a kind of player who is not in the sample: `research.coverage`
 measures how often the headline misses (docs/report.md).
 """
@@ -20,20 +20,16 @@ FEW_PLAYERS = 5
 """Fewer players than this, by the effective number, are a few."""
 CHANCE = 0.05
 """Level of the test that all players fail alike."""
-RULES = {
-    "1": RULE,
-    "2": f"{RULE}; where failures are a few players', the guaranteed interval is the headline instead. They are when one "
+HEADLINE_RULE = (
+    f"{RULE}; where failures are a few players', the guaranteed interval is the headline instead. They are when one "
     "player alone has all of them, or when their numbers differ between players more than chance lets them (chi-squared test "
     f"of equal rates, p < {CHANCE:g}) and fewer than {FEW_PLAYERS} players hold them (effective number: squared sum over sum "
-    "of squares)",
-}
-"""What the protocol's `interval_rule` means, in words."""
-NEWEST_RULE = "2"
-"""Of figures that no protocol fixes a rule for."""
+    "of squares)"
+)
 
 
 def is_a_few_players(failed: Floats, episodes: Floats) -> NDArray[np.bool_]:
-    """Return whether failures are a few players', by rule 2; without failures they are nobody's.
+    """Return whether failures are a few players'; without failures they are nobody's.
 
     failed, episodes  float64[..., players]: how many ranked episodes a player failed and played; at least two players
     """

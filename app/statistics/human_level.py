@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from app.statistics.exclusion_sets import MetricName
-from app.statistics.headline import NEWEST_RULE, is_a_few_players
+from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import headline_interval
 from app.statistics.study_figures import metric_bounds
 from app.storage.reader import Reader
@@ -99,7 +99,6 @@ def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
         "config_hash": config.hash,
         "config": config.to_dict(),
         "population": "volunteers",
-        "interval_rule": NEWEST_RULE,
         "headline": "guaranteed" if is_guaranteed else "printed",
         "players": len(scores),
         "episodes": len(played),

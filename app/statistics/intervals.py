@@ -12,7 +12,6 @@ happened to nobody in it; `guaranteed` is given for that, and `app.statistics.he
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -28,9 +27,6 @@ Ends = tuple[Floats, Floats]
 
 TAIL = (1 - CONFIDENCE) / 2
 RULE = "t interval on player means, widened on the side of the longer tail to Hall's transformed t where that reaches further"
-BOOTSTRAP_T_RESAMPLES = 4999
-FEWEST_TO_RESAMPLE = 5
-"""Below so many players too many resamples have no spread at all for a studentised bootstrap."""
 
 _FLAT = 1e-9
 """A spread below this share of the largest value is rounding."""
@@ -38,100 +34,57 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean over players with its intervals; an interval is (low, high), or None where the players are too few for it.
+    """A mean over players with its interval.
 
-    interval    the headline: `printed`, or `guaranteed` where the protocol's rule says so (`app.statistics.headline`)
-    printed     t, widened on the side of the longer tail (RULE), cut off at the metric's bounds
-    headline    "printed" or "guaranteed": which of them `interval` is
-    t           the plain t interval
-    bootstrap   the studentised cluster bootstrap: whole players are drawn
-    guaranteed  holds for any distribution between the metric's bounds, hence wide
-    skewness    of the player means, bias-corrected; None below three players or without spread
-    widened     "low", "high" or None: the end that the rule moved
-    confidence  of `interval`: 0.95, or what the boundary of a look leaves
+    interval  (low, high) at 95 %, cut off at the metric's bounds; None for one player
+    headline  "printed": t, widened on the side of the longer tail (RULE); or "guaranteed"
+    skewness  of the player means, bias-corrected; None below three players or without spread
+    widened   "low", "high" or None: the end that RULE moved
     """
 
     mean: float
     players: int
     sd: float | None
     interval: Interval | None
-    t: Interval | None
-    bootstrap: Interval | None
-    guaranteed: Interval | None
+    headline: str
     skewness: float | None
     widened: str | None
-    printed: Interval | None
-    headline: str
-    confidence: float = CONFIDENCE
 
 
-def estimate(
-    values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False
-) -> Estimate:
-    """Return the estimate for player means float64[n] (n at least 1) of a metric that lies within `bounds`.
+def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
+    """Return the estimate for player means float64[n] (n at least 1) of a metric within `bounds`.
 
-    confidence     of the printed interval, above 0.95 at a look of a sequential study; the others stay at 95 %
-    is_guaranteed  whether the guaranteed interval is the headline (`app.statistics.headline.is_a_few_players`); it holds at
-                   every look alike, since what bettors win is a martingale
+    is_guaranteed  whether the interval is the guaranteed one (`app.statistics.headline`)
+
+    ValueError when a value lies outside the bounds.
     """
     n = len(values)
-    mean = float(values.mean())
-    guaranteed = _pair(guaranteed_interval(values, bounds))
+    mean, interval = float(values.mean()), headline_interval(values, bounds, is_guaranteed)
     if n < 2:
-        return Estimate(
-            mean=mean,
-            players=n,
-            sd=None,
-            interval=None,
-            t=None,
-            bootstrap=None,
-            guaranteed=guaranteed,
-            skewness=None,
-            widened=None,
-            printed=None,
-            headline="printed",
-        )
-    t = _pair(t_interval(values))
-    plain, reached = _plain_and_reached(values, confidence)
-    printed = _cut_off(reached, bounds)
+        return Estimate(mean, n, None, interval, "printed", None, None)
+    plain, reached = _pair(t_interval(values)), _pair(printed_interval(values))
     sd = float(values.std(ddof=1))
     return Estimate(
         mean=mean,
         players=n,
         sd=sd,
-        interval=guaranteed if is_guaranteed else printed,
-        t=t,
-        bootstrap=_pair(bootstrap_t(values)) if n >= FEWEST_TO_RESAMPLE else None,
-        guaranteed=guaranteed,
+        interval=interval,
+        headline="guaranteed" if is_guaranteed else "printed",
         skewness=float(skewness(values)) if n > 2 and sd > 0 else None,
         widened="low" if reached[0] < plain[0] else "high" if reached[1] > plain[1] else None,
-        printed=printed,
-        headline="guaranteed" if is_guaranteed else "printed",
-        confidence=confidence,
     )
 
 
 def headline_interval(
-    values: Floats, bounds: Interval, confidence: float = CONFIDENCE, is_guaranteed: bool = False
+    values: Floats, bounds: Interval, is_guaranteed: bool = False
 ) -> Interval | None:
-    """Return `estimate(...).interval` without working the other intervals out, which takes seconds for thousands of players.
-
-    None for one player; ValueError when a value lies outside the bounds.
-    """
+    """Return `estimate(...).interval`; None for one player, ValueError for a value out of bounds."""
     _check_within(values, bounds)
     if len(values) < 2:
         return None
     if is_guaranteed:
         return _pair(guaranteed_interval(values, bounds))
-    return _cut_off(_plain_and_reached(values, confidence)[1], bounds)
-
-
-def _plain_and_reached(values: Floats, confidence: float) -> tuple[Interval, Interval]:
-    """Return the t interval and the one that RULE makes of it, before it is cut off."""
-    if confidence < 1:
-        return _pair(t_interval(values, confidence)), _pair(printed_interval(values, confidence))
-    everything = -np.inf, np.inf  # so early a look that nothing may be concluded from it
-    return everything, everything
+    return _cut_off(_pair(printed_interval(values)), bounds)
 
 
 def _cut_off(reached: Interval, bounds: Interval) -> Interval:
@@ -229,37 +182,6 @@ def printed_p(values: Floats) -> Floats:
     )
     p: Floats = np.minimum(2 * scipy.special.stdtr(n - 1, -nearest), 1.0)
     return p
-
-
-@lru_cache(maxsize=64)
-def _counts(n: int, resamples: int) -> Floats:
-    """Return how often each of n players is drawn in each resample: float64[resamples, n], the same every time."""
-    draws: Floats = (
-        np.random.default_rng(n)
-        .multinomial(n, np.full(n, 1 / n), size=resamples)
-        .astype(np.float64)
-    )
-    return draws
-
-
-def bootstrap_t(values: Floats, resamples: int = BOOTSTRAP_T_RESAMPLES) -> Ends:
-    """Return low and high of the studentised bootstrap over whole players (Efron 1981, bootstrap-t).
-
-    The draws depend on n alone, so a report comes out the same twice. A resample without spread counts as infinitely far.
-    """
-    n = values.shape[-1]
-    mean, error = values.mean(-1), standard_error(values)
-    centred = values - mean[..., None]
-    draws = _counts(n, resamples).T
-    shift = centred @ draws / n
-    variance = np.maximum(centred**2 @ draws / n - shift**2, 0) / (n - 1)
-    spread = variance > (1e-9 * error[..., None]) ** 2
-    far = np.where(shift > 0, np.inf, -np.inf)
-    ratio = np.where(
-        spread, shift / np.sqrt(np.where(spread, variance, 1)), np.where(shift == 0, 0.0, far)
-    )
-    low, high = np.quantile(ratio, [TAIL, 1 - TAIL], axis=-1, method="inverted_cdf")
-    return mean - high * error, mean - low * error
 
 
 _STAKES: Floats = np.sin(np.pi * (np.arange(200) + 0.5) / 400) ** 2

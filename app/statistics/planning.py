@@ -18,9 +18,8 @@ import scipy
 
 from app.statistics.learning import LEVEL
 from app.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
-from app.statistics.sequential import ALPHA
 from app.study.protocol import Protocol, assumed_sds
-from marsexplorer.evaluation.intervals import Floats, t_quantile
+from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
 
 WANTED_POWER = 0.8
 """What a new study's margin and difference are derived for."""
@@ -138,7 +137,7 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - ALPHA / policies) * np.sqrt(
+    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * np.sqrt(
         chi_squared_quantile(_QUANTILES, freedom) / freedom
     )
     return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())

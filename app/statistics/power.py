@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from app.statistics.exclusion_sets import members, people_of
 from app.statistics.spread import variance_components
 from app.study.data import StudyData
-from app.study.looks import present
 from marsexplorer.evaluation.intervals import Floats, t_quantile
 
 MAX_PLAYERS = 2000
@@ -127,9 +126,9 @@ def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> t
 
     The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
     """
-    if (view := present(data).view) is not None and view.kind == "hidden":
+    if data.closed_ms is None:
         raise ValueError(
-            f"the study {data.protocol.name!r} hides its figures until it is closed: give the SDs instead"
+            f"the study {data.protocol.name!r} shows no figure until it is closed: give the SDs instead"
         )
     cohort = people_of(data)
     ids = members(cohort, {})

@@ -18,14 +18,10 @@ from app.statistics.exclusion_sets import (
     people_of,
     rule_in_words,
 )
-from app.statistics.formatting import level
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
-from app.statistics.sequential import look_boundary
 from app.study.data import StudyData
-from app.study.looks import present, view_sentence
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.intervals import CONFIDENCE
 
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
@@ -66,13 +62,12 @@ def primary_set(data: StudyData) -> str:
 
 
 def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's score as far as it may be seen: {"set", "players", "episodes", "score", "steps", "sentence", "view"}.
+    """Return the people's figure as it may be seen: set, players, episodes, score, steps, sentence.
 
-    view is that of `app.study.looks`: "whole", "hidden", "look" or "emergency".
     score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
-    set is the primary one as soon as anybody is in it, "all" before.
+    set is the primary one where anybody is in it, else "all". An open study has nobody in any, and its sentence says how many
+    have finished.
     """
-    data = present(data)
     figures = study_figures(data, people_of(data))
     primary = next(figure for figure in figures if figure.name == primary_set(data))
     chosen = primary if primary.players else figures[0]
@@ -82,16 +77,14 @@ def live_figure(data: StudyData) -> dict[str, Any]:
         "episodes": chosen.episodes,
         "score": _mean_and_interval(chosen.score),
         "steps": _mean_and_interval(chosen.steps),
-        "sentence": " ".join(filter(None, (view_sentence(data), _said(data, chosen)))),
-        "view": None if data.view is None else data.view.kind,
+        "sentence": _said(data, chosen),
     }
 
 
 def _said(data: StudyData, figure: StudyFigure) -> str:
-    """Return the figure as a sentence; "" where it is hidden, which is no sign that nobody has played."""
-    if figure.players:
-        return figure_sentence(figure)
-    return "" if data.view is not None and data.view.kind == "hidden" else NO_HUMAN_FIGURE
+    if data.closed_ms is None:
+        return data.progress_sentence()
+    return figure_sentence(figure) if figure.players else NO_HUMAN_FIGURE
 
 
 def figure_sentence(figure: StudyFigure) -> str:
@@ -99,12 +92,8 @@ def figure_sentence(figure: StudyFigure) -> str:
     assert figure.score is not None
     assert figure.steps is not None
     who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
-    kind = (
-        "guaranteed 95 % "
-        if figure.score.headline == "guaranteed"
-        else f"{level(figure.score.confidence)} "
-    )
-    kind += "interval "  # said once
+    kind = "guaranteed " if figure.score.headline == "guaranteed" else ""
+    kind += "95 % interval "  # said once
     reasons, said = [], []
     for found, text, form in (
         (figure.score, f"mean score {figure.score.mean:.3f}", ".3f"),
@@ -127,8 +116,6 @@ def why_no_interval(estimate: Estimate) -> str | None:
         return "One player gives no interval."
     if estimate.headline == "guaranteed":
         return None
-    if estimate.confidence >= 1:
-        return "So early a look gives no interval."
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
@@ -160,23 +147,16 @@ def _figure(
             completed=None,
         )
     config = data.protocol.env_config
-    boundary = look_boundary(data) if cohort.kind == "human" else None
-    confidence = CONFIDENCE if boundary is None else boundary.confidence
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
         [sum(trial.outcome != "explored" for trial in cohort.ranked[person]) for person in ids],
         np.float64,
     )
-    is_guaranteed = (
-        data.protocol.interval_rule == "2"
-        and len(ids) > 1
-        and bool(is_a_few_players(failed, episodes))
-    )
+    is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     score, steps = (
         estimate(
             player_means(cohort.table(ids, metric)),
             metric_bounds(config, metric),
-            confidence,
             is_guaranteed,
         )
         for metric in METRICS

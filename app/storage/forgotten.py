@@ -20,9 +20,6 @@ ERASED = "erased"
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
 
-LOOKS = "looks"
-"""A row of `meta` called `looks|STUDY` holds the looks that an imported release says were taken; the value is JSON."""
-
 TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
 """The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
 
@@ -38,8 +35,8 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
 
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add the source's counts of people who were erased, or left out of a release, and its looks to the target's."""
-    for name in (ERASED, ARRIVALS, LOOKS):
+    """Add the source's counts of people who were erased, or left out of a release to the target's."""
+    for name in (ERASED, ARRIVALS):
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
 

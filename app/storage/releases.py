@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from app.storage.database import rows
-from app.storage.forgotten import LOOKS
 
 
 class ReleaseRow(NamedTuple):
@@ -35,23 +32,6 @@ def note_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
 def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
     """Keep a release that came from elsewhere; a second time changes nothing."""
     conn.execute("INSERT OR IGNORE INTO releases VALUES (?, ?, ?, ?, NULL)", release)
-
-
-def noted_looks(conn: sqlite3.Connection, study: str) -> list[dict[str, Any]]:
-    """Return the looks that an imported release says were taken at a study's figures; empty otherwise."""
-    found = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{LOOKS}|{study}")
-    return list(json.loads(found[0]["value"])) if found else []
-
-
-def note_looks(conn: sqlite3.Connection, study: str, looks: Sequence[dict[str, Any]]) -> None:
-    """Keep the looks of an imported release, beside those that are kept already."""
-    kept = noted_looks(conn, study)
-    found = [*kept, *(look for look in looks if look not in kept)]
-    if found:
-        conn.execute(
-            "INSERT OR REPLACE INTO meta VALUES (?, ?)",
-            (f"{LOOKS}|{study}", json.dumps(found, ensure_ascii=False)),
-        )
 
 
 def mark_outdated_releases(

@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from app.storage.forgotten import ARRIVALS, ERASED, LOOKS
+from app.storage.forgotten import ARRIVALS, ERASED
 from app.storage.reader import Reader
 from app.storage.study_rows import Participant, StageEventRow, StudyRow
 
@@ -69,12 +69,6 @@ def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:
     """Return the counts of people whom a release left out, in a database that was imported from one; empty otherwise."""
     found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"])
     return dict(json.loads(found[0]["value"])) if found else {}
-
-
-def looks_known(reader: Reader, study: str) -> list[dict[str, Any]]:
-    """Return the looks that came with an imported release, in a database that has one; empty otherwise."""
-    found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{LOOKS}|{study}"])
-    return list(json.loads(found[0]["value"])) if found else []
 
 
 def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:

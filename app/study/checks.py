@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import sqlite3
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
@@ -31,9 +30,6 @@ from app.study.protocol import Protocol, StudyError, canonical_json, parse_proto
 
 Level = tuple[str | None, str | None]
 """The level of an episode's attestation, and the reason why it is not attested."""
-
-ORIGINAL_ID = re.compile(r"[0-9a-f]{32}")
-"""A participant's id as a server draws it. A pseudonym is not one: the order of terrains was drawn for the id it hides."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +84,6 @@ def _ranked_order(
 ) -> Generator[Finding, None, list[int] | None]:
     """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
     secret, count = expected.secret, expected.protocol.ranked
-    if expected.protocol.orders == "drawn":
-        if secret is None or not ORIGINAL_ID.fullmatch(participant):
-            return None
-        return seeds.order(secret, expected.protocol_hash, participant, count)
     if not any(row.phase == "ranked" for row in episodes):
         return None
     kind, details = order_events(conn, participant)

@@ -35,10 +35,9 @@ class StudyParticipation:
             found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
         )
 
-    def hides_interim(self) -> bool:
-        """Return whether the participant is a person in an open study whose protocol hides its figures."""
-        study = self._study()
-        return self.driver == "human" and study.is_open and study.protocol.hides_interim
+    def hides_figures(self) -> bool:
+        """Return whether the participant is a person in an open study, whose figures nobody sees."""
+        return self.driver == "human" and self._study().is_open
 
     def check_open(self) -> None:
         """Check that the study is open; RefusedError when it is not."""

@@ -1,8 +1,6 @@
 """Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
 strict figure leaves labelled participants out; the other figures keep them.
 
-Version 2 of the rules adds the effort check; the protocol says which version a study goes by.
-
 Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are the page's own clock (ms), which
 begins anew when the page is loaded again; an interval across that is not counted.
 """
@@ -12,13 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from statistics import quantiles
-from typing import Any, Literal
+from typing import Any
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
-
-RulesVersion = Literal["1", "2"]
-"""Rises whenever the same rows would be labelled otherwise. Each version keeps its meaning."""
 
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed."""
@@ -41,7 +36,7 @@ LABELS = {
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
     "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; {SHORTEST:.1%} of the limit or longer",
 }
-"""Every label with what it means; `no effort` is given by version 2 alone."""
+"""Every label with what it means."""
 
 PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
 Rows = Sequence[Mapping[str, Any]]
@@ -62,16 +57,12 @@ def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
     return tuple(name for name in LABELS if found.get(name))
 
 
-def effort_labels(
-    version: RulesVersion, config: EnvConfig, moves: Rows, cells: int | None = None
-) -> tuple[str, ...]:
-    """Return the labels that a finished episode's course gives it, `no effort` or none; version 1 gives none.
+def effort_labels(config: EnvConfig, moves: Rows, cells: int | None = None) -> tuple[str, ...]:
+    """Return the labels that a finished episode's course gives it: `no effort` or none.
 
     moves  rows with `discovered`, the cells known after each move, of `cells` that count (None: all)
     """
-    lacks_effort = version != "1" and makes_no_effort(
-        config, [row["discovered"] for row in moves], cells
-    )
+    lacks_effort = makes_no_effort(config, [row["discovered"] for row in moves], cells)
     return ("no effort",) if lacks_effort else ()
 
 

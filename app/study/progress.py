@@ -25,7 +25,7 @@ from app.study.folder import Folder, Study
 from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.recruitment import Arrival, Recruitment, supervise
-from app.study.seeds import TUTORIAL_SEED, order
+from app.study.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
@@ -369,14 +369,8 @@ class ParticipantProgress:
             return 0, TUTORIAL_SEED
         if phase == "warm_up":
             return trial, study.seed("warm-up", trial)
-        if study.protocol.orders == "latin-square":
-            terrain = study.balanced_order(
-                participant.kind, self.study_store.order_number(participant, self._now())
-            )[trial]
-        else:
-            terrain = order(
-                study.secret, study.protocol_hash, participant.id, study.protocol.ranked
-            )[trial]
+        number = self.study_store.order_number(participant, self._now())
+        terrain = study.balanced_order(participant.kind, number)[trial]
         return terrain, study.seed("ranked", terrain)
 
     def _lock(self, participant_id: str) -> asyncio.Lock:

@@ -29,16 +29,6 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
-NEW_STUDIES: dict[str, Any] = {
-    "labels_version": "2",
-    "required_attestation": "attested",
-    "orders": "latin-square",
-    "hides_interim": True,
-    "interval_rule": "2",
-    "second_analysis": "mixed-model",
-}
-"""What a new study's protocol holds where an earlier one, without the field, meant something else."""
-
 ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
 """Steps to 99 % on 441 cells (`assumed_sds`)."""
 
@@ -122,18 +112,9 @@ class Protocol(_Part):
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
     required_attestation the lowest level at which an episode enters a human figure
-    orders               of the ranked terrains: drawn for each participant, or rows of one Latin square
-    labels_version       of the rules in `app.study.plausibility`
-    interval_rule        of the printed interval (`app.statistics.intervals`)
-    second_analysis      stands in the report beside the printed interval
-    hides_interim        whether no figure is shown before the study is closed, except at the looks planned
-    looks, spending      numbers of finished players at which the figure is looked at, and how alpha is spent over them
     assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
     assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
     policy_difference    steps to 99 %: the difference between a policy and the people that the study is planned to see
-
-    The defaults of the fields from `recruitment` on are what an earlier protocol, which lacks them, means.
-    `default_protocol` gives a new study other values (NEW_STUDIES).
     """
 
     format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
@@ -161,14 +142,7 @@ class Protocol(_Part):
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
     recruitment: Literal["open", "invitation", "panel"] = "open"
-    required_attestation: Attestation = "declared"
-    orders: Literal["drawn", "latin-square"] = "drawn"
-    labels_version: Literal["1", "2"] = "1"
-    interval_rule: Literal["1", "2"] = "1"
-    second_analysis: Literal["none", "mixed-model"] = "none"
-    hides_interim: bool = False
-    looks: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(), max_length=50)
-    spending: Literal["none", "obrien-fleming", "pocock"] = "none"
+    required_attestation: Attestation = "attested"
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
@@ -209,26 +183,6 @@ class Protocol(_Part):
         return given
 
     @model_validator(mode="after")
-    def _looks_lead_to_the_end(self) -> Protocol:
-        if bool(self.looks) != (self.spending != "none"):
-            raise ValueError(
-                f"looks and spending go together: got looks {list(self.looks)} and spending {self.spending!r}"
-            )
-        if self.looks and (
-            list(self.looks) != sorted(set(self.looks))
-            or self.looks[-1] != self.players
-            or self.looks[0] < 2
-        ):
-            raise ValueError(
-                f"looks must rise from at least 2 to the number of players, {self.players}: got {list(self.looks)}"
-            )
-        if self.looks and not self.hides_interim:
-            raise ValueError(
-                "a study with looks must hide its figures between them: set hides_interim to true"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:
         if self.recruitment == "panel" and not self.outside_ids:
             raise ValueError(
@@ -256,7 +210,7 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
     }
     player_sd, episode_sd = assumed_sds(config)
     assumed = {"assumed_player_sd": player_sd, "assumed_episode_sd": episode_sd}
-    return parse_protocol({**parts, **NEW_STUDIES, **assumed, **rest})
+    return parse_protocol({**parts, **assumed, **rest})
 
 
 def assumed_sds(config: EnvConfig) -> tuple[float, float]:

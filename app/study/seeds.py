@@ -24,13 +24,6 @@ def seed(secret: bytes, protocol_hash: str, label: SeedLabel, i: int) -> int:
     return int.from_bytes(_hmac(secret, f"{protocol_hash}|{label}|{i}")[:8], "big") >> 11
 
 
-def order(secret: bytes, protocol_hash: str, participant_id: str, ranked: int) -> list[int]:
-    """Return the order in which a participant meets the ranked terrains 0..ranked-1: one of their own, drawn by HMAC."""
-    return sorted(
-        range(ranked), key=lambda i: _hmac(secret, f"{protocol_hash}|order|{participant_id}|{i}")
-    )
-
-
 def balanced_order(
     secret: bytes, protocol_hash: str, group: str, number: int, ranked: int
 ) -> list[int]:

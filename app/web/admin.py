@@ -75,12 +75,6 @@ class RevokedInvitations(Message):
     )
 
 
-class EmergencyLook(Message):
-    """Why the figure must be seen outside the plan."""
-
-    reason: str = Field(max_length=1000)
-
-
 class ReleaseOptions(Message):
     """Who is to be cited."""
 
@@ -216,9 +210,8 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
         with closing(Reader.open(store.path)) as reader:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
-            return participants.list_participants(reader, name, now, hides), how
+            return participants.list_participants(reader, name, now, found.is_open), how
 
-    hides = found.is_open and found.protocol.hides_interim
     try:
         present, how = await asyncio.to_thread(read)
     except StudyError as error:
@@ -237,8 +230,6 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
         "cols": protocol.env_config.cols,
         "max_steps": protocol.env_config.limit,
         "planned": protocol.players,
-        "hides_interim": protocol.hides_interim,
-        "looks": list(protocol.looks),
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "stages": participants.count_stages(present),
@@ -248,16 +239,6 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
         "exports": admin.exports.state(name),
         "now_ms": now,
     }
-
-
-@router.post("/api/admin/studies/{name}/emergency-look")
-async def emergency_look(admin: Operator, name: str, given: EmergencyLook) -> dict[str, Any]:
-    """Return the figure of an open study that hides it, as it is now; time and reason are logged and in every report."""
-    _study(admin, name)
-    try:
-        return {"figure": await asyncio.to_thread(admin.figures.emergency_look, name, given.reason)}
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
 
 
 @router.post("/api/admin/studies/{name}/close")
@@ -273,6 +254,7 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
     await admin.progress.note_if_closed(closed)
+    await asyncio.to_thread(admin.figures.forget, name)
     return {"closed_ms": closed.closed_ms}
 
 

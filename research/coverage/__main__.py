@@ -52,15 +52,14 @@ def markdown_table(cells: Sequence[Cell]) -> str:
         "missed low / high",
         "width / t",
         "t",
-        "bootstrap-t",
     )
     lines: list[tuple[str, ...]] = [
         (*heads, "guaranteed", "new terrains", "pooled"),
-        ("---",) * 3 + ("---:",) * 8,
+        ("---",) * 3 + ("---:",) * 7,
     ]
     for cell in cells:
         missed = f"{cell.below:.1f} / {cell.above:.1f}"
-        shares = (cell.t, cell.bootstrap, cell.guaranteed, cell.new_terrains, cell.pooled)
+        shares = (cell.t, cell.guaranteed, cell.new_terrains, cell.pooled)
         first = (
             cell.population,
             f"{cell.icc:g}",
@@ -74,7 +73,7 @@ def markdown_table(cells: Sequence[Cell]) -> str:
 
 
 def headline_table(cells: Sequence[Cell]) -> str:
-    """Return the table of rule 2, of the populations in which players fail, as docs/report.md shows it."""
+    """Return the table of the headline, of the populations in which players fail, as docs/report.md shows it."""
     heads = (
         "population",
         "ICC",

@@ -9,7 +9,6 @@ that is as good as people in the mean, and of policy - ratio people = 0 for the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from app.report.measured_coverage import Cell, ScorePopulation
 from app.statistics.crossed import crossed_interval, crossed_p
 from app.statistics.headline import is_a_few_players
-from app.statistics.intervals import TAIL, Ends, bootstrap_t, guaranteed_covers, printed_interval
+from app.statistics.intervals import TAIL, Ends, guaranteed_covers, printed_interval
 from app.statistics.mixed_model import fit_mixed_model
 from app.statistics.spread import iqm, iqm_shares
 from marsexplorer.evaluation.intervals import Floats, t_interval
@@ -42,7 +41,7 @@ POLICY_SCORE = 0.92
 OTHER_PLAYERS = 800
 """Simulated players beside a study's own, whose IQM is the truth on its terrains."""
 STUDIES_AT_ONCE = 250
-"""Whose bootstraps are worked on together."""
+"""Whose guaranteed intervals are worked on together."""
 CROWDED_STUDIES_AT_ONCE = 50
 """Of studies with other players beside their own."""
 SIMULATED_SLOPE = 0.0005
@@ -63,7 +62,6 @@ def measure_cell(
     means = scores.mean(2)
     t, printed = t_interval(means), printed_interval(means)
     stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
-    bootstrap = _joined([bootstrap_t(means[stack]) for stack in stacks])
     guaranteed = np.concatenate(
         [guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks]
     )
@@ -84,7 +82,6 @@ def measure_cell(
         above=100 * float((truth > printed[1]).mean()),
         width=float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
         t=_percent_covered(t, truth),
-        bootstrap=_percent_covered(bootstrap, truth),
         guaranteed=100 * float(guaranteed.mean()),
         new_terrains=_percent_covered(crossed_interval(scores), everywhere),
         pooled=_percent_covered(_pooled(scores), truth),
@@ -114,10 +111,6 @@ def _steps_covered(
 
 def _pooled(scores: Floats) -> Ends:
     return t_interval(scores.reshape(len(scores), -1))
-
-
-def _joined(parts: Sequence[Ends]) -> Ends:
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
 def _percent_covered(ends: Ends, truth: Floats) -> float:

@@ -3,7 +3,6 @@
 import { ApiError, createRequest } from "../common/api.js";
 import { create, elementsOf } from "../common/page.js";
 import { many } from "../common/words.js";
-import { createEmergency } from "./emergency.js";
 import { createLive, MAX_BOARDS } from "./live.js";
 import { createRecruiting } from "./recruiting.js";
 import * as tables from "./tables.js";
@@ -120,7 +119,7 @@ function paintStudy(study, overview) {
   by("status").hidden = false;
   by("status").textContent = by("status").dataset.status = study.status;
   tables.paintStages(by("stages", HTMLTableElement), study.stages);
-  tables.paintFigure(by("figure"), by("figure-words"), emergency.withFigure(study));
+  tables.paintFigure(by("figure"), by("figure-words"), study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
   tables.paintPeople(by("people", HTMLTableElement), study);
   recruiting.paint(study);
@@ -170,7 +169,6 @@ by("study").addEventListener("change", () => {
 });
 const recruiting = createRecruiting(document, { ask: (path, body) => request(ofStudy(path), body), run });
 const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
-const emergency = createEmergency(document, { look: (reason) => request(ofStudy("emergency-look"), { reason }, 60000), onShown: paint });
 by("make-report").addEventListener("click", () => run(() => request(ofStudy("exports/report"), {})));
 by("make-release").addEventListener("click", () => {
   const authors = by("authors", HTMLInputElement).value.split(",").map((name) => name.trim()).filter(Boolean);

@@ -33,10 +33,9 @@ export function paintStages(table, stages) {
  * @param {Study} study
  */
 export function paintFigure(where, words, { figure, max_steps: limit }) {
-  const moves = figure?.view === "whole" ? "; it moves until everybody is through" : "";
-  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d${moves}.` : "";
+  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
-    const why = figure?.view === "hidden" ? figure.sentence : "No person has finished a ranked episode yet, so there is no figure.";
+    const why = figure?.sentence ?? "Nobody has joined yet, so there is no figure.";
     where.replaceChildren(create("p", why, { class: "empty" }));
     return;
   }

@@ -9,13 +9,13 @@ import { many, outcomeShort } from "../common/words.js";
  */
 /** @typedef {{id: string, state: "issued" | "opened" | "used" | "revoked", issued_ms: number, revoked_ms: number | null, label: string | null, at_ms: number | null, token: string | null}} Invitation */
 /** @typedef {import("../common/api.js").Interval} Interval */
-/** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string, view: "whole" | "hidden" | "look" | "emergency"}} Figure */
+/** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
 /**
  * @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export
  */
 /**
  * @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
- *   warm_up: number, ranked: number, hides_interim: boolean, looks: number[], stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
+ *   warm_up: number, ranked: number, stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
  *   exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open", code: string | null, code_until_ms: number | null,
  *   invitations: Invitation[], now_ms: number}} Study
  */

@@ -123,21 +123,6 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
         "document.getElementById('figure').textContent.startsWith('No figure is shown until the study is closed: 1 of 2')",
     )
     assert page.locator("#figure .measure").count() == 0
-    page.get_by_test_id("open-emergency").click()
-    page.get_by_test_id("emergency-reason").fill("too short")
-    page.get_by_test_id("emergency-now").click()
-    until(
-        page,
-        "document.getElementById('emergency-wrong').textContent.includes('at least 10 characters')",
-    )
-    page.get_by_test_id("emergency-reason").fill("a participant reports a frozen page")
-    page.get_by_test_id("emergency-now").click()
-    until(page, "document.querySelectorAll('#figure .measure').length === 2")
-    assert (
-        page.get_by_test_id("figure-words")
-        .inner_text()
-        .startswith("EMERGENCY LOOK, outside the plan, when 1 of 2")
-    )
     look(page, "admin-debrief")
 
     page.get_by_test_id("make-report").click()

@@ -12,7 +12,7 @@ from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder
 from app.study.protocol import default_protocol
-from app.study.seeds import TUTORIAL_SEED, order
+from app.study.seeds import TUTORIAL_SEED
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -106,13 +106,15 @@ class StudyRecorder:
     def _order(self, participant):
         """Return the order in which a participant meets the ranked terrains, as a server would give it."""
         study, studies = self.study, StudyStore(self.store)
-        if study.protocol.orders == "drawn":
-            return order(study.secret, study.protocol_hash, participant, study.protocol.ranked)
         person = studies.participant(participant)
         return study.balanced_order(person.kind, studies.order_number(person, self.clock))
 
     def play(self, participant, phase, trial, how="tour"):
-        """Return the id of an episode: a tour to its end, a `crash`, given up (`abandon`, `dawdle`, `idle`), or left `open`."""
+        """Return the id of an episode.
+
+        how  a tour to its end, a `crash`, given up (`abandon`, `dawdle`, `idle`), left `open`, or a
+             function from the episode at its start to its moves
+        """
         study = self.study
         if phase == "tutorial":
             terrain, seed = 0, TUTORIAL_SEED
@@ -183,6 +185,8 @@ class StudyRecorder:
         chain.append_late_events(self.conn, ident, number)
 
     def _actions(self, episode, how):
+        if callable(how):
+            return how(episode)
         if how == "idle":
             return []
         if how in ("abandon", "open"):

@@ -49,15 +49,12 @@ def read_bundle(folder: Path) -> Derivation:
     from app.release.manifest import read_manifest
     from app.storage.database import reading
     from app.study.data import load
-    from app.study.looks import LOOKS_FILE, with_looks_in
     from app.study.policy_files import FOLDER, PolicyFiles
 
     manifest, _ = read_manifest(folder)
     with reading(folder / BUNDLE_DATABASE) as conn:
         episodes = read_policy_episodes(conn)
-    data = with_looks_in(
-        folder / LOOKS_FILE, load(folder / BUNDLE_DATABASE, str(manifest["study"]))
-    )
+    data = load(folder / BUNDLE_DATABASE, str(manifest["study"]))
     played = {each.policy: each.policy_hash for each in episodes} | {
         POLICY: manifest.get("regret_policy_hash")
     }

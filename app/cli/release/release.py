@@ -23,11 +23,6 @@ from app.cli.study.study_report import released_report
 @click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
 @click.option("--url", help="Where the bundle will be found, a DOI's address say.")
 @click.option(
-    "--interim",
-    is_flag=True,
-    help="Build it although the study is open: for the operator alone, without a report.",
-)
-@click.option(
     "--without-policy",
     "without",
     multiple=True,
@@ -41,7 +36,6 @@ def release(
     studies: Path | None,
     authors: tuple[str, ...],
     url: str | None,
-    interim: bool,
     without: tuple[str, ...],
 ) -> None:
     """Write every finished episode of a closed study as SQLite, Parquet, JSON Lines, CSV and Minari, described and signed.
@@ -69,7 +63,6 @@ def release(
     from app.storage.database import StoreError
     from app.study.folder import Folder
     from app.study.invitations import Invitations
-    from app.study.looks import LOOKS_FILE, read_looks
     from app.study.policy_files import FOLDER
     from app.study.protocol import StudyError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -78,10 +71,9 @@ def release(
     folder = Folder(studies or settings.studies)
     known = folder.known_secrets()
     try:
-        looks = read_looks(folder.root / study / LOOKS_FILE)
         invited = Invitations(folder).of(study) or None
         request = ReleaseRequest(
-            database or settings.database, study, out, authors, url, interim, known, without, looks, invited,
+            database or settings.database, study, out, authors, url, known, without, invited,
             folder.root / study / FOLDER,
         )  # fmt: skip
         with progress("verifying and writing") as advance:
@@ -106,5 +98,3 @@ def release(
             f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}"
         )
     click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
-    if built.header.interim:
-        click.echo("the study is open: do not publish this, it gives the terrains away")

@@ -97,7 +97,7 @@ def _comparison(each: Any) -> str:
 def preregister(name: str, out: Path | None, studies: Path | None) -> None:
     """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
 
-    Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule with its looks, analyses, power, and the
+    Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule, analyses, power, and the
     hash and the commitment that fix protocol and terrains; and what is not preregistered. What only you know is marked
     TO BE STATED. A draft gives a preview, marked DRAFT, without hash and commitment.
 

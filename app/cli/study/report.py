@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,10 +39,6 @@ if TYPE_CHECKING:
     help="Report over the scripts instead of the people, marked SYNTHETIC throughout.",
 )
 @click.option(
-    "--emergency-look", "emergency", metavar="REASON",
-    help="Show the figures of an open study outside its plan; time and reason are logged and printed in every report.",
-)  # fmt: skip
-@click.option(
     "--no-policies",
     is_flag=True,
     help="Do not play the policies: no comparisons, done in a second.",
@@ -53,27 +48,19 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Leave out the regret of each move and the likeness to policies: done sooner.",
 )
-@click.option(
-    "--bayes",
-    is_flag=True,
-    help="Add a Bayesian mixed model of the steps, unfinished episodes censored; a minute.",
-)
 def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
-    emergency: str | None, no_policies: bool, no_moves: bool, bayes: bool,
+    no_policies: bool, no_moves: bool,
 ) -> None:  # fmt: skip
     """Print a study's figures: the human level with its interval, and policies on the same terrains.
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
     skewed players; docs/report.md says how that was measured. Scripts never enter a human figure.
-    A study whose protocol hides its figures (every new one does) shows none before it is closed, except at the looks that
-    the protocol plans: then of exactly the first players who finished. Where people's safety or the server's working
-    must be judged earlier, --emergency-look does it and says so for ever.
+    An open study shows how many have finished, and no figure before it is closed.
 
     \b
     Examples:
       marsexplorer report --study pilot
-      marsexplorer report --study pilot --emergency-look "participants report that the page freezes"
       marsexplorer report --study pilot --html pilot.html --json pilot.json
       marsexplorer report --study rehearsal --synthetic --html rehearsal.html
     """
@@ -85,9 +72,7 @@ def report(
     settings = settings_of()
     try:
         where = database or settings.database, studies or settings.studies
-        found = _build_report(
-            name, *where, synthetic, Parts(not no_policies, not no_moves, bayes), emergency
-        )
+        found = _build_report(name, *where, synthetic, not no_policies, not no_moves)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
@@ -104,57 +89,37 @@ def report(
     show(found)
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Which parts of a report are wanted: policies, what the single moves say, the Bayesian model."""
-
-    policies: bool
-    moves: bool
-    bayes: bool
-
-
 def _build_report(
-    name: str, database: Path, studies: Path, synthetic: bool, parts: Parts, emergency: str | None
+    name: str,
+    database: Path,
+    studies: Path,
+    synthetic: bool,
+    with_policies: bool,
+    with_moves: bool,
 ) -> Report:
     """Return the report of a study.
 
-    It has policies only if somebody has finished a ranked episode, and what the moves say and the Bayesian model once the study
-    is closed.
+    It has policies only if somebody has finished a ranked episode, and what the moves say once the study is closed.
     """
     from app.report.seeds import load_with_folder
     from app.storage.reader import Reader
-    from app.study.folder import Folder
-    from app.study.looks import take_look
 
     reader = Reader.open(database)
     try:
         with reader.snapshot():
             data, seeds = load_with_folder(reader, studies, name)
-            if parts.bayes and data.closed_ms is None:
-                raise click.UsageError(
-                    f"the Bayesian model waits until the study {name!r} is closed: leave --bayes out"
-                )
-            data = data if synthetic else take_look(Folder(studies), data, emergency)
+            data = data.shown()
             pictures = replay_pictures(reader, data, synthetic)
     finally:
         reader.close()
     is_played = has_played(data, synthetic)
-    episodes = _policies(data, seeds) if parts.policies and is_played else ()
+    episodes = _policies(data, seeds) if with_policies and is_played else ()
     moves = (
         _moves(database, data, synthetic)
-        if parts.moves and is_played and data.closed_ms is not None
+        if with_moves and is_played and data.closed_ms is not None
         else {}
     )
-    found = build_report(data, episodes, synthetic, pictures, moves)
-    return _with_bayes(found, data) if parts.bayes else found
-
-
-def _with_bayes(found: Report, data: StudyData) -> Report:
-    """Return the report with the Bayesian model, said on stderr because it takes a while."""
-    from app.report.bayesian import with_bayesian_models
-
-    click.echo("sampling the Bayesian model, a minute or so", err=True)
-    return with_bayesian_models(found, data)
+    return build_report(data, episodes, synthetic, pictures, moves)
 
 
 def _moves(database: Path, data: StudyData, synthetic: bool) -> dict[str, MoveAnalysis]:
@@ -187,44 +152,10 @@ def show(found: Report) -> None:
         f"{found.title} ({found.study}, {found.status}, protocol {found.protocol_hash[:12]})"
     )
     click.echo(found.sentence)
-    _print_look(found)
     for group in found.groups:
         _show_group(found, group)
     for line in found.deviations:
         click.echo(f"- {line}")
-
-
-def _print_look(found: Report) -> None:
-    """Print a planned look's boundary and where the policies stand; nothing where no look is shown."""
-    from app.statistics.formatting import interval, level, number
-
-    if (look := found.look) is None:
-        return
-    boundary = (
-        "no boundary can be crossed so early" if look.z is None else f"boundary |z| = {look.z:.3f}"
-    )
-    click.echo(
-        f"{look.spending} spending, {look.spent:.5f} of 0.05 so far; {boundary}; intervals of {level(look.confidence)}"
-    )
-    rows = [
-        (
-            each.policy,
-            each.metric,
-            number(each.difference, 4),
-            interval(each.interval, 4),
-            "yes" if each.crossed else "no",
-        )
-        for each in look.crossings
-    ]
-    if rows:
-        heads = (
-            "policy",
-            "metric",
-            "minus people",
-            f"{level(look.confidence)} interval",
-            "boundary crossed",
-        )
-        print_table("At this look, for other players on these terrains", heads, rows)
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
@@ -233,7 +164,6 @@ def _show_group(found: Report, group: GroupReport) -> None:
     _print_figures(mark, group)
     _print_comparisons(mark, group)
     _print_second_analysis(mark, group)
-    _print_bayes(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
         click.echo(f"- {line}")
@@ -241,19 +171,18 @@ def _show_group(found: Report, group: GroupReport) -> None:
 
 def _print_figures(mark: str, group: GroupReport) -> None:
     """Print the figure under each exclusion set; nothing where no set has players."""
-    from app.statistics.formatting import interval, level, number
+    from app.statistics.formatting import interval, number
 
-    rows, levels = [], {"95 %"}
+    rows = []
     for figure in group.figures:
         score, steps = figure.score, figure.steps
         if score and steps:
             mark_of = " (guaranteed)" if score.headline == "guaranteed" else ""
             ends = interval(score.interval, 4) + mark_of, interval(steps.interval, 1) + mark_of
             values = number(score.mean, 4), ends[0], number(steps.mean, 1), ends[1]
-            levels = {level(score.confidence)}
             rows.append((figure.name, str(figure.players), str(figure.episodes), *values))
     if rows:
-        head = f"{levels.pop()} interval"
+        head = "95 % interval"
         columns = ("set", "players", "episodes", "score", head, "steps to 99 %", head)
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
@@ -292,25 +221,11 @@ def _print_regret(group: GroupReport) -> None:
         )
 
 
-def _print_bayes(mark: str, group: GroupReport) -> None:
-    """Print the Bayesian model with what is wrong with it; nothing where it was not asked for."""
-    from app.report.bayesian import HEADS, bayesian_rows, sampling_sentence
-
-    if (model := group.bayesian) is None:
-        return
-    if rows := bayesian_rows(model):
-        print_table(
-            f"{mark}{group.name}: Bayesian mixed model, unfinished episodes censored", HEADS, rows
-        )
-    for line in (sampling_sentence(model), *model.priors, *model.warnings):
-        click.echo(f"- {line}")
-
-
 def _print_second_analysis(mark: str, group: GroupReport) -> None:
-    """Print the mixed model; nothing where the protocol names none."""
+    """Print the mixed model."""
     from app.statistics.formatting import interval, number
 
-    models = [metric.mixed_model for metric in group.metrics if metric.mixed_model]
+    models = [metric.mixed_model for metric in group.metrics]
     rows = [
         (
             each.metric,

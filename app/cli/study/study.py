@@ -87,14 +87,6 @@ for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise, pla
 )
 @click.option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
 @click.option(
-    "--look", "looks", type=int, multiple=True, metavar="PLAYERS",
-    help="Look at the figure when so many have finished; repeatable, the last is --players.  [default: only once closed]",
-)  # fmt: skip
-@click.option(
-    "--spending", type=click.Choice(["obrien-fleming", "pocock"]),
-    help="How the looks spend alpha.  [default: obrien-fleming, where there are looks]",
-)  # fmt: skip
-@click.option(
     "--policy",
     "policies",
     multiple=True,
@@ -114,15 +106,12 @@ def new(
     Examples:
       marsexplorer study new pilot
       marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
-      marsexplorer study new long --players 30 --look 10 --look 20 --look 30
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
     from app.study.protocol import default_protocol
 
     config = env_config_of(level, size)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
-    if "looks" in rest:
-        rest.setdefault("spending", "obrien-fleming")
     with study_errors():
         folder_of(studies).path(name)
         protocol = planning.with_reachable_effects(default_protocol(name, config, **rest))

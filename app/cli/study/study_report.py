@@ -90,15 +90,12 @@ def released_report(
         from app.release.build import ReleasedReport
         from app.storage.reader import Reader
         from app.study.data import load
-        from app.study.looks import LOOKS_FILE, with_looks_in
         from app.study.policy_episodes import compared_policies, ranked_seeds
         from app.study.policy_files import FOLDER
 
         reader = Reader.open(database)
         try:
-            data = with_looks_in(
-                database.parent / LOOKS_FILE, load(reader, study)
-            ).with_policies_in(database.parent / FOLDER)
+            data = load(reader, study).with_policies_in(database.parent / FOLDER)
             if not any(has_played(data, synthetic) for synthetic in (False, True)):
                 return ReleasedReport(_report_files(build_report(data, (), False, {}), False))
             names = [name for name in compared_policies(data.protocol) if name not in without]

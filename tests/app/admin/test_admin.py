@@ -1,6 +1,5 @@
 """The operator's login and requests: nobody else gets in, and what is shown is what is."""
 
-import json
 import re
 import subprocess
 import sys
@@ -25,7 +24,6 @@ CHANGING = {
     "studies/small/exports/report": {},
     "studies/small/invitations": {"count": 1},
     "studies/small/invitations/revoke": {"ids": ["7K3M"]},
-    "studies/small/emergency-look": {"reason": "a test of the calls"},
     "logout": {},
 }
 
@@ -33,7 +31,7 @@ CHANGING = {
 @pytest.fixture
 def admin(serve, tmp_path):
     """A server with an operator and one open study; `admin.operator()` is a client that has logged in."""
-    freeze(tmp_path / "studies", hides_interim=False)
+    freeze(tmp_path / "studies")
     server = serve(admin_password=PASSWORD)
 
     def operator():
@@ -212,13 +210,13 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     first = by_stage["debrief"]
     assert first["label"] == done.where["participant"], "what the participant can quote"
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
-    assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (
-        2,
-        3,
-        pytest.approx(sum(steps) / 3),
-    )
+    assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (2, 3, None)
+    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).is_success
+    closed = operator.get("/api/admin/studies/small").json()
+    (first,) = (each for each in closed["participants"] if each["stage"] == "debrief")
+    assert first["mean_steps"] == pytest.approx(sum(steps) / 3)
     assert sum(first["outcomes"].values()) == 3
-    fresh = eventually(lambda: operator.get("/api/admin/studies/small").json()["figure"])
+    fresh = closed["figure"]
     assert (fresh["players"], fresh["episodes"]) == (1, 3)
     assert fresh["steps"]["mean"] == pytest.approx(sum(steps) / 3)
 
@@ -276,8 +274,8 @@ def test_invitations_are_issued_watched_and_revoked(admin, tmp_path):
     assert "is closed" in fails("lab/invitations", {"count": 1})[1]
 
 
-def test_an_open_study_that_hides_its_figures_shows_counts_and_no_scores_anywhere(admin, tmp_path):
-    freeze(tmp_path / "studies", "hidden", warm_up=0, ranked=1, looks=[2], spending="pocock")
+def test_an_open_study_shows_counts_and_no_scores_anywhere(admin, tmp_path):
+    freeze(tmp_path / "studies", "hidden", warm_up=0, ranked=1)
     operator, person = admin.operator(), Person(admin, "hidden")
     person.to_warm_up()
     person.call("next")
@@ -292,13 +290,9 @@ def test_an_open_study_that_hides_its_figures_shows_counts_and_no_scores_anywher
         lambda: (now := operator.get("/api/admin/studies/hidden").json())["figure"] and now
     )
     assert answer["figure"]["sentence"] == (
-        "No figure is shown until 2 players have finished, the first planned look: 1 of 2 have finished."
+        "No figure is shown until the study is closed: 1 of 2 have finished."
     )
-    assert (answer["figure"]["view"], answer["figure"]["score"], answer["hides_interim"]) == (
-        "hidden",
-        None,
-        True,
-    )
+    assert (answer["figure"]["players"], answer["figure"]["score"]) == (0, None)
     (row,) = answer["participants"]
     assert (row["ranked"], row["mean_score"], row["mean_steps"], row["outcomes"]) == (
         1,
@@ -306,28 +300,9 @@ def test_an_open_study_that_hides_its_figures_shows_counts_and_no_scores_anywher
         None,
         {},
     )
-    url = "/api/admin/studies/hidden/emergency-look"
-    refused = operator.post(url, json={"reason": "why"})
-    assert (refused.status_code, "at least 10 characters" in refused.json()["detail"]) == (
-        409,
-        True,
-    )
-    seen = operator.post(url, json={"reason": "two people report a frozen page"}).json()["figure"]
-    assert (seen["players"], seen["view"]) == (1, "emergency")
-    (kept,) = json.loads((tmp_path / "studies" / "hidden" / "looks.json").read_text())
-    assert (kept["kind"], kept["finished"], kept["reason"]) == (
-        "emergency",
-        1,
-        "two people report a frozen page",
-    )
-    assert operator.get("/api/admin/studies/hidden").json()["figure"]["view"] == "hidden"
-    refused = operator.post(
-        "/api/admin/studies/small/emergency-look", json={"reason": "out of curiosity"}
-    )
-    assert (refused.status_code, "nobody has joined" in refused.json()["detail"]) == (409, True)
 
 
-def test_boards_are_watched_live_with_their_scores(admin):
+def test_boards_are_watched_live_and_show_no_score_of_a_person_in_an_open_study(admin):
     operator, person = admin.operator(), Person(admin)
     person.to_warm_up()
     for _ in range(2):
@@ -346,8 +321,7 @@ def test_boards_are_watched_live_with_their_scores(admin):
     ):
         own, seen = playing.receive("frame"), watching.receive("frame")
         assert (own["score"], own["return"]) == (None, None)
-        assert seen["score"] is not None
-        assert {**seen, "score": None, "return": None, "reward": None} == own
+        assert seen == own
         assert watching.receive("history")["positions"] == [[0, 0]]
         (board,) = operator.get("/api/admin/overview").json()["boards"]
         assert (board["study"], board["label"], board["phase"], board["trial"]) == (

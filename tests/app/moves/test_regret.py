@@ -22,7 +22,7 @@ from tests.support.stored_studies import freeze, play_study
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("regret")
-    return folder, play_study(folder / "play.db", freeze(folder / "studies", hides_interim=False))
+    return folder, play_study(folder / "play.db", freeze(folder / "studies"))
 
 
 @pytest.fixture
@@ -76,11 +76,6 @@ def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
         StudyError, match="nothing of its ranked terrains may leave before it is closed"
     ):
         next(regret_rows(reader, data, ranked(data), estimator))
-    cohort = people_of(data)
-    found = summarize_regret(
-        reader, data, cohort, [person.id for person in cohort.people], estimator
-    )
-    assert (found.phase, found.episodes) == ("warm_up", 4)
 
 
 def test_the_analysis_is_kept_next_to_the_database(place):

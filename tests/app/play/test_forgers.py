@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
 
@@ -179,7 +180,6 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
         "size": SIZE,
         "ranked": 2,
         "warm_up": 1,
-        "hides_interim": False,
         "recruitment": "invitation",
     }
     study = freeze(tmp_path / "studies", **small)
@@ -198,7 +198,7 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
         other = Person(server, invitation=next(invitations))
         other.to_warm_up()
         play_forged(other, forger)
-    data = load_study(path, "small")
+    data = replace(load_study(path, "small"), closed_ms=1)
     levels = {}
     for trial in data.trials:
         if trial.phase == "ranked":
@@ -220,7 +220,7 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
 @pytest.mark.parametrize(("speed", "fewest", "most"), [(100.0, 0, 0), (1.0, 18, 20)])
 def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed, fewest, most):
     """Measure what docs/study.md states of forgers who press with honest times; a hundred times as fast, none counts."""
-    boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10, "hides_interim": False}
+    boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10}
     study = freeze(tmp_path / "studies", recruitment="invitation", **boards)
     issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 10)
 
@@ -233,7 +233,7 @@ def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed,
 
     with ThreadPoolExecutor(10 if speed == 1 else 1) as pool:
         list(pool.map(take_part, range(10)))
-    data = load_study(tmp_path / "playground.db", study.name)
+    data = replace(load_study(tmp_path / "playground.db", study.name), closed_ms=1)
     levels = Counter(trial.attestation for trial in data.trials if trial.phase == "ranked")
     counted = sum(map(len, people_of(data).ranked.values()))
     print(f"\n{speed:g} times a person's speed: {dict(levels)}, counted {counted} of 20")

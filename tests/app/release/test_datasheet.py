@@ -100,7 +100,7 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
         "of the people's ranked episodes 6 ",
         f"the protocol requires `{protocol['required_attestation']}`",
         "Whether the commitment was published before anybody played is unknown to the software",
-        "no look at them was logged",
+        "shows no figure of people while a study is open",
     ):
         assert known in text, known
     assert "Nothing else was removed" not in text

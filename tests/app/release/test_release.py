@@ -33,7 +33,7 @@ from app.study.protocol import canonical, canonical_json, parse_protocol
 from app.study.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze
+from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
 ROOT = Path(__file__).parents[3]
 
@@ -470,28 +470,9 @@ def test_no_release_where_free_text_holds_an_identity(copy):
     refused(copy, "stage_events.detail holds somebody's PROLIFIC_PID")
 
 
-def test_an_open_study_is_released_for_the_operator_alone_and_without_its_secret(tmp_path):
-    study = freeze(tmp_path / "studies", close=False)
-    recorder = StudyRecorder(tmp_path / "play.db", study)
-    person = recorder.join(0)
-    recorder.play(person, "ranked", 0)
-    recorder.play(person, "ranked", 1, "open")
-    recorder.close()
-    refused(tmp_path, "still open.*--interim")
-    known = {study.name: (None, study.secret)}
-    built = build_release(
-        ReleaseRequest(
-            tmp_path / "play.db", study.name, tmp_path / "out", interim=True, secrets=known
-        )
-    )
-    assert built.header.left_out == {"open_episodes": 1, "without_consent": 0}
-    manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
-    assert (manifest["interim"], manifest["secret"]) == (True, None)
-    assert "Not for publication" in (tmp_path / "out/DATASHEET.md").read_text()
-    for name in listing(tmp_path / "out"):
-        data = (tmp_path / "out" / name).read_bytes()
-        assert study.secret not in data
-        assert study.secret.hex().encode() not in data
+def test_an_open_study_is_not_released(tmp_path):
+    play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
+    refused(tmp_path, "still open and a release would give its terrains away: close it first")
     assert table(tmp_path / "play.db", "releases", "version") == []
 
 

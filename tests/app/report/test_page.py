@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,13 +9,6 @@ import pytest
 
 from app.report import build
 from app.report.page import render
-from app.statistics.bayesian_model import (
-    BayesianModel,
-    Posterior,
-    TerrainFactor,
-    priors_in_words,
-    sampling_warnings,
-)
 from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
 from tests.support.made_studies import CONFIG, played, run, study
@@ -116,10 +108,9 @@ def test_the_page_says_every_part(pages):
                     "Methods", "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
     for wanted in (
-        "95 % interval (printed)",
+        "95 % interval (headline)",
         "new terrains too",
         "guaranteed",
-        "studentised bootstrap",
         "(primary)",
     ):
         assert wanted in pages[0], wanted
@@ -160,25 +151,3 @@ def test_a_long_policys_name_leaves_room_for_the_charts():
     )
     assert "…" in page
     assert path in page, "the tables have it whole"
-
-
-def test_the_bayesian_model_stands_with_its_priors_and_what_is_wrong_with_it():
-    found = build(study(*played(SCORES)))
-    one = Posterior(80.0, (70.0, 90.0))
-    model = BayesianModel(
-        episodes=24, censored=3, typical=one, mean=one, change=one, player_sd=one, terrain_sd=one, rest_sd=one,
-        terrains=(TerrainFactor(2, one),), r_hat=1.3, effective=12.0, diverging=5, chains=4, draws=500,
-        priors=priors_in_words(400), warnings=sampling_warnings(1.3, 12.0, 5), note="Sampled.",
-    )  # fmt: skip
-    page = render(
-        replace(found, groups=tuple(replace(group, bayesian=model) for group in found.groups))
-    )
-    Collected(page)
-    for said in (
-        "24 episodes entered, 3 of them censored",
-        "largest R-hat is 1.300",
-        "5 transitions diverged",
-        "half-normal",
-    ):
-        assert said in page
-    assert "Bayesian" not in render(found)

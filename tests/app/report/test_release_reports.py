@@ -1,66 +1,12 @@
-"""A report made from an imported release is the report of the study it was released from, in every figure."""
+"""No figure of a report depends on what participants are called."""
 
-import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from app.cli.main import main
-from app.release.bundle import import_release
 from app.report import build
 from app.statistics.exclusion_sets import members, people_of
-from tests.support import golden
 from tests.support.made_studies import played, run, study
-
-PARTS = (
-    "figures",
-    "metrics",
-    "players",
-    "comparisons",
-    "outcomes",
-    "labels",
-    "primary",
-    "pictures",
-    "finished",
-    "started",
-)
-"""Of a group; who withdrew before playing is in no release, so `joined` and `left` may differ."""
-
-
-def report_of(database, studies, path, *options):
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "report",
-                "--study",
-                "dunes",
-                "--database",
-                str(database),
-                "--studies",
-                str(studies),
-                "--json",
-                str(path),
-                *options,
-            ]
-        )
-    assert not left.value.code
-    return json.loads(path.read_text())
-
-
-@pytest.mark.parametrize("options", [(), pytest.param(("--synthetic",), marks=pytest.mark.long)])
-def test_every_figure_of_an_imported_release_is_the_studys(tmp_path, options):
-    folder = golden.studies(tmp_path)
-    shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
-    import_release(folder / "dunes-1", tmp_path / "other.db")
-    own = report_of(folder / "studies-play.db", folder, tmp_path / "own.json", *options)
-    other = report_of(
-        tmp_path / "other.db", tmp_path / "no-studies", tmp_path / "other.json", *options
-    )
-    for one, two in zip(own["groups"], other["groups"], strict=True):
-        assert {part: one[part] for part in PARTS} == {part: two[part] for part in PARTS}
-    assert own["sentence"] == other["sentence"]
 
 
 def renamed(people, trials, names):

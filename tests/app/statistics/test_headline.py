@@ -1,4 +1,4 @@
-"""Which interval is the headline: rule 2 on failures that are everybody's, a few players' and nobody's."""
+"""Which interval is the headline: failures that are everybody's, a few players' and nobody's."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,9 @@ from scipy import stats
 
 from app.report import build
 from app.report.page import render
-from app.statistics.headline import RULES, is_a_few_players
+from app.statistics.headline import HEADLINE_RULE, is_a_few_players
+from app.statistics.intervals import guaranteed_interval, printed_interval
+from app.statistics.study_figures import metric_bounds
 from tests.support.made_studies import CONFIG, played, study, trial
 
 
@@ -38,7 +40,7 @@ def test_the_test_of_equal_rates_is_the_textbooks():
     assert bool(is_a_few_players(failed, episodes)) == (p < 0.05)
 
 
-def with_failures(failed, rule):
+def with_failures(failed):
     """Return the study of five players on six terrains, so many of whose episodes ended in a collision."""
     people, trials = played(np.random.default_rng(4).normal(0.9, 0.01, (5, 6)))
     by = {person.id: index for index, person in enumerate(people)}
@@ -55,28 +57,28 @@ def with_failures(failed, rule):
         else each
         for each in trials
     ]
-    return study(people, changed, interval_rule=rule)
+    return study(people, changed)
 
 
 def test_the_guaranteed_interval_is_the_headline_where_failures_are_one_players():
-    report = build(with_failures((3, 0, 0, 0, 0), "2"))
+    report = build(with_failures((3, 0, 0, 0, 0)))
     found = report.groups[0].figure
     assert found.score.headline == found.steps.headline == "guaranteed"
-    assert found.score.interval == found.score.guaranteed != found.score.printed
-    assert f"guaranteed 95 % interval {found.score.guaranteed[0]:.3f}" in report.sentence
+    means = np.array([player.score for player in report.groups[0].players])
+    low, high = guaranteed_interval(means, metric_bounds(CONFIG, "score"))
+    assert found.score.interval == (float(low), float(high))
+    assert f"guaranteed 95 % interval {low:.3f}" in report.sentence
     assert any(
         "the guaranteed interval is the headline" in line for line in report.groups[0].cautions
     )
-    assert (report.rule_version, report.rule) == ("2", RULES["2"])
+    assert report.rule == HEADLINE_RULE
     assert "95 % interval (headline)" in render(report)
 
 
-@pytest.mark.parametrize(
-    ("failed", "rule"), [((1, 1, 1, 1, 1), "2"), ((0, 0, 0, 0, 0), "2"), ((3, 0, 0, 0, 0), "1")]
-)
-def test_the_printed_interval_is_the_headline_otherwise_and_in_studies_of_rule_1(failed, rule):
-    report = build(with_failures(failed, rule))
+@pytest.mark.parametrize("failed", [(1, 1, 1, 1, 1), (0, 0, 0, 0, 0)])
+def test_the_printed_interval_is_the_headline_otherwise(failed):
+    report = build(with_failures(failed))
     found = report.groups[0].figure.score
-    assert (found.headline, found.interval) == ("printed", found.printed)
+    low, high = printed_interval(np.array([player.score for player in report.groups[0].players]))
+    assert (found.headline, found.interval) == ("printed", (float(low), min(float(high), 1.0)))
     assert "guaranteed 95 %" not in report.sentence
-    assert report.rule_version == rule

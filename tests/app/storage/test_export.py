@@ -12,7 +12,7 @@ import pytest
 from app.storage.export import COLUMNS, export_table, export_to, new_key
 from app.storage.store import Store
 from marsexplorer.episode import replay
-from tests.support import golden
+from tests.support import golden_study
 from tests.support.recorded import NOW, add_session, add_steps, free_moves, open_episode, play
 
 
@@ -226,12 +226,12 @@ def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):
 
 
 def test_an_export_of_the_golden_study_is_what_it_always_was(tmp_path):
-    folder = golden.studies(tmp_path)
-    export_to(folder / "studies-play.db", tmp_path / "out", "csv", "all", lambda done, total: None)
+    golden_study.play(tmp_path / "golden.db")
+    export_to(tmp_path / "golden.db", tmp_path / "out", "csv", "all", lambda done, total: None)
     for name in COLUMNS:
         was, now = (
             read_under_one_pseudonym(place / f"{name}.csv")
-            for place in (folder / "export", tmp_path / "out")
+            for place in (golden_study.STUDIES / "export", tmp_path / "out")
         )
         assert now == was
 

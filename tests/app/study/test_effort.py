@@ -1,6 +1,4 @@
-"""The effort check: random movers are labelled, people who explore are not, and earlier studies keep their labels."""
-
-import pytest
+"""The effort check: random movers are labelled, people who explore are not."""
 
 from app.storage.reader import Reader
 from app.study.data import load
@@ -52,15 +50,13 @@ def test_the_bound_is_the_same_each_time_and_rises():
     assert (bound[2:] > bound[1:-1]).all()
 
 
-@pytest.mark.parametrize(("version", "expected"), [("1", ()), ("2", ("no effort",))])
-def test_version_1_of_the_rules_keeps_its_meaning(version, expected):
+def test_a_random_movers_course_is_labelled():
     moves = [{"discovered": known} for known in course_of("random", 7 * 10**12)]
-    assert effort_labels(version, CONFIG, moves) == expected
+    assert effort_labels(CONFIG, moves) == ("no effort",)
 
 
-@pytest.mark.parametrize(("version", "labelled"), [("1", False), ("2", True)])
-def test_a_studys_episodes_are_labelled_by_the_version_of_its_protocol(tmp_path, version, labelled):
-    study = freeze(tmp_path / "studies", close=False, labels_version=version)
+def test_a_studys_episodes_are_labelled(tmp_path):
+    study = freeze(tmp_path / "studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
     person = recorder.join(0, stage="ranked")
     recorder.play(person, "ranked", 0, "dawdle")
@@ -68,7 +64,7 @@ def test_a_studys_episodes_are_labelled_by_the_version_of_its_protocol(tmp_path,
     reader = Reader.open(tmp_path / "play.db")
     (trial,) = load(reader, study.name).trials
     reader.close()
-    assert ("no effort" in trial.labels) == labelled
+    assert "no effort" in trial.labels
 
 
 def test_what_can_be_discovered_is_all_of_a_building():

@@ -8,7 +8,7 @@ import pytest
 
 from app.storage import chain
 from app.study.verification import verify_database
-from tests.support.stored_studies import StudyRecorder, freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze
 from tests.support.study import Person
 from tests.support.study import freeze as freeze_small
 
@@ -47,13 +47,6 @@ def test_people_and_scripts_take_rows_in_turn_also_after_a_restart(serve, tmp_pa
         assert json.loads(terrains) == study.balanced_order(kind, number)[:1]
     firsts = sorted(terrains for kind, _, terrains in orders if kind == "human")
     assert firsts == ["[0]", "[1]", "[2]"]
-
-
-def test_a_study_whose_protocol_draws_the_orders_notes_no_rows(tmp_path):
-    study = freeze(tmp_path / "studies", orders="drawn")
-    play_study(tmp_path / "play.db", study)
-    assert ask(tmp_path / "play.db", ORDERS) == []
-    assert verify_database(tmp_path / "play.db").findings == ()
 
 
 def test_a_forgotten_participants_last_row_is_given_again_and_no_other(tmp_path):

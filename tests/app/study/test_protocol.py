@@ -13,7 +13,7 @@ import pytest
 from app.cli.main import main
 from app.study.folder import Folder, StudyError
 from app.study.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
-from app.study.seeds import balanced_order, commitment, order, seed
+from app.study.seeds import balanced_order, commitment, seed
 from app.study.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
@@ -108,13 +108,6 @@ def test_seeds_are_the_first_53_bits_of_an_hmac():
             assert f"{seed(secret, digest, label, i):053b}" == f"{int(full, 16):0256b}"[:53]
     assert seed(secret, digest, "ranked", 0) == 7860817211655972
     assert commitment(secret) == hashlib.sha256(secret).hexdigest()
-
-
-def test_every_participant_has_an_order_of_their_own():
-    orders = [order(b"s" * 32, "h", participant, 30) for participant in ("a", "b", "c")]
-    assert all(sorted(each) == list(range(30)) for each in orders)
-    assert len({tuple(each) for each in orders}) == 3
-    assert order(b"s" * 32, "h", "a", 30) == orders[0]
 
 
 def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
@@ -389,22 +382,3 @@ def test_the_square_follows_from_the_secret_and_is_another_for_scripts_and_for_t
     )
     assert len(set(others)) == len(others)
     assert balanced_order(bytes(range(32)), "ab" * 32, "human", 7, 6) == [4, 0, 2, 5, 1, 3]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"looks": [2]}, "looks and spending go together"),
-        ({"spending": "pocock"}, "looks and spending go together"),
-        (
-            {"looks": [1, 2], "spending": "pocock"},
-            "must rise from at least 2 to the number of players, 2: got [1, 2]",
-        ),
-        ({"looks": [2, 3], "spending": "pocock"}, "to the number of players, 2"),
-        ({"looks": [2], "spending": "pocock", "hides_interim": False}, "set hides_interim to true"),
-    ],
-)
-def test_looks_that_cannot_be_are_named(wrong, said):
-    with pytest.raises(StudyError) as error:
-        small(**wrong)
-    assert said in str(error.value)

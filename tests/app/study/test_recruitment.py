@@ -15,7 +15,7 @@ from app.storage.merging import merge
 from app.study.data import load
 from app.study.folder import Folder
 from app.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
-from app.study.protocol import StudyError, parse_protocol
+from app.study.protocol import StudyError
 from app.study.recruitment import (
     DAY_MS,
     MAX_WRONG_CODES,
@@ -260,12 +260,6 @@ def test_an_open_study_lets_everybody_in_and_flags_who_may_be_there_twice(serve,
         ("their outside id came again elsewhere",),
     ]
     assert {(person.invitation, person.supervised) for person in data.people} == {(False, False)}
-
-
-def test_an_earlier_protocol_without_the_field_is_open(tmp_path):
-    protocol = freeze(tmp_path / "studies").protocol.model_dump(mode="json")
-    del protocol["recruitment"]
-    assert parse_protocol(protocol).recruitment == "open"
 
 
 def test_the_operators_code_supervises_a_session_for_two_days_of_utc(invited, monkeypatch):

@@ -15,7 +15,6 @@ from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
-from tests.support import golden
 from tests.support.policy_files import write_onnx
 from tests.support.stored_studies import freeze, play_study
 
@@ -201,17 +200,6 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     assert found["figures"] == (found["figures"][0], 1)
     assert found["policies' episodes, replayed"][1] == 3
     assert "file report.html: sha256" in said
-
-
-def test_a_bundle_of_before_has_nothing_to_compare_with_and_its_report_is_derived(
-    reproduce, tmp_path
-):
-    folder = golden.studies(tmp_path)
-    shutil.unpack_archive(folder / "release" / "dunes-1.zip", folder)
-    code, said, err = reproduce(folder / "dunes-1")
-    assert (code, err) == (0, "")
-    assert "holds no report, so there is nothing to compare with" in said
-    assert "people: means over players" in said
 
 
 def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_asked(

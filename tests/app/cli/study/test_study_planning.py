@@ -55,17 +55,6 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert out.count("seen in 8") == 2
 
 
-def test_looks_are_planned_on_the_command_line(study, tmp_path):
-    assert study("new", "mine", *SHORT, "--look", 6, "--look", 12)[0] == 0
-    draft = Folder(tmp_path / "studies").draft("mine")
-    assert (draft.looks, draft.spending, draft.hides_interim) == ((6, 12), "obrien-fleming", True)
-    code, _, err = study("new", "other", *SHORT, "--look", 6, "--spending", "pocock")
-    assert (
-        code,
-        "looks must rise from at least 2 to the number of players, 12: got [6]" in err,
-    ) == (2, True)
-
-
 def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
     study("new", "mine", *SHORT)
     edit(tmp_path, ranked=9)
@@ -120,7 +109,7 @@ def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_n
 
 def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     study("new", "mine", *SHORT)
-    edit(tmp_path, looks=[6, 12], spending="obrien-fleming", recruitment="panel")
+    edit(tmp_path, recruitment="panel")
     code, draft, _ = study("preregister", "mine")
     assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
     study("freeze", "mine")
@@ -130,8 +119,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     text = (tmp_path / "mine.md").read_text()
     for said in (
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
-        "| 6 | 0.00305 | 2.963 |",
-        "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method", "rows of a Latin square",
+        "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method", "rows of a balanced Latin square",
         "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
     ):  # fmt: skip
         assert said in text, said
@@ -140,10 +128,8 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     assert max(map(len, text.splitlines())) < 2000
 
 
-def test_a_preregistration_without_looks_says_when_figures_are_seen(study, tmp_path):
+def test_a_preregistration_says_when_figures_are_seen(study, tmp_path):
     study("new", "mine", *SHORT)
     assert "shows no figure of people while the study is open" in study("preregister", "mine")[1]
-    edit(tmp_path, hides_interim=False)
-    assert "which the stopping\nrule must not depend on" in study("preregister", "mine")[1]
     code, _, err = study("preregister", "mine", "--out", tmp_path / "no" / "such.md")
     assert (code, "cannot write" in err) == (1, True)

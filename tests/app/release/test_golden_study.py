@@ -1,0 +1,110 @@
+"""The golden study: its report holds the figures that it always held, and its bundle all of them."""
+
+import json
+import shutil
+
+import pytest
+
+from app.cli.main import main
+from app.study.verification import verify_database
+from tests.support import golden_study
+
+ROUNDING = {"rel": 1e-9, "abs": 1e-12}
+"""Sums in another order differ in the last bits."""
+OF_THE_DAY = {"made_at", "software_version"}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """The study's folder, its database and its bundle."""
+    folder = tmp_path_factory.mktemp("golden")
+    shutil.copytree(golden_study.STUDIES, folder / "studies")
+    golden_study.play(folder / "golden.db")
+    where = ("--database", folder / "golden.db", "--studies", folder / "studies")
+    assert run("release", "--study", "golden", *where, "--out", folder / "bundle") == 0
+    return folder
+
+
+def run(*args):
+    """Run a command and return its exit code."""
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    return left.value.code or 0
+
+
+def report(database, studies, path, *options):
+    assert golden_study.write_report(database, studies, path, *options) == 0
+    return json.loads(path.read_text())
+
+
+def leaves(value, path=()):
+    """Yield (path, value) for every number and text of a JSON document."""
+    if isinstance(value, (dict, list)):
+        yield (*path, "length"), len(value)
+        pairs = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, each in pairs:
+            yield from leaves(each, (*path, key))
+    else:
+        yield path, value
+
+
+def differences(expected, found):
+    """Return what of two reports is not equal: (path, expected, found)."""
+    one, two = dict(leaves(expected)), dict(leaves(found))
+    software = expected["software_version"], found["software_version"]
+    return [
+        (path, one.get(path, "nothing"), two.get(path, "nothing"))
+        for path in one | two
+        if path[0] not in OF_THE_DAY
+        and not same(one.get(path, "nothing"), two.get(path, "nothing"), software)
+    ]
+
+
+def same(one, other, software):
+    if isinstance(one, float) and isinstance(other, float):
+        return other == pytest.approx(one, **ROUNDING)
+    return other == (one.replace(*software) if isinstance(one, str) else one)
+
+
+@pytest.mark.parametrize(("name", "options"), golden_study.REPORTS.items())
+def test_the_report_has_the_figures_that_it_always_had(place, tmp_path, name, options):
+    expected = json.loads((golden_study.STUDIES / name).read_text())
+    found = report(place / "golden.db", place / "studies", tmp_path / name, *options)
+    assert differences(expected, found) == []
+    assert sum(isinstance(value, float) for _, value in leaves(expected)) > 400
+
+
+def test_a_changed_number_a_changed_sentence_and_a_lost_key_are_seen():
+    old = {"software_version": "1", "made_at": "now", "score": 0.5, "rule": "t of version 1"}
+    new = {**old, "software_version": "2", "made_at": "later", "rule": "t of version 2"}
+    assert differences(old, new) == []
+    assert differences(old, {**old, "score": 0.5000001})
+    assert differences(old, {**old, "rule": "z of version 1"})
+    assert differences(old, {**old, "more": 1})
+    assert differences(old, {key: old[key] for key in old if key != "rule"})
+
+
+def test_the_database_and_the_bundle_verify_and_every_figure_is_derived_again(place, capsys):
+    found = verify_database(place / "golden.db")
+    assert (found.findings, found.episodes) == ((), 69)
+    assert run("verify", "--dataset", place / "bundle") == 0
+    assert run("reproduce", place / "bundle") == 0
+    assert ", 0 differ" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "options"), golden_study.REPORTS.items())
+def test_every_figure_of_an_imported_bundle_is_the_studys(place, tmp_path, name, options):
+    assert run("import", place / "bundle", "--database", tmp_path / "other.db") == 0
+    found = report(tmp_path / "other.db", tmp_path / "none", tmp_path / name, *options)
+    expected = json.loads((golden_study.STUDIES / name).read_text())
+    assert [each for each in differences(expected, found) if each[0][0] == "groups"] == []
+
+
+def test_a_bundle_is_imported_once_and_refused_under_other_names(place, tmp_path, capsys):
+    for _ in range(2):
+        assert run("import", place / "bundle", "--database", tmp_path / "new.db") == 0
+    assert "69 were there already" in capsys.readouterr().out
+    assert verify_database(tmp_path / "new.db").findings == ()
+    copy = shutil.copy(place / "golden.db", tmp_path / "copy.db")
+    assert run("import", place / "bundle", "--database", copy) == 1
+    assert "under other names" in capsys.readouterr().err
