@@ -90,8 +90,7 @@ def _about_failures(group: GroupReport) -> str:
         f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "
         f"{worst.players} players the printed interval covered the truth in {min(held):.0f} to {max(held):.0f} % of studies in "
-        f"which everybody's scores had one shape, but in only {worst.printed:.0f} % where {_described(worst)}. "
-        "The guaranteed interval holds there too."
+        f"which everybody's scores had one shape, but in only {worst.printed:.0f} % where {_described(worst)}."
     )
 
 

@@ -117,8 +117,7 @@ def coverage_table(report: Report) -> PageTable | None:
         heads=(
             "population",
             "ICC",
-            "printed",
-            "guaranteed",
+            "headline",
             "new terrains",
         ),
         rows=[_coverage_row(cell) for cell in cells],
@@ -129,7 +128,7 @@ def _coverage_row(cell: Cell) -> tuple[str, ...]:
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}[
         cell.population
     ]
-    shares = cell.printed, cell.guaranteed, cell.new_terrains
+    shares = cell.headline, cell.new_terrains
     return (
         f"{cell.population}: {summary}",
         f"{cell.icc:g}",

@@ -43,7 +43,7 @@ def measure_cells(
 
 
 def markdown_table(cells: Sequence[Cell]) -> str:
-    """Return the table as docs/report.md shows it."""
+    """Return the table as README.md shows it."""
     heads = (
         "population",
         "ICC",
@@ -73,7 +73,7 @@ def markdown_table(cells: Sequence[Cell]) -> str:
 
 
 def headline_table(cells: Sequence[Cell]) -> str:
-    """Return the table of the headline, of the populations in which players fail, as docs/report.md shows it."""
+    """Return the table of the headline, of the populations in which players fail, as README.md shows it."""
     heads = (
         "population",
         "ICC",

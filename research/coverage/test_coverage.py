@@ -20,7 +20,7 @@ from research.coverage.measure import (
 )
 from research.coverage.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
 
-DOCS = Path(__file__).parents[2] / "docs/report.md"
+DOCS = Path(__file__).with_name("README.md")
 BY_NAME = {population.name: population for population in SCORE_POPULATIONS}
 STUDIES = 400
 

@@ -120,7 +120,7 @@ def test_the_help_teaches(capsys):
     assert "--synthetic" in said
 
 
-def test_an_open_study_shows_no_figure_unless_an_emergency_is_logged(tmp_path, capsys):
+def test_an_open_study_shows_no_figure(tmp_path, capsys):
     play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
 
     def run(*args):
