@@ -17,14 +17,14 @@ from fastapi import FastAPI
 from app.admin.health import Health
 from app.admin.login import AdminPassword
 from app.admin.services import AdminServices
-from app.daily.policies import DailyPolicies
+from app.daily import DailyPolicies
+from app.jobs import Jobs
 from app.leaderboard.leaderboard import Leaderboard
 from app.monitoring.event_loop import collect_in_quiet_moments, measure_lag, rare_collections
 from app.monitoring.listener import metrics_served
 from app.monitoring.logs import log_as_json
 from app.monitoring.metrics import Metrics
 from app.monitoring.requests import NotedRoute, ObservedRequests
-from app.moves.service import Regrets
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
 from app.play.policy_catalogue import PolicyCatalogue
@@ -86,6 +86,12 @@ from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.policies import describe
 
 __all__ = ["ServerError", "create_app", "run"]
+
+
+WORKERS = 3
+"""Processes for what takes long, at most: one owner has one of them."""
+MOST_WAITING_JOBS = 32
+"""Jobs of one owner that wait, at most."""
 
 
 @dataclass(frozen=True)
@@ -225,28 +231,29 @@ def _services(
         store, policies, sources, settings.idle_s, of_session, maps, settings.limits.decision_s
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
+    jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
     _add_gauges(store.metrics, lobby, health)
     return Services(
         store=store,
+        jobs=jobs,
         lobby=lobby,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),
         daily_policies=DailyPolicies(
-            store.path.with_name(store.path.name + "-daily.json"), policies.offers()
+            store.path.with_name(store.path.name + "-daily.json"), policies.offers(), jobs
         ),
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
         debriefs=Debriefs(store),
-        leaderboard=Leaderboard(store.path, policies.offers(), settings.studies),
-        regrets=Regrets(store.path),
-        replays=Replays(store.path, policies.offers()),
+        leaderboard=Leaderboard(store.path, policies.offers(), settings.studies, jobs),
+        replays=Replays(store.path, policies.offers(), jobs),
         health=health,
         protection=protection,
         admin=None
         if password is None
-        else AdminServices(password, progress, settings.studies, health),
+        else AdminServices(password, progress, settings.studies, health, jobs),
     )
 
 

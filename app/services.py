@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass
 
 from app.admin.health import Health
 from app.admin.services import AdminServices
-from app.daily.policies import DailyPolicies
+from app.daily import DailyPolicies
+from app.jobs import Jobs
 from app.leaderboard.leaderboard import Leaderboard
-from app.moves.service import Regrets
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
 from app.play.ranked import PageBoards
@@ -27,6 +28,7 @@ class Services:
     """The parts of one server, from its start to its end.
 
     store          the database that every move is recorded in
+    jobs           what takes long, in processes beside this one
     lobby          the sessions
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
     spectators     what anybody may watch
@@ -37,7 +39,6 @@ class Services:
     progress       the participants of the studies
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
-    regrets        where moves were lost in finished episodes
     replays        finished episodes as they went, and policies on their terrains
     health         the state of the disk and the database
     protection     what one client may ask, and what was refused
@@ -45,6 +46,7 @@ class Services:
     """
 
     store: Store
+    jobs: Jobs
     lobby: Lobby
     page_boards: PageBoards
     spectators: Spectators
@@ -55,7 +57,6 @@ class Services:
     progress: ParticipantProgress
     debriefs: Debriefs
     leaderboard: Leaderboard
-    regrets: Regrets
     replays: Replays
     health: Health
     protection: Protection
@@ -63,11 +64,9 @@ class Services:
 
     async def aclose(self) -> None:
         """End everything but the store, which whoever opened it closes."""
-        await self.leaderboard.close()
-        await self.regrets.close()
-        await self.daily_policies.close()
-        self.replays.close()
+        self.daily_policies.close()
+        await asyncio.to_thread(self.jobs.close)
         if self.admin is not None:
-            await self.admin.close()
+            await asyncio.to_thread(self.admin.exports.close)
         self.lobby.close()
         self.viewer.close()

@@ -10,6 +10,7 @@ from app.admin import participants
 from app.admin.exports import Exports
 from app.admin.health import Health
 from app.admin.login import AdminLogin, AdminPassword
+from app.jobs import Jobs
 from app.storage.operators import ActionLog
 from app.study.progress import ParticipantProgress
 from app.study.protocol import StudyError
@@ -22,23 +23,24 @@ class AdminServices:
     """
 
     def __init__(
-        self, password: AdminPassword, progress: ParticipantProgress, studies: Path, health: Health
+        self,
+        password: AdminPassword,
+        progress: ParticipantProgress,
+        studies: Path,
+        health: Health,
+        jobs: Jobs,
     ) -> None:
         database = progress.lobby.store.path
         store = progress.lobby.store
         self.actions, self.progress = ActionLog(store), progress
         self.login = AdminLogin(password, store, self.actions)
         self.health, self.figures = health, participants.LiveFigures(database)
-        self.exports = Exports(database, studies)
+        self.exports = Exports(database, studies, jobs)
         self.began = time.monotonic()
 
     def studies(self) -> list[dict[str, Any]]:
         """Return every study in the folder: drafts and broken ones too, with what is wrong."""
         return [self._listed(name) for name in self.progress.folder.names()]
-
-    async def close(self) -> None:
-        """End the exports under way and delete their files."""
-        await self.exports.close()
 
     def _listed(self, name: str) -> dict[str, Any]:
         folder = self.progress.folder

@@ -1,17 +1,12 @@
-"""Functions that the commands share: reading sizes, settings and studies, a progress bar, Ctrl-C, printing a table.
+"""Functions that the commands share: reading sizes, settings and studies, a progress bar, printing a table.
 
 A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -37,9 +32,6 @@ DATABASE = click.option(
 )
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
-
-SHUTDOWN_TIMEOUT_S = 5.0
-"""Seconds to wait for work whose processes were killed to end."""
 
 
 class SizeType(click.ParamType):  # type: ignore[type-arg]
@@ -157,40 +149,6 @@ def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
 def reason(error: OSError) -> str:
     """Return the operating system's reason in lower case, such as `permission denied`."""
     return (error.strerror or str(error)).lower()
-
-
-def interruptible(work: Callable[[], T]) -> T:
-    """Return the result of `work()`; Ctrl-C ends it and the processes that it started at once.
-
-    The work runs in a thread in which SIGINT is blocked. Its processes inherit that; otherwise each of them would print a
-    traceback. On Ctrl-C they are killed instead of doing their work to the end.
-    """
-    result: Future[T] = Future()
-
-    def run_work() -> None:
-        resource_tracker.ensure_running()  # its start, at the first process, would undo the next line
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            result.set_result(work())
-        except BaseException as error:
-            result.set_exception(error)
-
-    thread = threading.Thread(target=run_work, daemon=True)
-    thread.start()
-    try:
-        return result.result()
-    except KeyboardInterrupt:
-        killed = False
-        while workers := multiprocessing.active_children():
-            killed = True
-            for worker in workers:
-                worker.kill()
-            thread.join(0.1)
-        if killed:
-            thread.join(
-                SHUTDOWN_TIMEOUT_S
-            )  # else the pool's semaphores are still being given back when this process ends
-        raise
 
 
 @contextmanager

@@ -46,7 +46,7 @@ EXTRA_OF_COMMAND = {
     "leaderboard": "play",
     "train": "train",
     "refine": "train",
-    "sweep": "ray",
+    "sweep": "train",
     "paper": "train",
     "study": "study",
     "simulate": "study",

@@ -30,7 +30,7 @@ COMMANDS = {
     "leaderboard": "Make the leaderboard's figures of the shipped policies.",
     "train": "Train a policy on this machine.",
     "refine": "Improve a trained policy by trying other moves.",
-    "sweep": "Train on many levels and seeds with Ray.",
+    "sweep": "Train on many levels and seeds.",
     "paper": "Make the experiments of the paper again, a figure with a command.",
     "study": "Plan, freeze, open and close a study with participants.",
     "simulate": "Let synthetic players take part in a study.",

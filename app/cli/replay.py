@@ -52,9 +52,8 @@ def replay(
       marsexplorer replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
       marsexplorer replay 3f9a --out replay.mp4 --ghost none
     """
-    from app.replay.animation import VideoMissingError
-    from app.replay.files import file_of
-    from app.replay.ghosts import GhostError
+    from app.replay.course import GhostError
+    from app.replay.files import VideoMissingError, file_of
     from marsexplorer.files import write_whole
 
     form = _format_of(out)
@@ -104,8 +103,7 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
-    from app.replay.course import course_of
-    from app.replay.ghosts import play_ghost, preferred
+    from app.replay.course import course_of, play_ghost, preferred
     from marsexplorer.policies import names
 
     own = course_of(shown.name, shown.record)

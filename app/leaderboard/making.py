@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from importlib.metadata import version
 
+from app.jobs import Jobs, Progress
 from app.leaderboard.entries import OFFERED, LeaderboardEntry, offered_entry
-from app.leaderboard.jobs import EvaluationJob
-from app.leaderboard.shipped import Origin, ShippedFigure, ShippedFigures, file_sha256, to_document
-from app.leaderboard.worker import evaluate_policy
+from app.leaderboard.evaluations import (
+    Evaluation,
+    Origin,
+    ShippedFigure,
+    ShippedFigures,
+    file_sha256,
+    to_document,
+)
 from app.play.policy_catalogue import PolicyCatalogue
 
 
@@ -21,16 +25,16 @@ def offered_boards() -> dict[str, LeaderboardEntry]:
 
 def make_board(
     entry: LeaderboardEntry,
-    workers: int,
-    advance: Callable[[int, int], None],
+    jobs: Jobs,
+    advance: Progress,
     kept: ShippedFigures | None = None,
     again: Sequence[str] = (),
 ) -> str:
-    """Play a board's policies in as many processes and return the text of its file.
+    """Play a board's policies and return the text of its file.
 
     kept   figures that are taken where they still hold, except for the policies in `again`
 
-    The figures do not depend on `workers`. `advance` is called with the number of policies that are done and their number.
+    `advance` is called with the number of policies that are done and their number.
     """
     origin = Origin(
         version("marsexplorer-playground"),
@@ -42,23 +46,23 @@ def make_board(
         for offer in PolicyCatalogue().offers()
         if offer.size in (None, size)
     }
-    jobs = list(entry.jobs(sources).values())
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        found = [
-            kept.find(job) if kept is not None and job.policy not in again else None for job in jobs
-        ]
-        waiting = [
-            old or pool.submit(make_figure, job, origin)
-            for job, old in zip(reversed(jobs), reversed(found), strict=True)
-        ]  # the slowest first
-        figures = []
-        for each in reversed(waiting):
-            figures.append(each if isinstance(each, ShippedFigure) else each.result())
-            advance(len(figures), len(jobs))
+    wanted = list(entry.evaluations(sources).values())
+    found = [
+        kept.find(each) if kept is not None and each.policy not in again else None
+        for each in wanted
+    ]
+    waiting = [
+        old or jobs.submit(make_figure, each, origin)
+        for each, old in zip(reversed(wanted), reversed(found), strict=True)
+    ]  # the slowest first
+    figures = []
+    for figure in reversed(waiting):
+        figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
+        advance(len(figures), len(wanted))
     return to_document(entry.config, entry.seeds, figures, origin)
 
 
-def make_figure(job: EvaluationJob, origin: Origin) -> ShippedFigure:
-    """Play a job and return its figure."""
-    figure, steps = evaluate_policy(job.policy, job.config, job.seeds)
-    return ShippedFigure(job.policy, file_sha256(job.policy), tuple(steps), figure, origin)
+def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+    """Play an evaluation and return its figure."""
+    figure, steps = wanted.play()
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)

@@ -1,8 +1,11 @@
-"""The course of a finished episode: when each cell became known, and where the rover was after each move."""
+"""The course of an episode: when each cell became known, and where the rover was after each move.
+
+It is that of a finished episode, or of a policy on its terrain, to compare with: its ghost.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import floor
 from typing import Any
@@ -10,13 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.play.policy_catalogue import PolicyOffer
 from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
+from marsexplorer.policies import load
 
 CHARACTERS = "?.@#"
 """Code of a cell -> its character, as in a frame's grid."""
 NEVER = -1
 """The move at which a cell became known that never did."""
+PREFERRED = ("ppo", "frontier-cost")
+"""The policy that is shown when none is asked for: the first of these that did not drive the episode itself."""
+
+
+class GhostError(ValueError):
+    """The policy that is asked for cannot be shown on this terrain; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -84,15 +95,6 @@ def course_of(name: str, record: Record) -> Course:
     return _course(name, again, lambda _: next(actions, None), ended)
 
 
-def course_of_policy(name: str, record: Record, act: Callable[[NDArray[np.uint8]], int]) -> Course:
-    """Return the course of a policy on the terrain of a record, from its start to the end of its own episode.
-
-    act  the policy's action for uint8[rows, cols]; what it raises ends the work
-    """
-    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-    return _course(name, episode, lambda codes: None if episode.ended else act(codes), episode)
-
-
 def _course(
     name: str,
     episode: Episode,
@@ -130,3 +132,39 @@ def sentence(course: Course) -> str:
         "out_of_bounds": f"drove off the map at {share} after {count}",
         "timed_out": f"ran out of moves at {share} after {count}",
     }.get(course.outcome, f"left at {share} after {count}")
+
+
+def choices(offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
+    """Return the names of the policies that play boards of this size."""
+    return [offer.name for offer in offers if offer.size in (None, (config.rows, config.cols))]
+
+
+def preferred(names: Sequence[str], driver: str) -> str | None:
+    """Return the policy to show beside a driver; None where only the driver itself is on offer."""
+    return next((name for name in (*PREFERRED, *names) if name in names and name != driver), None)
+
+
+def play_ghost(source: str, record: Record) -> Course:
+    """Return the course of a policy from the start of a record on its terrain; GhostError where it cannot be had.
+
+    The policy is given what its own rover discovers, as everywhere, and is reset with 0, so that every call gives the same.
+
+    source  what `policies.load` takes: a name or a path
+    """
+    config = record.config
+    try:
+        policy = load(source, config.sensor_radius)
+    except (LookupError, ValueError, OSError) as error:
+        raise GhostError(f"the policy cannot be loaded: {error}") from error
+    if getattr(policy, "size", None) not in (None, (config.rows, config.cols)):
+        raise GhostError(
+            f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
+        )
+    policy.reset(0)
+    episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
+    return _course(
+        policy.name,
+        episode,
+        lambda codes: None if episode.ended else policy.act(codes.copy()),
+        episode,
+    )

@@ -1,35 +1,29 @@
 """The replays of a server: who asks for an episode gets its course, a policy's on the same terrain, and files of both.
 
-What takes long is worked out on one thread, one after the other, so that it takes the interpreter from the moves of players as
-little as possible; what was asked for lately is kept.
+What takes long is a job (`app.jobs`); what was asked for lately is kept.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from app.jobs import Jobs
 from app.play.policy_catalogue import PolicyOffer
-from app.replay.course import Course, course_of
+from app.replay.course import Course, GhostError, choices, course_of, play_ghost, preferred
 from app.replay.episodes import Asker, ShownEpisode, UnknownReplayError, shown_episode
 from app.replay.files import Format, file_of
-from app.replay.ghosts import GhostError, choices, play_ghost, preferred
 from marsexplorer.episode import Record
 
-MAX_WAITING = 16
-"""Requests that wait for their turn; another one is refused."""
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""
+LONGEST_S = 30.0
+"""Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
 T = TypeVar("T")
-
-
-class ReplayBusyError(RuntimeError):
-    """More replays have been asked for than can be worked out soon."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +55,9 @@ class Replay:
 class Replays:
     """Replays of one server; every call asks the database again whether the episode may be seen."""
 
-    def __init__(self, database: Path, offers: Sequence[PolicyOffer]) -> None:
-        self._database = database
+    def __init__(self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
+        self._database, self._jobs = database, jobs
         self._offers = {offer.name: offer for offer in offers}
-        self._thread = ThreadPoolExecutor(1, "replays")
-        self._waiting = 0
         self._courses: _Kept[Course] = _Kept(MAX_COURSES)
         self._files: _Kept[bytes] = _Kept(MAX_FILES)
 
@@ -84,31 +76,30 @@ class Replays:
         """
         return await asyncio.to_thread(self._replay, episode_id, asker)
 
-    async def ghost(self, episode_id: str, name: str, asker: Asker) -> Course:
-        """Return the course of a policy on the terrain of an episode; GhostError as well, see `replay`."""
-        return await self._work(
-            lambda: self._ghost(shown_episode(self._database, episode_id, asker).record, name)
-        )
+    async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
+        """Return the course of a policy on the terrain of an episode.
 
-    async def file(self, episode_id: str, form: Format, ghost: str | None, asker: Asker) -> bytes:
+        GhostError, JobError and JobsFullError as well, see `replay`. `owner` is whose turn the job has.
+        """
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        return await self._ghost(episode.record, name, owner)
+
+    async def file(
+        self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
+    ) -> bytes:
         """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
-        replay = await self.replay(episode_id, asker)
-        record, course = (
-            replay.episode.record,
-            replace(replay.course, name=replay.episode.name),
-        )  # a file is for everybody
-
-        def write() -> bytes:
-            courses = [course, *([] if ghost is None else [self._ghost(record, ghost)])]
-            return file_of(form, episode_id, courses)
-
-        return await self._work(
-            lambda: self._files.get((episode_id, record.trajectory_hash, form, ghost), write)
+        shown = await self.replay(episode_id, asker)
+        record = shown.episode.record
+        key = ("replay", episode_id, record.trajectory_hash, form, ghost)
+        if (kept := self._files.get(key)) is not None:
+            return kept
+        courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
+        if ghost is not None:
+            courses.append(await self._ghost(record, ghost, owner))
+        content = await self._jobs.run(
+            file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
         )
-
-    def close(self) -> None:
-        """Drop what waits; what is being worked out ends by itself."""
-        self._thread.shutdown(wait=False, cancel_futures=True)
+        return self._files.keep(key, content)
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
@@ -116,20 +107,17 @@ class Replays:
         ghosts = choices(list(self._offers.values()), course.config)
         return Replay(episode, course, tuple(ghosts), preferred(ghosts, episode.name))
 
-    def _ghost(self, record: Record, name: str) -> Course:
+    async def _ghost(self, record: Record, name: str, owner: str) -> Course:
         if name not in self._offers:
             raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
-        key = (name, record.config.hash, record.terrain, record.start)
-        return self._courses.get(key, lambda: play_ghost(self._offers[name].source, record))
-
-    async def _work(self, work: Callable[[], T]) -> T:
-        if self._waiting >= MAX_WAITING:
-            raise ReplayBusyError("many people are asking for replays; ask again in a minute")
-        self._waiting += 1
-        try:
-            return await asyncio.get_running_loop().run_in_executor(self._thread, work)
-        finally:
-            self._waiting -= 1
+        key = ("ghost", name, record.config.hash, record.terrain, record.start)
+        if (kept := self._courses.get(key)) is not None:
+            return kept
+        source = self._offers[name].source
+        course = await self._jobs.run(
+            play_ghost, source, record, owner=owner, key=key, limit_s=LONGEST_S
+        )
+        return self._courses.keep(key, course)
 
 
 class _Kept(Generic[T]):
@@ -139,12 +127,15 @@ class _Kept(Generic[T]):
         self._most = most
         self._values: OrderedDict[Hashable, T] = OrderedDict()
 
-    def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return what is kept under a key, or make and keep it."""
+    def get(self, key: Hashable) -> T | None:
+        """Return what is kept under a key; None where nothing is."""
         if key in self._values:
             self._values.move_to_end(key)
-            return self._values[key]
-        value = self._values[key] = make()
+        return self._values.get(key)
+
+    def keep(self, key: Hashable, value: T) -> T:
+        """Keep a value in the place of the oldest, and return it."""
+        self._values[key] = value
         if len(self._values) > self._most:
             self._values.popitem(last=False)
         return value

@@ -68,12 +68,28 @@ def export_table(
 
 
 def export_own(
-    source: Reader, table: ExportTable, fmt: ExportFormat, player: str
+    database: Path, table: ExportTable, fmt: ExportFormat, player: str
 ) -> Iterator[bytes]:
     """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
     _check(table, fmt, "all")
-    reader = Reader.open(source.path, public=True)
+    reader = Reader.open(database, public=True)
     return _stream(reader, lambda: reader.finished("all", player), table, fmt, new_key())
+
+
+def write_table(
+    path: Path, database: Path, table: ExportTable, fmt: ExportFormat, who: Who, at_ms: int
+) -> None:
+    """Write what `export_table` yields of what anybody may see."""
+    with path.open("wb") as file:
+        file.writelines(export_table(database, table, fmt, who, public=True, at_ms=at_ms))
+
+
+def write_own_table(
+    path: Path, database: Path, table: ExportTable, fmt: ExportFormat, player: str
+) -> None:
+    """Write what `export_own` yields."""
+    with path.open("wb") as file:
+        file.writelines(export_own(database, table, fmt, player))
 
 
 def export_to(

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from app.jobs import Jobs
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol
 from app.study.seeds import seed
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.episodes import make_chunks, play_chunks
+from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks
 
 
 @dataclass(frozen=True)
@@ -83,14 +84,16 @@ def play_policies(
     hashes = {source: policies.policy_hash(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
-    for part in play_chunks(make_chunks(chosen, [config], list(seeds.values()), traces=True), None):
-        for each in part:
-            assert each.trace is not None
-            terrain, moves = index_of[each.seed], bytes(each.trace.actions)
-            for name in (name for name, source in sources.items() if source == each.policy):
-                found[name, terrain] = PolicyEpisode(
-                    name, hashes[each.policy], terrain, each.seed, moves, each.trace.trajectory_hash
-                )
-        if progress:
-            progress(len(found), len(sources) * len(seeds))
+    chunks = make_chunks(chosen, [config], list(seeds.values()), traces=True)
+    with Jobs() as jobs:
+        for part in play_chunks(chunks, jobs if len(chunks) > FEW_CHUNKS else None):
+            for each in part:
+                assert each.trace is not None
+                terrain, moves, own = index_of[each.seed], bytes(each.trace.actions), each.trace
+                for name in (name for name, source in sources.items() if source == each.policy):
+                    found[name, terrain] = PolicyEpisode(
+                        name, hashes[each.policy], terrain, each.seed, moves, own.trajectory_hash
+                    )
+            if progress:
+                progress(len(found), len(sources) * len(seeds))
     return tuple(found[name, index] for name in sources for index in sorted(seeds))

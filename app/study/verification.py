@@ -7,15 +7,13 @@ of a release does that for whoever knows the key.
 from __future__ import annotations
 
 import itertools
-import multiprocessing
-import signal
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.jobs import Jobs, cores
 from app.play.daily_terrain import check_daily
 from app.storage import checks
 from app.storage.checks import ChainState, EarlierHead, chain_state, check_chain, find_head
@@ -25,7 +23,6 @@ from app.study.checks import check_attestation, check_studies
 from app.study.folder import Advance, Folder
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.episodes import cores, one_thread
 
 PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""
@@ -146,24 +143,14 @@ def _check_episodes(
         tuple(episodes[at : at + EPISODES_PER_TASK])
         for at in range(0, len(episodes), EPISODES_PER_TASK)
     ]
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(cores(), len(tasks)), spawn, _ignore_interrupts) as pool:
-        try:
-            yield from pool.map(_run_task, itertools.repeat(path), tasks)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with Jobs(min(cores(), len(tasks))) as jobs:
+        yield from jobs.map(_run_task, itertools.repeat(path), tasks)
 
 
 def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
     """Return the moves of a finished episode and what is wrong with it."""
     episode, findings = checks.check_episode(conn, ident)
     return len(episode.steps), [*findings, *check_attestation(conn, episode)]
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent process, which ends this one, and compute in one thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    one_thread()
 
 
 def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:

@@ -12,6 +12,7 @@ from starlette.responses import Response
 
 from app.play.lobby import UnknownSessionError
 from app.play.session import Session
+from app.protection import client_address
 from app.replay.episodes import Asker
 from app.services import Services
 from app.web import cookies
@@ -31,6 +32,11 @@ def player_of(connection: HTTPConnection) -> str | None:
 def asker_of(connection: HTTPConnection) -> Asker:
     """Return who asks for a replay, and when by the server's clock."""
     return Asker(player_of(connection), services_of(connection).lobby.sources.clock_ms())
+
+
+def owner_of(connection: HTTPConnection) -> str:
+    """Return whose turn it is when the asker's jobs take theirs: an address has one, whatever cookies come from it."""
+    return client_address(connection)
 
 
 def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:

@@ -28,7 +28,7 @@ from fastapi.routing import APIRoute
 from pydantic import Field
 
 from app.admin import live_boards, participants
-from app.admin.exports import ExportKind, ExportRunningError
+from app.admin.exports import ExportError, ExportKind
 from app.admin.login import TooManyAttemptsError, WrongPasswordError
 from app.admin.recruiting import recruiting
 from app.admin.services import AdminServices
@@ -296,7 +296,7 @@ async def begin_export(
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
     try:
         admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
-    except ExportRunningError as error:
+    except ExportError as error:
         raise HTTPException(409, str(error)) from error
     return admin.exports.state(name)
 

@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, Response
 from starlette.exceptions import HTTPException
 
+from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
 from app.play.lobby import UnknownSessionError
 from app.play.validation import NO_BODY, describe_errors
 from app.protection.headers import headers_of
@@ -41,6 +42,8 @@ def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _answer_http_error)
     app.add_exception_handler(UnknownSessionError, _answer_with(404))
     app.add_exception_handler(StoreError, _answer_with(503))
+    app.add_exception_handler(JobsFullError, _answer_undone)
+    app.add_exception_handler(JobError, _answer_undone)
     app.add_exception_handler(sqlite3.DatabaseError, _answer_database_error)
     app.add_exception_handler(RequestValidationError, _answer_bad_input)
     app.add_exception_handler(Exception, _answer_failure)
@@ -82,6 +85,12 @@ def _sentence(text: str) -> str:
 def _answer_with(status: int) -> Callable[[Request, Exception], Response]:
     """Return a handler that answers the error's text with a status."""
     return lambda request, error: answer(request, status, str(error))
+
+
+def _answer_undone(request: Request, error: Exception) -> Response:
+    """Answer that something takes too long, or has to wait for too much else of the same asker."""
+    wait_s = RETRY_S if isinstance(error, JobsFullError) else REMEMBERED_S
+    return answer(request, 503, str(error), {"Retry-After": f"{wait_s:.0f}"})
 
 
 def _answer_bad_input(request: Request, error: Exception) -> Response:

@@ -6,12 +6,13 @@ from contextlib import closing
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request
-from fastapi.responses import StreamingResponse
+from fastapi.responses import Response
 
 from app.statistics.personal import describe_own, personal_bests
-from app.storage.export import export_own
+from app.storage.export import write_own_table
 from app.storage.reader import Reader
 from app.web.access import player_of, services_of
+from app.web.downloads import send_made
 
 router = APIRouter(prefix="/api/me", tags=["me"])
 
@@ -40,22 +41,16 @@ def get_history(
 
 
 @router.get("/export/{table}.{fmt}", summary="My own episodes, as CSV or JSON Lines")
-def export(
+async def export(
     request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"]
-) -> StreamingResponse:
+) -> Response:
     """Export what you have driven, by your cookie alone; 404 without one."""
     player_id = player_of(request)
     if player_id is None:
         raise HTTPException(
             404, "this browser has no player's cookie: nothing was played with it; play at / first"
         )
-    kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
-    headers = {
-        "Content-Disposition": f'attachment; filename="my-{table}.{fmt}"',
-        "Cache-Control": "no-store",
-    }
-    return StreamingResponse(
-        export_own(services_of(request).store, table, fmt, player_id),
-        media_type=kind,
-        headers=headers,
+    database = services_of(request).store.path
+    return await send_made(
+        request, f"my-{table}.{fmt}", write_own_table, database, table, fmt, player_id
     )

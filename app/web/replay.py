@@ -11,13 +11,11 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from app.protection import SHARED, is_secure
-from app.replay.animation import VideoMissingError
 from app.replay.episodes import UnknownReplayError
-from app.replay.files import MEDIA_TYPES, Format, offered
+from app.replay.files import MEDIA_TYPES, Format, VideoMissingError, offered
 from app.replay.page import Addresses, render
-from app.replay.service import ReplayBusyError
 from app.storage.playground import watchable_session
-from app.web.access import asker_of, services_of
+from app.web.access import asker_of, owner_of, services_of
 
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
@@ -27,13 +25,11 @@ NO_GHOST = "none"
 
 @contextmanager
 def _replay_errors() -> Iterator[None]:
-    """Answer 404 for what has no replay, 503 when too many ask, 422 for what cannot be worked out."""
+    """Answer 404 for what has no replay, 422 for what cannot be worked out."""
     try:
         yield
     except (UnknownReplayError, VideoMissingError) as error:
         raise HTTPException(404, str(error)) from error
-    except ReplayBusyError as error:
-        raise HTTPException(503, str(error)) from error
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 
@@ -65,7 +61,7 @@ async def get_ghost(
             raise HTTPException(
                 404, "no policy on offer plays boards of this size; GET /api/policies lists them"
             )
-        return (await replays.ghost(episode_id, chosen, asker)).to_dict()
+        return (await replays.ghost(episode_id, chosen, asker, owner_of(request))).to_dict()
 
 
 @router.get(
@@ -85,7 +81,11 @@ async def replay_file(
     with _replay_errors():
         chosen = ghost or (await replays.replay(episode_id, asker)).preferred
         content = await replays.file(
-            episode_id, form, None if chosen == NO_GHOST or form == "png" else chosen, asker
+            episode_id,
+            form,
+            None if chosen == NO_GHOST or form == "png" else chosen,
+            asker,
+            owner_of(request),
         )
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"

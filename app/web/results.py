@@ -8,13 +8,14 @@ from contextlib import closing, contextmanager
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request
-from fastapi.responses import StreamingResponse
+from fastapi.responses import Response
 
+from app.moves.explanation import explanation_of
 from app.moves.regret import POLICY
-from app.moves.service import RegretBusyError
-from app.storage.export import export_table
+from app.storage.export import write_table
 from app.storage.reader import Reader
-from app.web.access import player_of, services_of
+from app.web.access import owner_of, player_of, services_of
+from app.web.downloads import send_made
 from marsexplorer.episode import Record
 
 router = APIRouter(prefix="/api")
@@ -89,10 +90,9 @@ async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
 
 async def regret_of(request: Request, record: Record) -> dict[str, Any]:
     """Return where moves were lost in an episode that the asker may see; HTTPException when that cannot be said."""
+    services = services_of(request)
     try:
-        return await services_of(request).regrets.of(record)
-    except RegretBusyError as error:
-        raise HTTPException(503, str(error)) from error
+        return await explanation_of(services.jobs, services.store.path, record, owner_of(request))
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 
@@ -110,20 +110,15 @@ def _public_record(request: Request, episode_id: str) -> Record:
 @router.get(
     "/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines"
 )
-def export(
+async def export(
     request: Request,
     table: Literal["episodes", "steps"],
     fmt: Literal["csv", "jsonl"],
     who: Who = "all",
-) -> StreamingResponse:
+) -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""
-    kind = "text/csv; charset=utf-8" if fmt == "csv" else "application/jsonl"
-    headers = {
-        "Content-Disposition": f'attachment; filename="{table}.{fmt}"',
-        "Cache-Control": "no-store",
-    }
     services = services_of(request)
-    pieces = export_table(
-        services.store, table, fmt, who, public=True, at_ms=services.lobby.sources.clock_ms()
+    at_ms = services.lobby.sources.clock_ms()
+    return await send_made(
+        request, f"{table}.{fmt}", write_table, services.store.path, table, fmt, who, at_ms
     )
-    return StreamingResponse(pieces, media_type=kind, headers=headers)

@@ -1,7 +1,7 @@
 """Evaluation: `evaluate` plays policies on the same terrains and returns an EvaluationTable.
 
 docs/evaluation.md defines every figure. `intervals` has the t interval, `informed` the planner that is shown the true map,
-`plots` the figures, and `cluster` plays on a Ray cluster.
+and `plots` the figures.
 """
 
 from marsexplorer.evaluation.episodes import INFORMED, EpisodeTrace, Result, horizon

@@ -1,18 +1,16 @@
-"""Episodes of policies, played for measurement in this process or in as many processes as there are cores.
+"""Episodes of policies, played for measurement in this process or by any executor.
 
 An episode is a function of (policy, config, seed): the seed fixes the terrain, and the policy is reset with it. So the results
-do not depend on where, or in how many chunks, the episodes were played. `cluster` plays the same chunks on a Ray cluster.
+do not depend on where, or in how many chunks, the episodes were played.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from contextlib import ExitStack
-from dataclasses import dataclass
-from itertools import islice
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -29,11 +27,8 @@ INFORMED = "informed"
 EPISODES_PER_CHUNK = 5
 """Episodes that a process plays before it reports."""
 
-QUEUED_CHUNKS_PER_PROCESS = 4
-"""Chunks that are submitted ahead, so that a long evaluation is not pickled at once."""
-
-MAX_INLINE_EPISODES = 20
-"""Up to so many episodes in all are played in this process, because starting others takes seconds."""
+FEW_CHUNKS = 4
+"""So many chunks are played sooner in this process than others start."""
 
 
 @dataclass(frozen=True)
@@ -197,38 +192,35 @@ def make_chunks(
     return chunks
 
 
-def cores() -> int:
-    """Return how many processor cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def play_chunks(chunks: Sequence[EpisodeChunk], workers: int | None) -> Iterator[list[Result]]:
-    """Yield the results chunk by chunk, in any order; processes are spawned, so no lock or thread is inherited.
-
-    workers  processes; None takes one for each core, and this process alone for MAX_INLINE_EPISODES or fewer
-    """
-    processes = min(workers or cores(), len(chunks))
-    if processes == 1 or (
-        workers is None and sum(len(chunk.seeds) for chunk in chunks) <= MAX_INLINE_EPISODES
-    ):
+def play_chunks(
+    chunks: Sequence[EpisodeChunk], executor: Executor | None
+) -> Iterator[list[Result]]:
+    """Yield the results chunk by chunk, in any order; without an executor they are played here."""
+    if executor is None:
         yield from map(play_chunk, chunks)
         return
-    with ExitStack() as stack:
-        spawn = multiprocessing.get_context("spawn")
-        pool = stack.enter_context(ProcessPoolExecutor(processes, spawn, one_thread))
-        stack.callback(pool.shutdown, cancel_futures=True)
-        remaining = iter(chunks)
-        pending = {
-            pool.submit(play_chunk, chunk)
-            for chunk in islice(remaining, QUEUED_CHUNKS_PER_PROCESS * processes)
-        }
-        while pending:
-            done, pending = wait(pending, return_when=FIRST_COMPLETED)
-            pending |= {pool.submit(play_chunk, chunk) for chunk in islice(remaining, len(done))}
-            for future in done:
-                yield future.result()
+    contents = {
+        name: Path(name).read_bytes()
+        for name in {chunk.policy for chunk in chunks}
+        if Path(name).is_file()
+    }
+    futures = [
+        executor.submit(play_sent_chunk, chunk, contents.get(chunk.policy)) for chunk in chunks
+    ]
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
 
 
-def one_thread() -> None:
-    """Set OpenMP to one thread in this process and those it starts: the processes share the cores already."""
-    os.environ["OMP_NUM_THREADS"] = "1"
+def play_sent_chunk(chunk: EpisodeChunk, content: bytes | None) -> list[Result]:
+    """Play a chunk where its policy's file need not be: `content` is what the file holds, None for a policy without one."""
+    if content is None:
+        return play_chunk(chunk)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / Path(chunk.policy).name
+        path.write_bytes(content)
+        results = play_chunk(replace(chunk, policy=str(path)))
+    return [replace(result, policy=chunk.policy) for result in results]

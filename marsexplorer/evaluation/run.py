@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import EnvConfig, check_seed
@@ -19,11 +20,10 @@ def evaluate(
     episodes: int | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-    workers: int | None = None,
     *,
     seeds: Sequence[int] | None = None,
     traces: bool = False,
-    ray: str | None = None,
+    executor: Executor | None = None,
 ) -> EvaluationTable:
     """Play policies on `episodes` terrains from `seed` on, or on the terrains of `seeds`, and return the table of figures.
 
@@ -31,16 +31,14 @@ def evaluate(
     configs   one configuration or several; every policy plays the terrains of the same seeds in each
     seeds     in place of episodes and seed: at least two different ones
     progress  called with (episodes played, episodes in all)
-    workers   processes; None takes one for each core. The table is the same for any number.
     traces    keep each episode's path and coverage after every move in `Result.trace`
-    ray       address of a Ray cluster to play on instead ("auto", "local", HOST:PORT, ray://HOST:PORT)
+    executor  of `concurrent.futures`, such as ProcessPoolExecutor(), that plays; None plays in this process. The table is
+              the same
 
     ValueError for arguments out of range, PolicyNotFoundError and PolicyFileError for policies that cannot be loaded.
     """
     if not policies:
         raise ValueError("there must be at least one policy to evaluate, got none")
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
     chosen_seeds = _seeds(episodes, seed, seeds)
     configs = (configs,) if isinstance(configs, EnvConfig) else tuple(dict.fromkeys(configs))
     if not configs:
@@ -56,14 +54,8 @@ def evaluate(
         make_chunks(names, configs, chosen_seeds, traces),
         len(names) * len(configs) * len(chosen_seeds),
     )
-    if ray is not None:
-        from marsexplorer.evaluation.cluster import play_chunks_on_ray
-
-        parts = play_chunks_on_ray(chunks, ray)
-    else:
-        parts = play_chunks(chunks, workers)
     results: list[Result] = []
-    for part in parts:
+    for part in play_chunks(chunks, executor):
         results += part
         if progress:
             progress(len(results), total)

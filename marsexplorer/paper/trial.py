@@ -319,7 +319,6 @@ def measure(policy: Path, trial: Trial, on_episode: Progress) -> dict[str, Any]:
         trial.terrains,
         EVALUATION_SEEDS.start,
         on_episode,
-        workers=1,
     )
     own, *rules = table.rows
     outcomes = [result.outcome for result in table.results if result.policy == own.policy]

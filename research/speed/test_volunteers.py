@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from app.leaderboard.human_summaries import MAX_EPISODES, HumanSummaries
+from app.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
 from app.statistics.human_level import VolunteerFigures, human_level
 from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds

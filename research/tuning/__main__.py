@@ -13,7 +13,6 @@ import click
 from app.cli.console import (
     PATH,
     configs_of,
-    interruptible,
     levels_option,
     print_table,
     progress,
@@ -21,8 +20,8 @@ from app.cli.console import (
     seed_option,
     sizes_option,
 )
+from app.jobs import cores
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.episodes import cores
 from marsexplorer.files import write_whole
 from marsexplorer.policies.priced import TUNED, SizedRule
 from research.tuning.search import (
@@ -153,7 +152,7 @@ def _tune(run: TuneRun, generations: int, folder: Path) -> None:
 
     try:
         with progress("tuning") as advance:
-            found = interruptible(lambda: work(advance))
+            found = work(advance)
     except OSError as error:
         raise click.ClickException(
             f"cannot write to {folder}: {reason(error)}; choose another --out"
@@ -179,7 +178,7 @@ def _ablate(rule: SizedRule, configs: tuple[EnvConfig, ...], terrains: int) -> N
             )
 
     with progress("playing") as advance:
-        found = interruptible(lambda: work(advance))
+        found = work(advance)
     _print(
         f"Moves to 99 %, divided by those of the whole rule, from seed {HELD_OUT_SEED} on",
         found,

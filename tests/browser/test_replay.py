@@ -4,9 +4,8 @@ import re
 
 import pytest
 
-from app.replay.course import course_of
+from app.replay.course import course_of, play_ghost
 from app.replay.files import file_of
-from app.replay.ghosts import play_ghost
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, violations

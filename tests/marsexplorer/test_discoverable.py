@@ -155,7 +155,7 @@ def test_rules_see_all_that_can_be_seen_on_given_maps(name):
 @pytest.mark.parametrize("level", ["building", "cave"])
 def test_figures_are_shares_of_what_can_be_discovered(level):
     config = EnvConfig.of(level, (15, 22))
-    table = evaluate(["frontier-utility", INFORMED], config, 2, 5, workers=1, traces=True)
+    table = evaluate(["frontier-utility", INFORMED], config, 2, 5, traces=True)
     for result in table.results:
         episode = Episode.begin(config, seed=result.seed)
         expected = len(discoverable(episode.terrain, (0, 0), 6))

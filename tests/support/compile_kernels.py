@@ -45,7 +45,7 @@ def compile_stacks():
     envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
     envs.reset(seed=1)
     envs.step(envs.action_space.sample())
-    evaluate([INFORMED], CONFIG, 2, 1, workers=1)
+    evaluate([INFORMED], CONFIG, 2, 1)
 
 
 def compile_modules():

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from app.cli.console import interruptible, progress
+from app.cli.console import progress
 
 if TYPE_CHECKING:
     from app.moves.analysis import MoveAnalysis
@@ -70,11 +70,7 @@ def play_compared(
     from app.study.policy_episodes import play_policies
 
     with progress("policies on the same terrains") as advance:
-        return interruptible(
-            lambda: play_policies(
-                names, data.protocol.env_config, seeds, advance, data.policy_files
-            )
-        )
+        return play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files)
 
 
 def released_report(

@@ -39,26 +39,31 @@ def measure_policy(
 
     save_policy   is called with the numbers, to write them into the card
     """
+    from app.jobs import Jobs
     from marsexplorer.config import EnvConfig
     from marsexplorer.evaluation import RULES, evaluate
     from marsexplorer.training.envs import EVALUATION_SEEDS
 
     results, sentences = {}, []
-    for config in configs:
-        terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
-        own, *rules = evaluate([str(file), *RULES], config, terrains, EVALUATION_SEEDS.start).rows
-        best = min(row.steps_mean for row in rules)
-        where = f"{config.level} {config.rows}x{config.cols}"
-        results[where] = {
-            "terrains": terrains,
-            "first_seed": EVALUATION_SEEDS.start,
-            "steps": round(own.steps_mean, 2),
-            "completion": own.completion,
-            "collisions": own.collisions,
-            "score": round(own.score_mean, 4),
-            "best_rule_steps": round(best, 2),
-        }
-        steps = f"{own.steps_mean:.1f} steps to 99 % on {terrains} terrains of {where} ({own.completion:.0%} explored)"
-        sentences.append(f"{steps}, the best rule {best:.1f}")
+    with Jobs() as jobs:
+        for config in configs:
+            terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
+            table = evaluate(
+                [str(file), *RULES], config, terrains, EVALUATION_SEEDS.start, executor=jobs
+            )
+            own, *rules = table.rows
+            best = min(row.steps_mean for row in rules)
+            where = f"{config.level} {config.rows}x{config.cols}"
+            results[where] = {
+                "terrains": terrains,
+                "first_seed": EVALUATION_SEEDS.start,
+                "steps": round(own.steps_mean, 2),
+                "completion": own.completion,
+                "collisions": own.collisions,
+                "score": round(own.score_mean, 4),
+                "best_rule_steps": round(best, 2),
+            }
+            steps = f"{own.steps_mean:.1f} steps to 99 % on {terrains} terrains of {where} ({own.completion:.0%} explored)"
+            sentences.append(f"{steps}, the best rule {best:.1f}")
     save_policy({"results": results})
     return "; ".join(sentences)

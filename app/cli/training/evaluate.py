@@ -14,18 +14,23 @@ from app.cli.console import (
     PATH,
     check_more,
     env_config_of,
-    interruptible,
     levels_option,
     print_table,
     progress,
     reason,
     sizes_option,
 )
-from app.cli.training.evaluate_maps import evaluate_maps
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
     from marsexplorer.evaluation import EvaluationRow, EvaluationTable
+    from marsexplorer.evaluation.episodes import Result
+    from marsexplorer.evaluation.on_maps import MapResults
+    from marsexplorer.maps import GridMap
+
+
+FEW_EPISODES = 20
+"""So many episodes are played sooner in this process than others start."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ def evaluate(
             raise click.UsageError(
                 "--map takes no --csv, --plots or --ray; leave them out, or write --json"
             )
-        evaluate_maps(list(names), maps, cell_m, json_path)
+        _evaluate_maps(list(names), maps, cell_m, json_path)
         return
     configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
     if plots is not None:
@@ -187,29 +192,28 @@ def _open_outputs(
 
 
 def _evaluate(request: EvaluationRequest) -> EvaluationTable:
+    from app.jobs import ClusterError, JobError, Jobs
     from marsexplorer.evaluation import evaluate as evaluate_policies
-    from marsexplorer.evaluation.cluster import ClusterError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
-    with progress("playing") as advance:
-        try:
-            return interruptible(
-                lambda: evaluate_policies(
-                    request.names,
-                    request.configs,
-                    request.episodes,
-                    request.seed,
-                    advance,
-                    traces=request.traces,
-                    ray=request.ray,
-                )
+    episodes = len(request.names) * len(request.configs) * request.episodes
+    try:
+        with Jobs(ray=request.ray) as jobs, progress("playing") as advance:
+            return evaluate_policies(
+                request.names,
+                request.configs,
+                request.episodes,
+                request.seed,
+                advance,
+                traces=request.traces,
+                executor=jobs if request.ray or episodes > FEW_EPISODES else None,
             )
-        except ClusterError as error:
-            raise click.ClickException(str(error)) from error
-        except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
-            raise click.UsageError(str(error)) from error
-        except OSError as error:
-            raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
+    except (ClusterError, JobError) as error:
+        raise click.ClickException(str(error)) from error
+    except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
+        raise click.UsageError(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
 
 
 def _save_plots(table: EvaluationTable, folder: Path) -> None:
@@ -250,4 +254,73 @@ def _cells(table: EvaluationTable, row: EvaluationRow, informed: bool) -> list[s
         f"{row.auc_mean:.4f}",
         f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}",
         str(row.collisions),
+    ]
+
+
+def _evaluate_maps(
+    names: Sequence[str], paths: Sequence[Path], cell_m: float | None, json_path: Path | None
+) -> None:
+    """Play policies on map_server files, print a row for each map and policy, and write all figures where asked to."""
+    from marsexplorer.evaluation import INFORMED
+    from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
+    from marsexplorer.files import write_whole
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+
+    maps = _read_maps(paths, cell_m)
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(write_whole(json_path)) if json_path else None
+        except OSError as error:
+            raise click.ClickException(
+                f"cannot write {json_path}: {reason(error)}; choose another --json"
+            ) from error
+        try:
+            found = evaluate_on_maps(names, maps)
+        except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
+            raise click.UsageError(str(error)) from error
+        if file is not None:
+            file.write(to_json(found).encode() + b"\n")
+    columns = ["map", "size", "cells", "policy", "outcome", "steps to 99 %", "to rule"]
+    columns += [*(["to informed"] if INFORMED in names else []), "AUC", "score"]
+    rows = [
+        _map_cells(each, result, INFORMED in names) for each in found for result in each.results
+    ]
+    print_table(
+        "one episode each; cells are those that can be discovered from the start", columns, rows
+    )
+
+
+def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap]:
+    """Return the maps by the names of their files."""
+    from marsexplorer.maps import CELL_M, MapFileError, read_map
+
+    maps: dict[str, GridMap] = {}
+    for path in paths:
+        if path.stem in maps:
+            raise click.UsageError(
+                f"--map names two files called {path.stem!r}; rename one, or give each once"
+            )
+        try:
+            maps[path.stem] = read_map(path, CELL_M if cell_m is None else cell_m)
+        except MapFileError as error:
+            raise click.UsageError(str(error)) from error
+        except ModuleNotFoundError as error:
+            raise click.ClickException(
+                "maps are read with the extra maps: pip install 'marsexplorer-playground[maps]'"
+            ) from error
+    return maps
+
+
+def _map_cells(found: MapResults, result: Result, with_informed: bool) -> list[str]:
+    shares = [found.to_rule(result), *([found.to_informed(result)] if with_informed else [])]
+    return [
+        found.name,
+        f"{result.rows}x{result.cols}",
+        str(result.cells),
+        result.policy,
+        result.outcome,
+        str(result.steps_to_99),
+        *("" if share is None else f"{share:.3f}" for share in shares),
+        f"{result.auc:.4f}",
+        f"{result.score:.4f}",
     ]

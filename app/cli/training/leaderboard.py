@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
 
-from app.cli.console import PATH, interruptible, progress, reason
+from app.cli.console import PATH, progress, reason
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
@@ -50,8 +49,9 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
       marsexplorer leaderboard --board random-21x21 --board 1-1-1-21x21 --out figures --workers 2
       marsexplorer leaderboard --policy ppo --out data/leaderboard
     """
+    from app.jobs import Jobs
+    from app.leaderboard.evaluations import ShippedFigures, file_name
     from app.leaderboard.making import make_board, offered_boards
-    from app.leaderboard.shipped import ShippedFigures, file_name
     from marsexplorer.files import write_whole
     from marsexplorer.policies import names
 
@@ -65,8 +65,8 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
     kept = ShippedFigures(out) if again else None
     for name in boards or known:
         path = out / file_name(known[name].config)
-        with progress(f"playing {name}") as advance:
-            text = interruptible(partial(make_board, known[name], workers, advance, kept, again))
+        with Jobs(workers) as jobs, progress(f"playing {name}") as advance:
+            text = make_board(known[name], jobs, advance, kept, again)
         try:
             out.mkdir(parents=True, exist_ok=True)
             with write_whole(path) as file:

@@ -26,10 +26,9 @@ FIGURES = ("4", "5", "6", "7", "all")
 
 @dataclass(frozen=True)
 class Where:
-    """Where jobs run: in `out`, on a Ray cluster at `ray` or in `workers` processes of this machine; `command` goes on."""
+    """Where jobs run: in `out`, in `workers` processes of this machine; `command` goes on."""
 
     out: Path
-    ray: str | None
     workers: int
     command: str
 
@@ -86,11 +85,6 @@ class Where:
     help="Processes at a time.  [default: one for each core]",
 )
 @click.option(
-    "--ray",
-    metavar="ADDRESS",
-    help="Run on a Ray cluster: HOST:PORT, auto, or local; --out must be seen by all.",
-)
-@click.option(
     "--human-level",
     type=PATH,
     help="JSON of a closed study's report, for the line of people in figure 4.",
@@ -127,7 +121,6 @@ def paper(
     terrains: int | None,
     out: Path | None,
     workers: int | None,
-    ray: str | None,
     human_level: Path | None,
     is_list: bool,
     is_draw: bool,
@@ -148,7 +141,6 @@ def paper(
       marsexplorer paper --figure 4                                      small: half an hour on two cores
       marsexplorer paper --figure 4 --budget full --list                 what that would do, and how long it takes
       marsexplorer paper --figure 4 --algorithms ppo --variants works --seeds 5
-      marsexplorer paper --figure 5 --budget full --ray head:6379 --out /shared/paper
       marsexplorer paper --figure 4 --redraw data/paper --out pictures   the figures as shipped, in seconds
     """
     figures = ("4", "5", "6", "7") if figure == "all" else (figure,)
@@ -163,18 +155,17 @@ def paper(
         if is_draw:
             show_figures(figures, folder, human_level)
             return
-        from marsexplorer.evaluation.episodes import cores
+        from app.jobs import cores
         from marsexplorer.paper.plan import Request
 
         request = Request(
             figures, budget, _names(algorithms), _names(variants), seeds, moves, terrains, policies
         )
-        where = Where(folder, ray, workers or cores(), _command())
+        where = Where(folder, workers or cores(), _command())
         if is_list:
             _list(_plan(request, folder), where)
             return
-        if ray is None:
-            _check_installed(_plan(request, folder), folder)
+        _check_installed(_plan(request, folder), folder)
         failures = _run_all(request, where)
         show_figures(figures, folder, human_level)
         _complain(failures, folder)
@@ -261,31 +252,23 @@ def _outlook(forecast: Forecast, where: Where) -> str:
     if not to_do:
         return f"all {len(forecast.courses)} jobs are done in {where.out}"
     cores = f"{forecast.workers} core{'s' if forecast.workers != 1 else ''}"
-    place = f"on {cores} of the cluster" if where.ray else f"on {cores}"
     done = f", {forecast.done} are done already" if forecast.done else ""
-    return (
-        f"{to_do} jobs to do in {where.out}{done}: about {duration(forecast.seconds_left)} {place}"
-    )
+    return f"{to_do} jobs to do in {where.out}{done}: about {duration(forecast.seconds_left)} on {cores}"
 
 
 def _run(jobs: list[Job], where: Where) -> list[Failure]:
     """Run the jobs with a bar and return those that failed."""
-    from marsexplorer.evaluation.cluster import ClusterError
-    from marsexplorer.paper.scheduling.cluster import run_on_ray
     from marsexplorer.paper.scheduling.forecast import Forecast
     from marsexplorer.paper.scheduling.schedule import BusyError, Schedule, lock
 
     try:
         with lock(where.out) as descriptor:
-            if where.ray is None:
-                click.echo(_outlook(Forecast.of(jobs, where.out, where.workers), where), err=True)
+            click.echo(_outlook(Forecast.of(jobs, where.out, where.workers), where), err=True)
             with _progress() as on_change:
-                if where.ray is None:
-                    return Schedule(jobs, where.out, where.workers, on_change, _say_stopping).run(
-                        descriptor
-                    )
-                return run_on_ray(jobs, where.out, where.ray, on_change)
-    except (BusyError, ClusterError) as error:
+                return Schedule(jobs, where.out, where.workers, on_change, _say_stopping).run(
+                    descriptor
+                )
+    except BusyError as error:
         raise click.ClickException(str(error)) from error
     except KeyboardInterrupt:
         click.echo(

@@ -64,8 +64,8 @@ def refine(
       marsexplorer refine ppo --prices --rounds 0 --out runs/priced    some seconds: better on large grids, else the same
       marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
     """
+    from app.jobs import cores
     from marsexplorer.config import EnvConfig
-    from marsexplorer.evaluation.episodes import cores
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
     from marsexplorer.policies.network.model import load_net, with_prices

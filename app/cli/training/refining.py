@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-
-from app.cli.console import interruptible
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics
@@ -33,23 +29,22 @@ def refine_policy(output: RefineOutput, processes: int) -> None:
     """Make the rounds that are left and write them; Ctrl-C ends the one under way."""
     output.file.parent.mkdir(parents=True, exist_ok=True)
     with _progress_bar(output.rounds) as advance:
-        interruptible(lambda: _make_rounds(output, processes, advance))
+        _make_rounds(output, processes, advance)
 
 
 def _make_rounds(
     output: RefineOutput, processes: int, advance: Callable[[float, str | None], None]
 ) -> None:
     """Make the rounds, with the episodes played in processes of their own."""
-    from marsexplorer.evaluation.episodes import one_thread
+    from app.jobs import Jobs
 
     run, rounds = output.run, output.rounds
     if run.rounds_done >= rounds:
         output.save_policy({"results": {}})
         return
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, spawn, one_thread) as pool:
+    with Jobs(processes) as jobs:
         while run.rounds_done < rounds:
-            metrics = run.train_round(pool, lambda done: advance(run.rounds_done + done, None))
+            metrics = run.train_round(jobs, lambda done: advance(run.rounds_done + done, None))
             output.save_round(metrics)
             steps = ", ".join(
                 f"{mean:.1f} at {size}" for size, mean in metrics.episode_steps.items()

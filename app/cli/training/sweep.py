@@ -1,20 +1,21 @@
-"""The command `marsexplorer sweep`: one training run for every level, size and seed, on a Ray cluster."""
+"""The command `marsexplorer sweep`: one training run for every level, size and seed, each on one core."""
 
 from __future__ import annotations
 
 import csv
 import io
 import platform
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from app.cli.console import (
     PATH,
     configs_of,
-    interruptible,
     levels_option,
     print_table,
     progress,
@@ -24,12 +25,51 @@ from app.cli.console import (
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
-    from marsexplorer.training.sweep import SweepResult, SweepRun
 
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One training run: the options of `marsexplorer train`, and on how many terrains its policy is measured.
+
+    name      of its folder and policy file
+    recipe    a name in RECIPES
+    config    the fields of its EnvConfig as a dictionary
+    steps     moves to train for
+    episodes  held-out terrains to measure on
+    card      what the policy's card says besides numbers
+    """
+
+    name: str
+    recipe: str
+    config: dict[str, Any]
+    steps: int
+    seed: int
+    episodes: int
+    card: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """The outcome of a run; error is empty when all went well, otherwise the figures are NaN.
+
+    steps, completion, score  means on held-out terrains; rule_ratio: mean steps over those of the best frontier rule there
+    policy                    the policy file
+    """
+
+    run: SweepRun
+    steps: float
+    completion: float
+    score: float
+    rule_ratio: float
+    policy: Path | None
+    error: str = ""
+
+
+NAN = float("nan")
 FIGURES = ("steps", "completion", "score", "rule_ratio")
 
 
-@click.command(short_help="Train on many levels and seeds with Ray.")
+@click.command(short_help="Train on many levels and seeds.")
 @levels_option("random")
 @sizes_option("21")
 @click.option(
@@ -63,10 +103,8 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 )
 @click.option(
     "--ray",
-    default="local",
-    show_default=True,
     metavar="ADDRESS",
-    help="Ray cluster: HOST:PORT, auto, or local.",
+    help="Train on a Ray cluster: HOST:PORT, auto, or local.",
 )
 @click.option(
     "--out",
@@ -81,14 +119,14 @@ def sweep(
     recipe: str,
     steps: int,
     episodes: int,
-    ray: str,
+    ray: str | None,
     out: Path,
 ) -> None:
     """Train one policy for every level, size and seed, each on one core, and measure all on terrains kept for evaluation.
 
-    The training runs are trials of Ray Tune, on this machine or on a cluster that runs already. Each writes a folder as
-    `marsexplorer train` does; sweep.csv has a line for each. To train one policy on several levels at once, use
-    `marsexplorer train --level all`. This command needs the extra `ray`.
+    As many are trained at the same time as there are cores, here or on a Ray cluster. Each writes a folder as `marsexplorer
+    train` does; sweep.csv has a line for each. To train one policy on several levels at once, use `marsexplorer train --level
+    all`.
 
     \b
     Examples:
@@ -123,8 +161,6 @@ def sweep(
 
 
 def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
-    from marsexplorer.training.sweep import SweepRun
-
     side = f"{config.rows}x{config.cols}"
     card = {
         "summary": f"PPO ({recipe}): {steps:,} moves on {config.level} {side}, seed {seed}.",
@@ -143,16 +179,64 @@ def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: 
     )
 
 
-def _run(runs: list[SweepRun], out: Path, address: str) -> list[SweepResult]:
-    from marsexplorer.evaluation.cluster import ClusterError
-    from marsexplorer.training.sweep import sweep as run_sweep
+def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[SweepResult]:
+    from app.jobs import ClusterError, Jobs
 
-    with progress("training") as advance:
-        advance(0, len(runs))
-        try:
-            return interruptible(lambda: run_sweep(runs, out, address, advance))
-        except ClusterError as error:
-            raise click.ClickException(str(error)) from error
+    try:
+        with Jobs(ray=address) as jobs, progress("training") as advance:
+            advance(0, len(runs))
+            return train_all(jobs, runs, out.resolve(), advance)
+    except ClusterError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def train_all(
+    executor: Executor, runs: Sequence[SweepRun], out: Path, advance: Callable[[int, int], None]
+) -> list[SweepResult]:
+    """Train and measure each run and return what they came to, in the order given; one that fails leaves the others running.
+
+    out      folder that all machines see: each run's own (policy file, log, learning curve) is out/NAME
+    advance  called with (runs ended, runs in all)
+    """
+    futures = [executor.submit(train_one, run, out) for run in runs]
+    for done, _ in enumerate(as_completed(futures), 1):
+        advance(done, len(runs))
+    results = []
+    for run, future in zip(runs, futures, strict=True):
+        if (error := future.exception()) is None:
+            results.append(future.result())
+        else:
+            said = str(error).strip().splitlines() or [type(error).__name__]
+            results.append(SweepResult(run, NAN, NAN, NAN, NAN, None, said[-1]))
+    return results
+
+
+def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
+    """Train, measure and write one run, in this process."""
+    from marsexplorer.config import EnvConfig
+    from marsexplorer.evaluation import RULES, evaluate
+    from marsexplorer.training.config import RECIPES
+    from marsexplorer.training.envs import EVALUATION_SEEDS
+    from marsexplorer.training.ppo import TrainingRun, train
+    from marsexplorer.training.run_folder import RunFolder
+
+    config = EnvConfig(**sweep_run.config)
+    run = TrainingRun.begin(RECIPES[sweep_run.recipe], [config], sweep_run.steps, sweep_run.seed)
+    folder = RunFolder(out / sweep_run.name, run, sweep_run.card, lambda metrics, seconds: None)
+    train(run, folder.on_update)
+    folder.save()
+    names = [str(folder.policy), *RULES]
+    table = evaluate(names, config, sweep_run.episodes, EVALUATION_SEEDS.start)
+    own, ratio = table.rows[0], table.compared(table.rows[0], "rule")
+    assert ratio is not None
+    result = SweepResult(
+        sweep_run, own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean, folder.policy
+    )
+    where = f"{config.level} {config.rows}x{config.cols}"
+    terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
+    figures = {name: getattr(result, name) for name in FIGURES}
+    folder.save_policy({"results": {where: {**terrains, **figures, "collisions": own.collisions}}})
+    return result
 
 
 def _csv(results: list[SweepResult]) -> str:
@@ -170,7 +254,7 @@ def _csv(results: list[SweepResult]) -> str:
 
 
 def _figures(result: SweepResult) -> list[float]:
-    return [getattr(result, field.name) for field in fields(result) if field.name in FIGURES]
+    return [getattr(result, name) for name in FIGURES]
 
 
 def _show(results: list[SweepResult]) -> None:

@@ -228,7 +228,7 @@ def _refine(
     run: TrainingRun, trained: Path, rounds: int, workers: int | None, command: str
 ) -> None:
     """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
-    from marsexplorer.evaluation.episodes import cores
+    from app.jobs import cores
     from marsexplorer.policies.files.card import read_card
     from marsexplorer.policies.network.model import load_net
     from marsexplorer.training.refine import RefineRun, config_for

@@ -393,10 +393,10 @@ def test_an_export_that_fails_says_why_in_the_commands_own_words(admin):
         "/api/admin/studies/small/exports/release", json={"authors": ["Ada Lovelace"]}
     )
     assert (begun.status_code, begun.json()["release"]["state"]) == (202, "making")
-    busy = operator.post("/api/admin/studies/small/exports/report", json={})
+    busy = operator.post("/api/admin/studies/small/exports/release", json={})
     assert (busy.status_code, busy.json()["detail"]) == (
         409,
-        "another export is being made: wait until it is done",
+        "this release is being made already: wait until it is done",
     )
 
     def done():

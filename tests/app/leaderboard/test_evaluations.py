@@ -1,79 +1,72 @@
 """Policies' evaluations in the background: what is kept, what fails, and what a figure belongs to."""
 
-import asyncio
 import json
+import os
+import signal
 
 import pytest
 
-from app.leaderboard.evaluations import PolicyEvaluations
-from app.leaderboard.jobs import EvaluationJob, policy_hash
+from app.jobs import Jobs
+from app.leaderboard.evaluations import OWNER, Evaluation, PolicyEvaluations, policy_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from tests.support.job_functions import pid
+from tests.support.servers import eventually
 
 TINY = EnvConfig("random", 5, 7)
-IDLE_WORK_S = 600
-"""Evaluations have the lowest priority: they take long while other jobs run."""
-pytestmark = pytest.mark.timeout(900)
+pytestmark = pytest.mark.timeout(300)
 
 
-def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path):
+@pytest.fixture
+def jobs():
+    with Jobs(1) as found:
+        yield found
+
+
+def settle(evaluations, wanted):
+    """The states once nothing waits or is computed any more."""
+
+    def states():
+        found = evaluations.request(wanted)
+        return found if {each["state"] for each in found} <= {"ready", "failed"} else None
+
+    return eventually(states, 240)
+
+
+def test_figures_of_another_core_or_a_torn_file_are_not_used(tmp_path, jobs):
     path = tmp_path / "figures.json"
     kept = {"curve": {}}
     path.write_text(json.dumps({f"{CORE_VERSION}|a": kept, "0|b": kept}))
-    assert list(PolicyEvaluations(path)._done) == [f"{CORE_VERSION}|a"]
+    assert list(PolicyEvaluations(path, jobs)._done) == [f"{CORE_VERSION}|a"]
     path.write_text('{"1|a": {"cur')
-    assert PolicyEvaluations(path)._done == {}
+    assert PolicyEvaluations(path, jobs)._done == {}
 
 
-def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path):
-    async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json")
-        jobs = [EvaluationJob("nope", TINY, (1, 2)), EvaluationJob("frontier-cost", TINY, (1, 2))]
-        try:
-            while any(each["state"] in ("waiting", "computing") for each in figures.request(jobs)):
-                await asyncio.sleep(0.05)
-            return figures.request(jobs)
-        finally:
-            await figures.close()
-
-    failed, made = asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S))
+def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path, jobs):
+    path = tmp_path / "figures.json"
+    wanted = [Evaluation("nope", TINY, (1, 2)), Evaluation("frontier-cost", TINY, (1, 2))]
+    failed, made = settle(PolicyEvaluations(path, jobs), wanted)
     assert (failed["state"], failed["figure"], made["state"]) == ("failed", None, "ready")
     assert 'no policy "nope"' in failed["error"]
+    again = eventually(lambda: PolicyEvaluations(path, jobs).request(wanted[1:])[0]["figure"])
+    assert again == json.loads(json.dumps(made["figure"])), "it is kept"
 
 
-def test_an_evaluation_that_dies_is_said_to_have_died(tmp_path):
-    async def settle():
-        figures = PolicyEvaluations(tmp_path / "figures.json")
-        jobs = [
-            EvaluationJob("planner", EnvConfig.of("random", 21), tuple(range(500))),
-            EvaluationJob("random", TINY, (1, 2)),
-        ]
-        try:
-            while figures.request(jobs)[0]["done"] == 0:
-                await asyncio.sleep(0.05)
-            figures._process.kill()
-            while figures.request(jobs)[0]["state"] == "computing":
-                await asyncio.sleep(0.05)
-            return figures.request(jobs)
-        finally:
-            await figures.close()
-
-    for state in asyncio.run(asyncio.wait_for(settle(), IDLE_WORK_S)):
-        assert (state["state"], state["figure"]) == ("failed", None)
-        assert state["error"] == "the evaluation ended early; restart the server to try again"
+def test_an_evaluation_that_dies_is_said_to_have_died_and_the_next_one_is_made(tmp_path, jobs):
+    evaluations = PolicyEvaluations(tmp_path / "figures.json", jobs)
+    worker = jobs.submit(pid, owner=OWNER).result()
+    long = Evaluation("planner", EnvConfig.of("random", 21), tuple(range(500)))
+    wanted = [long, Evaluation("random", TINY, (1, 2))]
+    eventually(lambda: evaluations.request(wanted)[0]["done"] > 0)
+    assert [each["state"] for each in evaluations.request(wanted)] == ["computing", "waiting"]
+    os.kill(worker, signal.SIGKILL)
+    died, made = settle(evaluations, wanted)
+    assert (died["state"], died["figure"], made["state"]) == ("failed", None, "ready")
+    assert "ended early, with code -9" in died["error"]
 
 
 def test_a_policys_hash_is_of_its_file(tmp_path):
     one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
     one.write_bytes(b"1")
     two.write_bytes(b"2")
-    assert (
-        len(
-            {
-                policy_hash(str(one)),
-                policy_hash(str(two)),
-                policy_hash("ppo"),
-                policy_hash("random"),
-            }
-        )
-        == 4
-    )
+    sources = (str(one), str(two), "ppo", "random")
+    assert len({policy_hash(source) for source in sources}) == 4

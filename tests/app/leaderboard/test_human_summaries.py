@@ -2,9 +2,9 @@
 
 import pytest
 
-from app.leaderboard import human_summaries
-from app.leaderboard.human_summaries import HumanSummaries
-from app.leaderboard.leaderboard import Leaderboard
+from app.jobs import Jobs
+from app.leaderboard import leaderboard
+from app.leaderboard.leaderboard import HumanSummaries, Leaderboard
 from app.statistics.human_level import human_level
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
@@ -26,9 +26,9 @@ def store(tmp_path):
 @pytest.fixture
 def replayed(monkeypatch):
     """The configurations of the episodes that were replayed, in order."""
-    configs, replay = [], human_summaries.replay
+    configs, replay = [], leaderboard.replay
     monkeypatch.setattr(
-        human_summaries, "replay", lambda record: configs.append(record.config) or replay(record)
+        leaderboard, "replay", lambda record: configs.append(record.config) or replay(record)
     )
     return configs
 
@@ -73,7 +73,7 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
 
 
 def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, tmp_path):
-    board = Leaderboard(store.path, [], tmp_path / "studies")
+    board = Leaderboard(store.path, [], tmp_path / "studies", Jobs(1))
     for entry in board.entries():
         board._people_of(entry)
     assert set(board._people._made) == set(board._people._replays) == {SMALL.hash, WIDE.hash}
@@ -93,14 +93,14 @@ def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_st
     pictures(kept, store, WIDE)
     pictures(kept, store)
     assert list(kept._replays) == [WIDE.hash, SMALL.hash], "there is room for both"
-    most = 4 * human_summaries.OVERHEAD
-    monkeypatch.setattr(human_summaries, "MAX_MOVES", most)
+    most = 4 * leaderboard.OVERHEAD
+    monkeypatch.setattr(leaderboard, "MAX_MOVES", most)
     play(store, 20, explore=True)
     assert pictures(kept, store) == pictures(HumanSummaries(), store)
     fit = kept._replays[SMALL.hash]
     assert list(kept._replays) == [SMALL.hash]
     assert 0 < len(fit) < 6
-    assert sum(human_summaries.OVERHEAD + len(each.path) for each in fit.values()) <= most
+    assert sum(leaderboard.OVERHEAD + len(each.path) for each in fit.values()) <= most
     play(store, 21, explore=True)
     del replayed[:]
     pictures(kept, store)

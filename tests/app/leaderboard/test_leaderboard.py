@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.leaderboard import entries
-from app.leaderboard.closed_studies import ClosedStudies
+from app.leaderboard.entries import ClosedStudies
 from app.statistics import human_level
 from app.statistics.human_level import VolunteerFigures
 from app.storage.store import Store
@@ -139,7 +139,7 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
     table = evaluate(
-        [policy["name"] for policy in found["policies"]], config, 5, entries.FIRST_SEED, workers=1
+        [policy["name"] for policy in found["policies"]], config, 5, entries.FIRST_SEED
     )
     for policy, row in zip(found["policies"], table.rows, strict=True):
         made = policy["figure"]
@@ -211,9 +211,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
     assert 0 < found["policies"][0]["human_likeness"] <= 1
     own = [
-        evaluate(
-            ["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i), workers=1
-        )
+        evaluate(["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i))
         for i in range(3)
     ]
     mean = np.mean([table.results[0].steps_to_99 for table in own])

@@ -6,9 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from app.leaderboard.jobs import EvaluationJob
+from app.jobs import Jobs
+from app.leaderboard.evaluations import (
+    FOLDER,
+    Evaluation,
+    Origin,
+    ShippedFigures,
+    file_name,
+    to_document,
+)
 from app.leaderboard.making import make_board, make_figure, offered_boards
-from app.leaderboard.shipped import FOLDER, Origin, ShippedFigures, file_name, to_document
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
@@ -27,7 +34,9 @@ def jobs_of(entry):
     """The policies that play a board: a network made for one size plays no other."""
     size = (entry.config.rows, entry.config.cols)
     return list(
-        entry.jobs({name: name for name, only in sizes().items() if only in (None, size)}).values()
+        entry.evaluations(
+            {name: name for name, only in sizes().items() if only in (None, size)}
+        ).values()
     )
 
 
@@ -78,27 +87,26 @@ def test_a_whole_figure_is_made_again_to_the_last_digit():
 @pytest.mark.parametrize("board", [board for board in offered_boards() if board.endswith("21x21")])
 def test_a_file_is_made_again_as_it_is(board):
     entry = offered_boards()[board]
-    assert (
-        make_board(entry, 2, lambda done, of: None)
-        == (FOLDER / file_name(entry.config)).read_text()
-    )
+    with Jobs(2) as jobs:
+        made = make_board(entry, jobs, lambda done, of: None)
+    assert made == (FOLDER / file_name(entry.config)).read_text()
 
 
 def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
-    job = EvaluationJob("frontier-cost", TINY, (1, 2))
+    job = Evaluation("frontier-cost", TINY, (1, 2))
     made = make_figure(job, ORIGIN)
     path = tmp_path / file_name(TINY)
     document = to_document(TINY, job.seeds, [made], ORIGIN)
     path.write_text(document)
     assert ShippedFigures(tmp_path).find(job) == made
-    assert ShippedFigures(tmp_path).find(EvaluationJob("frontier-cost", TINY, (1, 3))) is None
+    assert ShippedFigures(tmp_path).find(Evaluation("frontier-cost", TINY, (1, 3))) is None
     assert (
         ShippedFigures(tmp_path).find(
-            EvaluationJob("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))
+            Evaluation("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))
         )
         is None
     )
-    assert ShippedFigures(tmp_path).find(EvaluationJob("random", TINY, (1, 2))) is None
+    assert ShippedFigures(tmp_path).find(Evaluation("random", TINY, (1, 2))) is None
     for changed in ('"core_version": "0"', '"file_sha256":"of another file"'):
         name = changed.partition(":")[0]
         old = next(part for part in (f'{name}: "1"', f"{name}:null") if part in document)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from app.play.messages import CELL_CHARACTERS
-from app.replay.course import course_of, sentence
-from app.replay.ghosts import GhostError, play_ghost, preferred
+from app.replay.course import GhostError, course_of, play_ghost, preferred, sentence
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_terrain
@@ -82,8 +81,6 @@ def test_a_ghost_that_cannot_be_had_says_why(monkeypatch):
         )  # as a file's that knows one size
         with pytest.raises(GhostError, match="plays no boards of 9x13"):
             play_ghost("frontier-cost", record)
-    with pytest.raises(GhostError, match="takes more than 0 s"):
-        play_ghost("frontier-cost", record, longest_s=0)
     with pytest.raises(GhostError, match="cannot be loaded"):
         play_ghost("/nowhere/gone.onnx", record)
 

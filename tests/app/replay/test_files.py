@@ -11,13 +11,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.replay.animation import GIF, MP4, Timing, VideoMissingError, has_video, most_gif_pictures
-from app.replay.board_picture import AMBER, NIGHT, ROCK, SOIL, board_picture
-from app.replay.course import course_of
-from app.replay.files import file_of, offered
-from app.replay.ghosts import play_ghost
-from app.replay.pictures import PREVIEW, AnimationPicture
-from app.replay.single_file import ENTRY, modules
+from app.replay.course import course_of, play_ghost
+from app.replay.files import (
+    GIF,
+    MP4,
+    Timing,
+    VideoMissingError,
+    file_of,
+    has_video,
+    most_gif_pictures,
+    offered,
+)
+from app.replay.page import ENTRY, modules
+from app.replay.pictures import (
+    AMBER,
+    NIGHT,
+    PREVIEW,
+    ROCK,
+    SOIL,
+    AnimationPicture,
+    board_picture,
+)
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.recorded import free_moves
@@ -128,7 +142,7 @@ def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):
 def test_without_pyav_no_video_is_offered_and_the_error_names_the_extra(courses, monkeypatch):
     assert has_video()
     monkeypatch.setitem(sys.modules, "av", None)
-    monkeypatch.setattr("app.replay.animation.find_spec", lambda name: None)
+    monkeypatch.setattr("app.replay.files.find_spec", lambda name: None)
     assert "mp4" not in offered()
     with pytest.raises(VideoMissingError, match=r"pip install 'marsexplorer-playground\[video\]'"):
         file_of("mp4", "e", courses)

@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 
-from app.moves.service import MAX_WAITING, RegretBusyError, Regrets
+from app.jobs import Jobs
+from app.moves.explanation import explanation_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.regret import RegretEstimator
@@ -65,33 +66,12 @@ def test_nothing_of_an_open_study(serve, tmp_path):
     assert client.get("/api/studies/dunes/debrief/0/regret").status_code in (403, 404, 409)
 
 
-@pytest.mark.long
-def test_the_worker_says_what_the_estimator_says_and_starts_again_after_its_end(tmp_path):
-    async def ask():
-        regrets = Regrets(tmp_path / "play.db")
-        first = await regrets.of(ended().record())
-        regrets._process.kill()
-        await regrets._process.wait()
-        second = await regrets.of(ended(seed=4).record())
-        await regrets.close()
-        return first, second
+def test_it_says_what_the_estimator_says_and_refuses_large_boards_at_once(tmp_path):
+    async def ask(record):
+        return await explanation_of(jobs, tmp_path / "play.db", record, "ada")
 
-    first, second = asyncio.run(ask())
-    estimator = RegretEstimator()
-    assert first["total"] == estimator.regret(ended().record()).total
-    assert second["total"] == estimator.regret(ended(seed=4).record()).total
-
-
-def test_too_many_at_once_are_refused_and_so_are_large_boards(tmp_path):
-    async def ask():
-        regrets = Regrets(tmp_path / "play.db")
-        regrets._waiting = MAX_WAITING
-        try:
-            with pytest.raises(RegretBusyError, match="ask again in a minute"):
-                await regrets.of(ended().record())
-            with pytest.raises(ValueError, match="up to 1764 cells"):
-                await regrets.of(Episode.begin(EnvConfig.of("random", 43), seed=1).record())
-        finally:
-            await regrets.close()
-
-    asyncio.run(ask())
+    with Jobs(1) as jobs:
+        found = asyncio.run(ask(ended().record()))
+        assert found["total"] == RegretEstimator().regret(ended().record()).total
+        with pytest.raises(ValueError, match="up to 1764 cells"):
+            asyncio.run(ask(Episode.begin(EnvConfig.of("random", 43), seed=1).record()))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from app.jobs import Jobs
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import INFORMED, evaluate, horizon
 from marsexplorer.evaluation.episodes import area_under_coverage
@@ -46,20 +47,21 @@ def test_every_policy_plays_the_same_terrains_and_progress_reaches_the_end():
         rule.episodes = 3
 
 
-def test_the_number_of_processes_changes_nothing():
-    alone = evaluate(["random", "frontier-utility"], CONFIG, 11, 3, workers=1)
-    assert evaluate(["random", "frontier-utility"], CONFIG, 11, 3, workers=2) == alone
-    assert evaluate(["frontier-utility"], CONFIG, 11, 3, workers=1).rows[0] == alone.rows[1]
+def test_other_processes_give_the_same():
+    alone = evaluate(["random", "frontier-utility"], CONFIG, 11, 3)
+    with Jobs(2) as jobs:
+        assert evaluate(["random", "frontier-utility"], CONFIG, 11, 3, executor=jobs) == alone
+    assert evaluate(["frontier-utility"], CONFIG, 11, 3).rows[0] == alone.rows[1]
 
 
 def test_unfinished_episodes_count_the_limit():
     config = EnvConfig("random", 7, 11, sensor_radius=3, max_steps=4)
-    row = evaluate(["random"], config, 5, 0, workers=1).rows[0]
+    row = evaluate(["random"], config, 5, 0).rows[0]
     assert (row.completion, row.steps_mean, row.steps_low, row.steps_high) == (0.0, 4.0, 4.0, 4.0)
 
 
 def test_json_holds_config_seeds_version_and_every_episode():
-    table = evaluate(["random"], CONFIG, 3, 9, workers=1)
+    table = evaluate(["random"], CONFIG, 3, 9)
     document = json.loads(table.to_json())
     assert document["core_version"] == CORE_VERSION
     (config,) = document["configs"]
@@ -86,18 +88,15 @@ def test_bad_requests_are_refused_before_anything_is_played():
         evaluate([], CONFIG, 3, 0)
     with pytest.raises(ValueError, match="episodes must be at least 2"):
         evaluate(["random"], CONFIG, 1, 0)
-    with pytest.raises(ValueError, match="workers must be at least 1"):
-        evaluate(["random"], CONFIG, 3, 0, workers=0)
     with pytest.raises(ValueError, match="seed must be at most"):
         evaluate(["random"], CONFIG, 3, 2**53 - 2)
 
 
 def test_explicit_seeds_are_played_as_given_and_traces_hold_the_path():
-    table = evaluate(["frontier-cost"], CONFIG, seeds=[17, 4, 9], traces=True, workers=1)
+    table = evaluate(["frontier-cost"], CONFIG, seeds=[17, 4, 9], traces=True)
     assert [result.seed for result in table.results] == [17, 4, 9] == list(table.seeds)
     assert [replace(result, trace=None) for result in table.results] == [
-        evaluate(["frontier-cost"], CONFIG, seeds=[seed, 99], workers=1).results[0]
-        for seed in (17, 4, 9)
+        evaluate(["frontier-cost"], CONFIG, seeds=[seed, 99]).results[0] for seed in (17, 4, 9)
     ]
     for result in table.results:
         trace, terrain = result.trace, generate(CONFIG, result.seed)
@@ -129,11 +128,11 @@ def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
         EnvConfig("random", 7, 11, sensor_radius=3),
         EnvConfig("2-1-1", 9, 7, sensor_radius=3),
     ]
-    table = evaluate(["frontier-cost", "random"], configs, 4, 5, workers=1)
+    table = evaluate(["frontier-cost", "random"], configs, 4, 5)
     assert [(row.level, row.policy) for row in table.rows] == [
         (level, policy) for level in ("random", "2-1-1") for policy in ("frontier-cost", "random")
     ]
-    alone = evaluate(["frontier-cost", "random"], configs[1], 4, 5, workers=1)
+    alone = evaluate(["frontier-cost", "random"], configs[1], 4, 5)
     assert table.rows[2:] == alone.rows
     assert table.results[8:] == alone.results
     rows = list(csv.DictReader(io.StringIO(table.to_csv())))
@@ -144,7 +143,7 @@ def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
 
 def test_comparisons_are_paired_with_the_better_rule():
     def results(policy, steps):
-        base = evaluate(["random"], CONFIG, len(steps), 0, workers=1).results
+        base = evaluate(["random"], CONFIG, len(steps), 0).results
         return [
             replace(one, policy=policy, steps_to_99=step)
             for one, step in zip(base, steps, strict=True)
@@ -181,7 +180,7 @@ def test_the_ratio_s_interval_covers_the_truth_as_often_as_it_says():
 
 
 def test_the_informed_planner_is_listed_with_policies_and_is_none_of_them():
-    table = evaluate(["frontier-cost", INFORMED], CONFIG, 4, 0, workers=1)
+    table = evaluate(["frontier-cost", INFORMED], CONFIG, 4, 0)
     rule, informed = table.rows
     assert informed.completion == 1.0
     assert informed.steps_mean < rule.steps_mean

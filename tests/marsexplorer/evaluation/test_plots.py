@@ -19,7 +19,7 @@ CONFIGS = (EnvConfig("random", 7, 11, sensor_radius=3), EnvConfig("1-1-1", 7, 11
 
 @pytest.fixture(scope="module")
 def table():
-    return evaluate(["frontier-cost", "random"], CONFIGS, 3, 4, workers=1, traces=True)
+    return evaluate(["frontier-cost", "random"], CONFIGS, 3, 4, traces=True)
 
 
 def test_curves_begin_at_the_first_look_and_stay_where_the_episode_ended(table):
@@ -61,6 +61,6 @@ def test_the_same_table_gives_the_same_files_and_needs_traces(table, tmp_path):
     ]  # fmt: skip
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
     assert {path.name for path in (tmp_path / "a").iterdir()} == {path.name for path in first}
-    without = evaluate(["random"], CONFIGS[0], 2, 0, workers=1)
+    without = evaluate(["random"], CONFIGS[0], 2, 0)
     with pytest.raises(ValueError, match="traces=True"):
         save_plots(without, tmp_path)

@@ -10,7 +10,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from app.cli.training.policies import policies as policies_command
-from app.leaderboard.worker import evaluate_policy
+from app.leaderboard.evaluations import Evaluation
 from app.play.policy_catalogue import PolicyCatalogue
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
@@ -82,11 +82,11 @@ def test_a_file_of_every_head_plays_wherever_policies_play(head, trunk, tmp_path
     assert policy.name == path.stem
     assert policy.size == (None if trunk == "features" else (9, 14))
     assert policies.describe(str(path)) == f"Untrained {head}."
-    row = evaluate([str(path)], CONFIG, 4, workers=1).rows[0]
+    row = evaluate([str(path)], CONFIG, 4).rows[0]
     assert row.collisions == 0
     offer = PolicyCatalogue([path]).offers()[-1]
     assert (offer.name, offer.size) == (path.stem, policy.size)
-    figure, steps = evaluate_policy(str(path), CONFIG, [0, 1, 2, 3])
+    figure, steps = Evaluation(str(path), CONFIG, (0, 1, 2, 3)).play()
     assert np.mean(steps) == row.steps_mean
     assert figure["curve"]
     shown = CliRunner().invoke(policies_command, ["card", str(path)])
@@ -182,12 +182,12 @@ def test_with_the_guard_even_an_untrained_network_finishes(trunk, tmp_path):
     config = EnvConfig.of("random", (9, 14), max_steps=100_000)
     for head in ("policy", "categorical"):
         path = written(tmp_path, head, trunk, acts="greedy with guard")
-        assert evaluate([str(path)], config, 2, workers=1).rows[0].completion == 1
+        assert evaluate([str(path)], config, 2).rows[0].completion == 1
 
 
 def test_without_a_mask_it_drives_where_it_likes(tmp_path):
     path = written(tmp_path, "policy", mask=False)
-    assert evaluate([str(path)], CONFIG, 4, workers=1).rows[0].completion == 0
+    assert evaluate([str(path)], CONFIG, 4).rows[0].completion == 0
     policy = policies.load(path)
     policy.act(Episode.begin(CONFIG, seed=0).codes)
     assert np.all(policy.thought()[0] > 0)

@@ -18,9 +18,7 @@ from marsexplorer.training.envs import EVALUATION_SEEDS
 @pytest.fixture(scope="module")
 def hundred_terrains():
     """`hundred_terrains(name)` is a policy's row over 100 held-out terrains, evaluated once."""
-    return cache(
-        lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start, workers=1).rows[0]
-    )
+    return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start).rows[0])
 
 
 @pytest.mark.parametrize(
@@ -47,7 +45,7 @@ def test_what_the_papers_algorithms_trained_completes_terrains(algorithm):
     card = read_card(of_paper()[name])
     assert card["training"]["trial"]["algorithm"] == algorithm
     assert card["results"]["random 21x21"]["completion"] >= 0.9
-    table = evaluate([name], EnvConfig(), 4, EVALUATION_SEEDS.start, workers=1)
+    table = evaluate([name], EnvConfig(), 4, EVALUATION_SEEDS.start)
     assert table.rows[0].completion == 1.0
 
 
@@ -62,7 +60,7 @@ def test_the_shipped_network_explores_everything_without_a_collision_and_in_fewe
 def test_at_42x42_the_shipped_network_needs_a_tenth_less_than_either_frontier_rule():
     names = ["ppo", "frontier-cost", "frontier-utility"]
     board, first = EnvConfig.of("random", 42), EVALUATION_SEEDS.start
-    rows = evaluate(names, board, 4, first, workers=1).rows
+    rows = evaluate(names, board, 4, first).rows
     ppo, *rules = (row.steps_mean for row in rows)
 
     assert ppo < 0.9 * min(rules)

@@ -68,7 +68,7 @@ def test_no_terrain_of_the_figures_is_one_that_training_may_see():
 
 def test_the_maps_count_what_an_evaluation_of_the_same_terrains_shows(played):
     config = EnvConfig.of("2-2-1", SIZE)
-    results = evaluate(["frontier-cost"], config, seeds=SEEDS, workers=1, traces=True).results
+    results = evaluate(["frontier-cost"], config, seeds=SEEDS, traces=True).results
     (line,) = (
         each
         for each in read_results(played, 6)
@@ -133,7 +133,7 @@ def test_a_blind_spot_is_a_cell_where_most_obstacles_are_missed():
 
 def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
     config = EnvConfig.of("random", SIZE)
-    table = evaluate(["frontier-cost", "random"], config, seeds=SEEDS, workers=1, traces=True)
+    table = evaluate(["frontier-cost", "random"], config, seeds=SEEDS, traces=True)
     lines = {line["policy"]: line for line in read_results(played, 7)}
     for policy, line in ((name, lines[name]) for name in ("frontier-cost", "random")):
         own = [result.trace.discovered for result in table.results if result.policy == policy]
@@ -156,7 +156,7 @@ def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
 def test_rows_compare_policies_on_the_same_terrains(played):
     lines = {line["policy"]: line for line in read_results(played, 7)}
     rules = ["frontier-cost", "frontier-utility"]
-    table = evaluate(rules, EnvConfig.of("random", SIZE), seeds=SEEDS, workers=1)
+    table = evaluate(rules, EnvConfig.of("random", SIZE), seeds=SEEDS)
     better = min(rules, key=lambda rule: steps_of(lines[rule]).mean())
     for row in (row for row in scale_rows(list(lines.values())) if row.policy in rules):
         own = next(each for each in table.rows if each.policy == row.policy)

@@ -171,7 +171,7 @@ def test_a_policy_plays_without_tianshou(algorithm, tmp_path):
     program = (
         "import sys; sys.modules['tianshou'] = None\n"
         "from marsexplorer.config import EnvConfig; from marsexplorer.evaluation import evaluate\n"
-        f"table = evaluate([{str(path)!r}], EnvConfig.of('random', 7), 2, 10**9, workers=1)\n"
+        f"table = evaluate([{str(path)!r}], EnvConfig.of('random', 7), 2, 10**9)\n"
         "print(table.rows[0].steps_mean)"
     )
     assert (

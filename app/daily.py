@@ -1,22 +1,32 @@
-"""People's results on a daily terrain: ranks, the distribution of moves, and a player's place and streak.
+"""What the daily terrain came to: people's ranks, the distribution of moves, a player's place and streak, the shipped policies.
 
-Only attempts whose every move is attested as a person's own key or touch, and that ended before their day did, have a rank.
-Those who came to 99 % stand first, the fewest moves first; the others follow by how much they had mapped.
+A player sees the results of today when their own attempt is over; those of an earlier day are everybody's. Only attempts whose
+every move is attested as a person's own key or touch, and that ended before their day did, have a rank. Those who came to 99 %
+stand first, the fewest moves first; the others follow by how much they had mapped.
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from app.play.daily_terrain import cells_of_daily, day_before, day_start_ms
+from app.jobs import Jobs
+from app.leaderboard.evaluations import Evaluation, PolicyEvaluations
+from app.play.daily_terrain import cells_of_daily, day_before, day_start_ms, seed_of
+from app.play.policy_catalogue import PolicyOffer
 from app.storage.playground import DailyAttempt, DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
+from marsexplorer import policies
 
 SHOWN = 10
 """Rows of the table of results."""
+WAIT_S = 3.0
+"""How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
+_SLOW = ("planner", "random")
 
 
 def day_end_ms(day: str) -> int:
@@ -115,3 +125,62 @@ def _order(row: dict[str, Any]) -> tuple[float, float]:
         float("inf") if row["moves"] is None else row["moves"],
         -row["coverage"] if row["moves"] is None else 0.0,
     )
+
+
+class DailyPolicies:
+    """Figures of the shipped policies among those on offer; `path` is the file that keeps them."""
+
+    def __init__(self, path: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
+        shipped = policies.names()
+        self._offers = [offer for offer in offers if offer.name in shipped]
+        self._offers.sort(
+            key=lambda offer: _SLOW.index(offer.name) + 1 if offer.name in _SLOW else 0
+        )
+        self._evaluations = PolicyEvaluations(path, jobs)
+        self._soon: asyncio.Task[None] | None = None
+
+    def prepare(self, terrain: DailyTerrain) -> None:
+        """Have the figures of a terrain made soon, so that they are there when somebody has finished it."""
+        if self._soon is None or self._soon.done():
+            self._soon = asyncio.create_task(self._later(terrain), name="daily policies")
+
+    def results(self, terrain: DailyTerrain) -> list[dict[str, Any]]:
+        """Return per policy {"name", "state", "moves", "coverage"}, the best first; what is missing is begun.
+
+        state     "ready", "waiting", "computing" or "failed"
+        moves     to 99 %, None where it was not reached or is not known yet
+        coverage  0..1 at the end; None while it is not known
+        """
+        offers = [
+            offer
+            for offer in self._offers
+            if offer.size in (None, (terrain.config.rows, terrain.config.cols))
+        ]
+        wanted = [
+            Evaluation(offer.source, terrain.config, (seed_of(terrain.key),)) for offer in offers
+        ]
+        found = [
+            _described(offer.name, state)
+            for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)
+        ]
+        return sorted(
+            found,
+            key=lambda each: (each["moves"] is None, each["moves"] or 0, -(each["coverage"] or 0)),
+        )
+
+    def close(self) -> None:
+        """Begin nothing any more."""
+        if self._soon is not None:
+            self._soon.cancel()
+
+    async def _later(self, terrain: DailyTerrain) -> None:
+        await asyncio.sleep(WAIT_S)
+        self.results(terrain)
+
+
+def _described(name: str, state: dict[str, Any]) -> dict[str, Any]:
+    figure = state["figure"]
+    if figure is None:
+        return {"name": name, "state": state["state"], "moves": None, "coverage": None}
+    moves = round(figure["steps"]["mean"]) if figure["completed"] else None
+    return {"name": name, "state": "ready", "moves": moves, "coverage": figure["curve"]["mean"][-1]}

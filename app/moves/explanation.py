@@ -1,63 +1,48 @@
-"""The process that works out regrets for a server: `python -m app.moves.worker FOLDER`, episodes in, regrets out.
-
-Each line on stdin is an episode as `record_to_json` writes it; each line on stdout is what `explain` says of it, or
-{"error": sentence}. It runs at the lowest priority and ends with its stdin.
-"""
+"""Where an episode lost moves, as a page shows it: worked out as a job, so no move waits for one."""
 
 from __future__ import annotations
 
-import json
-import os
-import sys
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from app.jobs import Jobs
+from app.moves.regret import regret_cache
 from app.play.messages import encode_grid
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss
 from marsexplorer.evaluation.missed import Missed
-from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.evaluation.regret import RegretEstimator, check_size
 
 BIGGEST = 5
 """Losses that are named."""
 LEAST_NAMED = 2
 """Moves lost that are worth naming."""
+LIMIT_S = 120.0
+"""Seconds that one episode may take."""
 
 
-def main() -> None:
-    """Answer episodes until stdin ends. The first argument is the folder of the cache."""
-    os.nice(19)
-    estimator: RegretEstimator | None = None
-    for line in sys.stdin:
-        try:
-            estimator = estimator or RegretEstimator(cache=Path(sys.argv[1]))
-            answer = explain(estimator, record_from_json(line))
-        except (ValueError, LookupError, OSError, RuntimeError, ModuleNotFoundError) as error:
-            answer = {"error": str(error) or type(error).__name__}
-        try:
-            print(json.dumps(answer, separators=(",", ":")), flush=True)
-        except BrokenPipeError:
-            os._exit(0)
+async def explanation_of(jobs: Jobs, database: Path, record: Record, owner: str) -> dict[str, Any]:
+    """Return what `explain` says of a finished episode; the regret is kept next to the database.
+
+    Whoever asks has checked that the asker may see the episode; `owner` is whose turn the job has. ValueError for a board that
+    is too large or an episode that cannot be replayed; JobError and JobsFullError as `Jobs` raises them.
+    """
+    check_size(record.config)
+    key = ("regret", record.config.hash, record.terrain, record.trajectory_hash)
+    cache = regret_cache(database)
+    return await jobs.run(explain_kept, cache, record, owner=owner, key=key, limit_s=LIMIT_S)
 
 
-def record_to_json(record: Record) -> str:
-    """Return an episode's cause as one line of JSON."""
-    fields = {
-        **vars(record),
-        "config": record.config.to_dict(),
-        "terrain": record.terrain.hex(),
-        "actions": record.actions.hex(),
-    }
-    return json.dumps(fields)
+def explain_kept(cache: Path, record: Record) -> dict[str, Any]:
+    """Return what `explain` says, with regrets that are kept in a folder."""
+    return explain(_estimator(cache), record)
 
 
-def record_from_json(text: str) -> Record:
-    """Return the cause that `record_to_json` wrote."""
-    fields = json.loads(text)
-    fields |= {"config": EnvConfig(**fields["config"]), "start": tuple(fields["start"])}
-    fields |= {name: bytes.fromhex(fields[name]) for name in ("terrain", "actions")}
-    return Record(**fields)
+@lru_cache(1)
+def _estimator(cache: Path) -> RegretEstimator:
+    return RegretEstimator(cache=cache)
 
 
 def explain(estimator: RegretEstimator, record: Record) -> dict[str, Any]:
@@ -91,7 +76,3 @@ def describe_loss(record: Record, loss: Loss, missed: Missed) -> dict[str, Any]:
         "missed": missed.cells.tolist(),
         "seen_at": missed.seen_at,
     }
-
-
-if __name__ == "__main__":
-    main()

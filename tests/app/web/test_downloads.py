@@ -1,0 +1,94 @@
+"""Tables over HTTP for a slow reader: written first and then sent, so nothing reads the database meanwhile."""
+
+import contextlib
+import socket
+import sqlite3
+import tempfile
+from pathlib import Path
+
+from app.storage.store import Store
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.policies import load
+from tests.support.recorded import add_session, add_steps, open_episode
+from tests.support.servers import eventually
+
+EPISODES = 60
+CONFIG = EnvConfig.of("random", 42)
+
+
+def record_long_episodes(path):
+    """Record episodes whose steps are more bytes than sockets hold."""
+    policy = load("frontier-cost", CONFIG.sensor_radius)
+    actions = play_episode(policy, CONFIG, 4).actions
+    store = Store(path)
+    for _ in range(EPISODES):
+        row, episode = open_episode(store, add_session(store), 4, CONFIG)
+        add_steps(store, row, episode, actions, "human")
+    store.close()
+    return EPISODES * len(actions)
+
+
+def checkpoint(path):
+    """Empty the write-ahead log; return whether somebody who reads stood in the way."""
+    with contextlib.closing(sqlite3.connect(path, timeout=5)) as connection:
+        return bool(connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0])
+
+
+@contextlib.contextmanager
+def slow_download(server):
+    """Yield a socket that has asked for the table of steps and does not read it, with the head and what came along."""
+    with socket.socket() as slow:
+        slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.connect(("127.0.0.1", server.port))
+        slow.settimeout(60)
+        head = (
+            "GET /api/export/steps.csv HTTP/1.1",
+            "Host: 127.0.0.1",
+            "Connection: close",
+            "",
+            "",
+        )
+        slow.sendall("\r\n".join(head).encode())
+        answer, _, content = slow.recv(2000).partition(b"\r\n\r\n")
+        assert answer.startswith(b"HTTP/1.1 200"), answer
+        yield slow, answer, content
+
+
+def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(serve, tmp_path):
+    path = tmp_path / "playground.db"
+    steps = record_long_episodes(path)
+    server = serve()
+    player = server.page()
+    with slow_download(server) as (slow, head, content):
+        about = player.post("/api/sessions", json={"size": 9}).json()
+        frame, session = about["frame"], about["session"]
+        east = frame["grid"][0][1] != "#"
+        act = {"episode": frame["episode"], "step": 0, "action": "east" if east else "south"}
+        moved = player.post(f"/api/sessions/{session}/act", json=act)
+        assert moved.json()["step"] == 1, "others' moves go on"
+        assert not checkpoint(path), "nothing reads the database while the table is being sent"
+        while piece := slow.recv(1 << 16):
+            content += piece
+    length = int(head.lower().partition(b"content-length: ")[2].split(b"\r\n")[0])
+    assert len(content) == length > 1_000_000, "more than the sockets hold"
+    assert content.count(b"\n") == steps + 1, "as it was when the export began"
+
+
+def test_a_download_leaves_no_file_behind_also_when_its_reader_goes(serve, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    record_long_episodes(tmp_path / "playground.db")
+    with slow_download(serve()):
+        assert not list(tmp_path.glob("mars-download-*"))
+        assert open_downloads()
+    eventually(lambda: not open_downloads())
+
+
+def open_downloads():
+    """The downloads that this process holds open; their files have no name any more."""
+    found = []
+    for each in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError):
+            target = str(each.readlink())
+            found += [target] if "mars-download-" in target else []
+    return found
