@@ -11,7 +11,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "maps": ("PIL", "yaml"),
     "networks": ("torch", "safetensors"),
     "play": (
-        "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets",
+        "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
         "prometheus_client", "pythonjsonlogger", "argon2",
     ),

@@ -69,7 +69,7 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = DatabaseLock(database)
     try:
-        conn = open_database(database)
+        conn: sqlite3.Connection = open_database(database).conn
         try:
             person = _find(conn, database, name, study)
             _take_exclusively(conn, database)

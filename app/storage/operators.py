@@ -119,7 +119,7 @@ def _writing(database: Path, action: str) -> Iterator[sqlite3.Connection]:
     """
     database.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with closing(open_database(database)) as conn, transaction(conn):
+        with closing(open_database(database).conn) as conn, transaction(conn):
             yield conn
             conn.execute(_ADD_ACTION, (now_ms(), "command line", action, None, 200))
     except sqlite3.Error as error:

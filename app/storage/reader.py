@@ -7,21 +7,23 @@ holds a player's or a session's id, because a session's id is all that is needed
 from __future__ import annotations
 
 import json
-import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from app.database_file.file import hold
-from app.storage.database import StoreError, open_read_only, rows, stream
+from app.storage.database import StoreError, open_read_only
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Record, unpack_terrain
 from marsexplorer.score import steps_to_target
 from marsexplorer.world import cells_that_count
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 Who = Literal["all", "human"]
 
@@ -71,7 +73,7 @@ class Reader:
     """
 
     def __init__(
-        self, db: sqlite3.Connection, path: Path, public: bool = False, at_ms: int | None = None
+        self, db: Database, path: Path, public: bool = False, at_ms: int | None = None
     ) -> None:
         self._db = db
         self.path = path
@@ -93,15 +95,15 @@ class Reader:
     @contextmanager
     def snapshot(self) -> Iterator[None]:
         """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
-        self._db.execute("BEGIN")
+        self._db.conn.execute("BEGIN")
         try:
             yield
         finally:
-            self._db.execute("ROLLBACK")
+            self._db.conn.execute("ROLLBACK")
 
     def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
         """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
-        return rows(self._db, sql, *given)
+        return list(self._db.query(sql, list(given)))
 
     def count(self, who: Who = "all") -> int:
         """Return the number of finished episodes."""
@@ -111,7 +113,7 @@ class Reader:
     def totals(self, who: Who = "all") -> list[dict[str, Any]]:
         """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
         sql = f"SELECT owner_id, config, outcome, steps, score FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
-        return rows(self._db, sql)
+        return list(self._db.query(sql))
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes' rows with `owner_id`, `counts` and `daily`, oldest first; for export, not for the API.
@@ -120,27 +122,31 @@ class Reader:
         """
         order = "ORDER BY e.started_ms, e.id"
         if player is None:
-            return stream(self._db, f"{self._select}{_FILTER[who]} {order}")
-        own = f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}"
-        return stream(self._db, own, player)
+            return self._db.query(f"{self._select}{_FILTER[who]} {order}")
+        return self._db.query(
+            f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player]
+        )
 
     def played_by(self, player: str) -> list[dict[str, Any]]:
         """Return the finished episodes that a player drove, newest first, for their own page; no seed among the columns."""
         columns = "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, ended_ms, "
         columns += "attestation_reason, seed_chosen, assisted, terrain_met_before"
         sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
-        return rows(self._db, sql, player)
+        return list(self._db.query(sql, [player]))
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
-        sql = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
-        return rows(self._db, sql, episode_id)
+        return list(
+            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+        )
 
     def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
         """Return finished episodes, newest first, with seed, totals and the actions in words."""
         sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
-        found = rows(self._db, sql, limit, offset)
-        return [_described(row, self.steps(row["id"])) for row in found]
+        return [
+            _described(row, self.steps(row["id"]))
+            for row in list(self._db.query(sql, [limit, offset]))
+        ]
 
     def episode(self, episode_id: str, viewer: str | None = None) -> dict[str, Any] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None.
@@ -148,7 +154,7 @@ class Reader:
         viewer  the player who asks: they see their own daily episode before its day is over
         """
         sql = f"{self._select_own} AND e.id = ? AND ({self._daily} OR s.owner_id = ?)"
-        for row in rows(self._db, sql, episode_id, viewer):
+        for row in list(self._db.query(sql, [episode_id, viewer])):
             steps = self.steps(episode_id)
             moves = [_move(step) for step in steps]
             return {**_described(row, steps), "moves": moves}
@@ -159,7 +165,7 @@ class Reader:
         sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
             WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
             FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
-        for row in rows(self._db, sql, episode_id, viewer):
+        for row in list(self._db.query(sql, [episode_id, viewer])):
             is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
             return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
         raise StoreError(f"no episode {episode_id!r} in {self.path}")
@@ -167,12 +173,15 @@ class Reader:
     def ids_beginning(self, prefix: str, limit: int) -> list[str]:
         """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
         sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
-        return [str(row["id"]) for row in rows(self._db, sql, prefix, prefix, limit)]
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
 
     def load_record(self, episode_id: str) -> Record:
         """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
-        sql = "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
-        for row in rows(self._db, sql, episode_id):
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
             return record_of(row, self.steps(episode_id))
         raise StoreError(
             f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them"
@@ -216,11 +225,19 @@ def record_of(row: dict[str, Any], steps: list[dict[str, Any]]) -> Record:
     )
 
 
-_MOVE_COLUMNS = ("step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver")  # fmt: skip
-
-
 def _move(step: dict[str, Any]) -> dict[str, Any]:
-    return {"action": ACTIONS[step["action"]], **{name: step[name] for name in _MOVE_COLUMNS}}
+    names = (
+        "step",
+        "reward",
+        "discovered",
+        "server_ms",
+        "client_ms",
+        "key_down_ms",
+        "key_up_ms",
+        "input",
+        "driver",
+    )
+    return {"action": ACTIONS[step["action"]], **{name: step[name] for name in names}}
 
 
 def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, Any]:

@@ -17,9 +17,9 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 from app.database_file.file import DatabaseLock, FilePlace, LostDatabaseError, WriteRefusedError
 from app.database_file.read_threads import ReadThreads
@@ -40,6 +40,9 @@ from app.storage.reader import Reader, config_of
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.score import score
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
 
 __all__ = [
     "Closing",
@@ -170,12 +173,7 @@ _EPISODE = """e.*, (e.ended_ms IS NOT NULL) AS ended, d.day AS daily_day, d.comm
 _LATEST = f"""SELECT {_EPISODE} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
     LEFT JOIN daily_attempts d ON d.episode_id = e.id
-    WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
-        OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
-
-
-_AS_STORED = ("id", "session_id", "number", "seed", "terrain", "policy_seed", "driver", "started_ms")  # fmt: skip
-"""Columns of an episode that hold a field of `EpisodeRow` as it is."""
+    WHERE s.id = :id AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
 
 
 class Store(Reader):
@@ -193,7 +191,7 @@ class Store(Reader):
         accept_loss: bool = False,
     ) -> None:
         path, self.metrics = Path(path), metrics or Metrics()
-        self._reads: ReadThreads[sqlite3.Connection] | None = None
+        self._reads: ReadThreads[Database] | None = None
         check_writable(path)
         self._lock = DatabaseLock(path)
         try:
@@ -211,7 +209,7 @@ class Store(Reader):
             self.close()
             raise
         self._lost: str | None = None
-        self._conn = self._own_db
+        self._conn: sqlite3.Connection = self._db.conn
         self.writes = WriteQueue(self._commit, self._roll_back)
         self._is_within, self._began = False, 0.0
         self._undone: StoreError | None = None
@@ -236,11 +234,11 @@ class Store(Reader):
             self._reads = None
             self._conn.execute(f"PRAGMA busy_timeout = {BUSY_MS}")
 
-    def _open_for_reading(self) -> sqlite3.Connection:
+    def _open_for_reading(self) -> Database:
         """Open a connection of a thread that reads."""
-        conn = open_read_only(self.path)
-        conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
-        return conn
+        db = open_read_only(self.path)
+        db.conn.execute(f"PRAGMA cache_size = -{READ_CACHE_KB}")
+        return db
 
     async def write(
         self,
@@ -273,14 +271,14 @@ class Store(Reader):
         self._lock.close()
 
     @property
-    def _db(self) -> sqlite3.Connection:
+    def _db(self) -> Database:
         """The connection for whoever asks: the one that writes, or while threads are started a reading one of their own."""
         if self._reads is None or self.writes.is_own_thread:
             return self._own_db
         return self._reads.connection()
 
     @_db.setter
-    def _db(self, db: sqlite3.Connection) -> None:
+    def _db(self, db: Database) -> None:
         self._own_db = db
 
     @property
@@ -296,7 +294,7 @@ class Store(Reader):
     @property
     def connection(self) -> sqlite3.Connection:
         """The connection for the modules of this package; it writes inside `transaction` alone."""
-        return self._db
+        return self._db.conn
 
     @contextmanager
     def transaction(self, is_one_statement: bool = False) -> Iterator[None]:
@@ -412,12 +410,24 @@ class Store(Reader):
     def add_player(self, player_id: str, at_ms: int) -> None:
         """Add a player; a second time changes nothing."""
         with self.transaction():
-            self._conn.execute("INSERT OR IGNORE INTO players VALUES (?, ?)", (player_id, at_ms))
+            self._db.table("players").insert({"id": player_id, "created_ms": at_ms}, ignore=True)
 
     def add_session(self, row: SessionRow) -> None:
         """Add a session; a rival's session belongs to the player whose rival it is."""
         with self.transaction():
-            self._conn.execute(_ADD_SESSION, astuple(row))
+            self._conn.execute(
+                _ADD_SESSION,
+                (
+                    row.id,
+                    row.player_id,
+                    row.driver_name,
+                    row.rival_of,
+                    row.pace_mode,
+                    row.moves_per_second,
+                    row.created_ms,
+                    row.control,
+                ),
+            )
 
     def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
         """Store a session's pace for the next start of the server."""
@@ -493,33 +503,47 @@ class Store(Reader):
 
         A participant's is returned at any age.
         """
+        board = self.connection.execute(
+            "SELECT session_id FROM participants WHERE session_id = ?", [session_id]
+        ).fetchone()
         now = int(time.time() * 1000) if now_ms is None else now_ms
-        found = self.query(_LATEST, [session_id, now - DAY_MS])
-        return self._resumable(found[0]) if found else None
+        values = {"id": session_id, "participants": board and board[0], "since": now - DAY_MS}
+        return next((self._resumable(row) for row in list(self._db.query(_LATEST, values))), None)
 
     def rival_of(self, session_id: str) -> str | None:
         """Return the id of the session of a player's rival; None without one."""
-        sql = "SELECT id FROM sessions WHERE rival_of = ?"
-        found = self.connection.execute(sql, [session_id]).fetchone()
+        found = self.connection.execute(
+            "SELECT id FROM sessions WHERE rival_of = ?", [session_id]
+        ).fetchone()
         return None if found is None else str(found[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
         """Return an episode as it stands now, open or ended, and its session; None when there is none."""
         sql = f"SELECT {_EPISODE} FROM episodes e LEFT JOIN daily_attempts d ON d.episode_id = e.id WHERE e.id = ?"
-        found = self.query(sql, [episode_id])
-        return self._resumable(found[0]) if found else None
+        return next((self._resumable(row) for row in list(self._db.query(sql, [episode_id]))), None)
 
     def _resumable(self, row: dict[str, Any]) -> Resumable:
-        (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
+        session = dict(self._db.table("sessions").get(row["session_id"]))
         del session["owner_id"]
-        day, commitment = row["daily_day"], row["daily_commitment"]
+        kept = (
+            "id",
+            "session_id",
+            "number",
+            "seed",
+            "terrain",
+            "policy_seed",
+            "driver",
+            "started_ms",
+        )
         episode = EpisodeRow(
             config=config_of(row),
             start=(row["start_row"], row["start_col"]),
             seed_chosen=bool(row["seed_chosen"]),
             assisted=bool(row["assisted"]),
-            daily=None if day is None else DailyDay(day, commitment),
-            **{name: row[name] for name in _AS_STORED},
+            daily=None
+            if row["daily_day"] is None
+            else DailyDay(row["daily_day"], row["daily_commitment"]),
+            **{name: row[name] for name in kept},
         )
         actions = bytes(step["action"] for step in self.steps(row["id"]))
         return Resumable(SessionRow(**session), episode, actions, bool(row["ended"]))
@@ -528,31 +552,50 @@ class Store(Reader):
         return bool(self._conn.execute(_MET, (terrain_hash(row), row.session_id)).fetchone()[0])
 
     def _open(self, row: EpisodeRow, met_before: bool) -> None:
-        values = {
-            **{name: getattr(row, name) for name in (*_AS_STORED, "seed_chosen", "assisted")},
-            "level": row.config.level,
-            "config": json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":")),
-            "config_hash": row.config.hash,
-            "terrain_hash": terrain_hash(row),
-            "terrain_met_before": met_before,
-            "start_row": row.start[0],
-            "start_col": row.start[1],
-            "core_version": CORE_VERSION,
-        }
-        marks = ", ".join("?" * len(values))
-        sql = f"INSERT INTO episodes ({', '.join(values)}) VALUES ({marks})"
-        self._conn.execute(sql, tuple(values.values()))
+        config = json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":"))
+        self._db.table("episodes").insert(
+            {
+                **{
+                    name: getattr(row, name)
+                    for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")
+                },
+                **{
+                    name: getattr(row, name)
+                    for name in ("driver", "started_ms", "seed_chosen", "assisted")
+                },
+                "level": row.config.level,
+                "config": config,
+                "config_hash": row.config.hash,
+                "terrain_hash": terrain_hash(row),
+                "terrain_met_before": met_before,
+                "start_row": row.start[0],
+                "start_col": row.start[1],
+                "core_version": CORE_VERSION,
+            }
+        )
         if row.daily is not None:
-            attempt = (row.id, row.daily.day, row.daily.commitment, row.session_id)
-            self._conn.execute(_ADD_ATTEMPT, attempt)
+            self._conn.execute(
+                _ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id)
+            )
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing
-        points = score(record.config, record.total, record.cells)
+        totals = (
+            record.outcome,
+            record.steps,
+            record.discovered,
+            record.total,
+            score(record.config, record.total, record.cells),
+        )
         values = (
-            episode_id, at_ms, record.outcome, record.steps, record.discovered, record.total, points,
-            record.trajectory_hash, record.core_version, attestation, reason,
-        )  # fmt: skip
+            episode_id,
+            at_ms,
+            *totals,
+            record.trajectory_hash,
+            record.core_version,
+            attestation,
+            reason,
+        )
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(
                 f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed"

@@ -130,6 +130,7 @@ def test_the_extras_are_those_of_the_package():
         "pillow": "PIL",
         "pyyaml": "yaml",
         "pydantic-settings": "pydantic_settings",
+        "sqlite-utils": "sqlite_utils",
     }
     imported_as |= {
         "prometheus-client": "prometheus_client",
