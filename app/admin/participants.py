@@ -1,4 +1,5 @@
-"""A study as it runs, for the operator: the stage of each participant, who has gone quiet, what each has played.
+"""A study as it runs, for the operator: the stage of each participant, who has gone quiet, what each has played, how people
+come in.
 
 These queries are cheap and always fresh; the figure and the labels, which read every move, are kept for some seconds.
 """
@@ -20,7 +21,10 @@ from app.storage.reader import Reader, config_of
 from app.storage.study_rows import Stage, participant_label
 from app.study.data import load
 from app.study.flow import REPEATED_JOIN, repeated_reasons
+from app.study.folder import Study
+from app.study.invitations import Invitations, state_of, token_of, uses_of
 from app.study.protocol import StudyError
+from app.study.recruitment import code_of, valid_until_ms
 from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
@@ -154,3 +158,36 @@ class LiveFigures:
             for name, number in counts.most_common()
         ]
         return {"figure": live_figure(data), "labels": by_label}
+
+
+def recruiting(
+    reader: Reader, invitations: Invitations, study: Study, now_ms: int
+) -> dict[str, Any]:
+    """Return how people come into a study: its recruitment, the operator's code of the day, and its invitations.
+
+    Invitations are in the order of issuing. The token of one that still lets somebody in is among them: the operator hands it
+    out. A closed study has neither code nor tokens.
+    """
+    uses = uses_of(reader, study.name)
+    listed = []
+    for each in invitations.of(study.name).values():
+        use = uses.get(each.id)
+        state = state_of(each, use)
+        lets_in = study.is_open and state in ("issued", "opened")
+        listed.append(
+            {
+                "id": each.id,
+                "state": state,
+                "issued_ms": each.issued_ms,
+                "revoked_ms": each.revoked_ms,
+                "label": use and use.label,
+                "at_ms": use and use.at_ms,
+                "token": token_of(study, each.id) if lets_in else None,
+            }
+        )
+    return {
+        "recruitment": study.protocol.recruitment,
+        "code": code_of(study, now_ms) if study.is_open else None,
+        "code_until_ms": valid_until_ms(now_ms) if study.is_open else None,
+        "invitations": listed,
+    }

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from app.storage.database import rows
-from app.storage.forgotten import ARRIVALS, ERASED
+from app.storage.erasure import ARRIVALS, ERASED
 from app.study.flow import Arrivals, with_invitations, with_noted
 from app.study.invitations import Invitation
 

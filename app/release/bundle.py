@@ -15,7 +15,7 @@ from app.release.errors import ReleaseError
 from app.release.header import BUNDLE_DATABASE
 from app.release.manifest import check_files, read_manifest
 from app.storage.database import StoreError, reading, transaction
-from app.storage.forgotten import learn_counts
+from app.storage.erasure import learn_counts
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
 from app.storage.releases import ReleaseRow, note_imported_release
 from app.storage.resimulation import Finding

@@ -19,7 +19,7 @@ from app.release.arrivals import arrivals_row
 from app.release.errors import ReleaseError
 from app.storage import chain
 from app.storage.database import open_database, rows, stream, transaction
-from app.storage.forgotten import ERASED
+from app.storage.erasure import ERASED
 from app.study.flow import Arrivals
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -18,18 +17,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from app.storage.chain import Head, Kind, Thing, combine, compute, head, link, select
+from app.storage.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link, select
 from app.storage.database import StoreError, check_writable, reading, rows, transaction
-from app.storage.reader import Reader
+from app.storage.reader import Reader, now_ms
 from app.storage.resimulation import Finding, differences
 from app.storage.study_rows import ORDER_EVENT, StudyRow
 
-_MAY_HAVE_ENTRY: dict[Kind, str] = {
-    "study": "SELECT name FROM studies",
-    "session": "SELECT id FROM sessions",
-    "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
-    "participant": "SELECT id FROM participants",
-}
+_MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
 """Kind of entry in the chain -> the ids (SQL) that may have one."""
 
 _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
@@ -176,12 +170,8 @@ def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
     for table, condition in _WITHOUT_OWNER.items():
         for (count,) in conn.execute(f"SELECT count(*) FROM {table} WHERE {condition}").fetchall():
             if count:
-                yield Finding(
-                    f"table {table}",
-                    "rows",
-                    count,
-                    "no episode, participant, session, player or study that they belong to",
-                )
+                found = "no episode, participant, session, player or study that they belong to"
+                yield Finding(f"table {table}", "rows", count, found)
 
 
 def _within(study: str | None, column: str = "id") -> str:
@@ -217,10 +207,7 @@ def try_write(database: Path, timeout_s: float = 1.0) -> None:
             closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn,
             transaction(conn),
         ):
-            conn.execute(
-                "INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)",
-                [str(time.time_ns() // 1_000_000)],
-            )
+            conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {database} did not take a write: {error}") from error
 
@@ -311,12 +298,9 @@ def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
     for row in select(conn, _ENTRIES):
         where = f"chain entry {row[0]}"
         if row[0] != number + 1:
-            yield Finding(
-                where,
-                "the entry before it",
-                row[0] - 1 if number else "none",
-                number or "none: the first is missing",
-            )
+            missing = row[0] - 1 if number else "none"
+            found = number or "none: the first is missing"
+            yield Finding(where, "the entry before it", missing, found)
         if (made := link(before, row[:-1])) != row[-1]:
             yield Finding(where, "its head", row[-1], made)
         number, before = row[0], row[-1]
@@ -336,12 +320,8 @@ def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Fin
     for kind, ident, first, number in select(conn, sql):
         if live.pop(number, None) != kind or (first and kind != "events"):
             what = f"the entry of its kind ({kind})"
-            yield Finding(
-                place(Thing(kind, ident, first)),
-                what,
-                f"number {number}",
-                "no such entry in force in the chain",
-            )
+            found = "no such entry in force in the chain"
+            yield Finding(place(Thing(kind, ident, first)), what, f"number {number}", found)
     for number, kind in live.items():
         what = f"what it stands for (kind {kind})"
         yield Finding(f"chain entry {number}", what, "gone", "no entry that says it was forgotten")
@@ -353,12 +333,8 @@ def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Fi
         WHERE s.id = ? AND s.kind IN (?, ?) ORDER BY s.kind, s.first"""
     found = select(conn, sql, (ident, kind, "events" if kind == "episode" else kind)).fetchall()
     if not any(row[0] == kind for row in found):
-        yield Finding(
-            place(Thing(kind, ident)),
-            DIGEST,
-            "missing",
-            "an entry of the chain for everything that is finished",
-        )
+        wanted = "an entry of the chain for everything that is finished"
+        yield Finding(place(Thing(kind, ident)), DIGEST, "missing", wanted)
     for of, first, salt, stored, is_sound, hash_ in found:
         yield from _compare(conn, Thing(of, ident, first), salt, stored, is_sound, hash_)
 
@@ -387,12 +363,8 @@ def _compare(
     found = compute(conn, thing, salt)
     for table in sorted(parts.keys() | found.keys()):
         if parts.get(table) != found.get(table):
-            yield Finding(
-                where,
-                f"{DIGEST} in the table {table}",
-                parts.get(table, "missing"),
-                found.get(table, "none"),
-            )
+            what = f"{DIGEST} in the table {table}"
+            yield Finding(where, what, parts.get(table, "missing"), found.get(table, "none"))
 
 
 def check_without_owner(conn: sqlite3.Connection, owners: Mapping[Kind, str]) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ from typing import Any
 from app.storage import chain
 from app.storage.chain import Kind, Thing
 from app.storage.database import StoreError, open_database, reading, rows, stream, transaction
-from app.storage.forgotten import forgotten_people, learn_forgotten
+from app.storage.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
 MERGED_TABLES = (

@@ -39,14 +39,8 @@ def mark_outdated_releases(
 ) -> tuple[int, ...]:
     """Mark the releases made since `joined_ms` as outdated and return their versions: a participant of theirs is erased."""
     where, values = "study = ? AND released_ms >= ?", (study, joined_ms)
-    found = [
-        row[0]
-        for row in conn.execute(
-            f"SELECT version FROM releases WHERE {where} ORDER BY version", values
-        )
-    ]
-    conn.execute(
-        f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}",
-        (now_ms, *values),
-    )
-    return tuple(found)
+    sql = f"SELECT version FROM releases WHERE {where} ORDER BY version"
+    found = tuple(version for (version,) in conn.execute(sql, values))
+    sql = f"UPDATE releases SET outdated_ms = ? WHERE outdated_ms IS NULL AND {where}"
+    conn.execute(sql, (now_ms, *values))
+    return found

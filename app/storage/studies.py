@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from app.storage import chain
-from app.storage.forgotten import invitation_hash
+from app.storage.erasure import invitation_hash
 from app.storage.store import Store
 from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
 

@@ -10,7 +10,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from app.storage.forgotten import ARRIVALS, ERASED
+from app.storage.erasure import ARRIVALS, ERASED
 from app.storage.reader import Reader
 from app.storage.study_rows import Participant, StageEventRow, StudyRow
 
@@ -60,7 +60,7 @@ def count_participants(reader: Reader, study: str) -> int:
 
 
 def count_erased(reader: Reader, study: str) -> int:
-    """Return how many people had their rows erased from a study (`app.storage.forgotten.note_erased`)."""
+    """Return how many people had their rows erased from a study (`app.storage.erasure.note_erased`)."""
     sql = "SELECT count(*) AS n FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
     return int(reader.query(sql, [ERASED, study])[0]["n"])
 

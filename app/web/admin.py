@@ -30,7 +30,7 @@ from pydantic import Field
 from app.admin import live_boards, participants
 from app.admin.exports import ExportError, ExportKind
 from app.admin.login import TooManyAttemptsError, WrongPasswordError
-from app.admin.recruiting import recruiting
+from app.admin.participants import recruiting
 from app.admin.services import AdminServices
 from app.play.lobby import UnknownSessionError
 from app.play.messages import Message, encode_error
