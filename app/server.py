@@ -6,6 +6,7 @@ Nothing here is global: each app has a store, a lobby and a viewer of its own, a
 from __future__ import annotations
 
 import asyncio
+import signal
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
@@ -20,28 +21,18 @@ from app.admin.services import AdminServices
 from app.daily import DailyPolicies
 from app.jobs import Jobs
 from app.leaderboard.leaderboard import Leaderboard
-from app.monitoring.event_loop import collect_in_quiet_moments, measure_lag, rare_collections
-from app.monitoring.listener import metrics_served
 from app.monitoring.logs import log_as_json
 from app.monitoring.metrics import Metrics
 from app.monitoring.requests import NotedRoute, ObservedRequests
 from app.play.daily_boards import DailyBoards
 from app.play.lobby import Lobby
+from app.play.messages import MAX_MESSAGE_BYTES
 from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import PlayerTokens, Sources
 from app.play.spectators import Spectators
 from app.play.terrains import MapCatalogue
-from app.protection import (
-    Admission,
-    AllowedHosts,
-    ForwardedHeaders,
-    OwnCookies,
-    OwnPages,
-    Protection,
-    SecurityHeaders,
-    own_names,
-)
+from app.protection import Gate, LimitedClients, Protection, Proxies, own_names
 from app.replay.service import Replays
 from app.services import Services
 from app.settings import Settings
@@ -71,16 +62,17 @@ from app.web import (
     viewer,
     watch,
 )
-from app.web.errors import add_error_handlers, answer_refusal
+from app.web.errors import add_error_handlers, answer
 from app.web.listening import (
     AnnouncingServer,
     ServerError,
     address_of,
+    bound_connections,
     inherited_socket,
     listen,
+    raise_file_limit,
     uvicorn_config,
 )
-from app.web.middleware import BodyLimit
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import t_quantile
 from marsexplorer.policies import describe
@@ -114,7 +106,7 @@ def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
 
 def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | None) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
-    protection = Protection(settings.limits, settings.trusted_proxies, metrics.count_refusal)
+    protection = Protection(settings.limits, metrics.count_refusal)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -123,26 +115,22 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
         offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
         with _opened(settings, prepared.store, metrics) as store:
-            made = _services(
-                settings, protection, store, offered, prepared.sources or Sources(), password
-            )
+            made = _services(settings, store, offered, prepared.sources or Sources(), password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
-                running = [part.sweep() for part in (lobby, page_boards, protection.slow_readers)]
+                running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
-                running += [measure_lag(metrics), collect_in_quiet_moments()]
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
                 t_quantile(
                     1
                 )  # scipy loads its parts when they are needed: now, and not while somebody plays
-                with rare_collections():
-                    try:
-                        yield
-                    finally:
-                        for sweeper in sweepers:
-                            sweeper.cancel()
+                try:
+                    yield
+                finally:
+                    for sweeper in sweepers:
+                        sweeper.cancel()
 
     app = FastAPI(
         title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
@@ -179,18 +167,18 @@ def _add_protection(
     app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection
 ) -> None:
     """Put the middleware around the app; what is added last sees a request first."""
-    app.state.protection = protection  # for uvicorn's protocols as well
+    app.state.protection = protection
+    what = "Sockets that are open."
+    metrics.add_gauge("sockets", what, lambda: protection.sockets)
     app.add_middleware(NotedRoute)
-    app.add_middleware(BodyLimit)
-    app.add_middleware(Admission, protection=protection, answer=answer_refusal)
-    app.add_middleware(OwnCookies, names=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE))
-    app.add_middleware(OwnPages, public_url=settings.public_url, answer=answer_refusal)
-    app.add_middleware(SecurityHeaders)
+    app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
     app.add_middleware(
-        ForwardedHeaders, proxies=settings.trusted_proxies, public_url=settings.public_url
-    )
-    app.add_middleware(
-        AllowedHosts, names=own_names(settings.public_url, settings.host), answer=answer_refusal
+        Gate,
+        names=own_names(settings.public_url, settings.host),
+        proxies=Proxies(settings.trusted_proxies, settings.public_url),
+        public_url=settings.public_url,
+        cookies=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE),
+        answer=answer,
     )
     app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
 
@@ -217,7 +205,6 @@ async def _threads_of(store: Store) -> AsyncIterator[None]:
 
 def _services(
     settings: Settings,
-    protection: Protection,
     store: Store,
     offered: tuple[PolicyCatalogue, MapCatalogue],
     sources: Sources,
@@ -250,7 +237,6 @@ def _services(
         leaderboard=Leaderboard(store.path, policies.offers(), settings.studies, jobs),
         replays=Replays(store.path, policies.offers(), jobs),
         health=health,
-        protection=protection,
         admin=None
         if password is None
         else AdminServices(password, progress, settings.studies, health, jobs),
@@ -302,7 +288,7 @@ def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
     with ExitStack() as stack:
         try:
             address = stack.enter_context(
-                metrics_served(metrics, settings.metrics_host, settings.metrics_port)
+                metrics.served(settings.metrics_host, settings.metrics_port)
             )
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
@@ -329,18 +315,23 @@ def _log_options(settings: Settings) -> dict[str, Any]:
 
 
 def run(settings: Settings) -> None:
-    """Serve until Ctrl-C; ServerError or StoreError, before anything starts, when the server cannot."""
+    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot."""
     try:
         password = AdminPassword.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
     if settings.log_format == "json":
         log_as_json()
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # it ends as by Ctrl-C: the store is closed
+    raise_file_limit()
     metrics = Metrics()
     with (
         inherited_socket() or listen(settings.host, settings.port) as sock,
         _metrics_served(settings, metrics),
     ):
+        bound_connections(sock, settings.limits.answer_s)
         with _file_errors():
             for path in settings.policies:
                 describe(str(path))

@@ -15,7 +15,6 @@ from app.play.lobby import Lobby
 from app.play.ranked import PageBoards
 from app.play.sources import PlayerTokens
 from app.play.spectators import Spectators
-from app.protection import Protection
 from app.replay.service import Replays
 from app.storage.store import Store
 from app.study.debrief import Debriefs
@@ -41,7 +40,6 @@ class Services:
     leaderboard    people and policies compared
     replays        finished episodes as they went, and policies on their terrains
     health         the state of the disk and the database
-    protection     what one client may ask, and what was refused
     admin          the operator's part; None on a server without an operator's page
     """
 
@@ -59,7 +57,6 @@ class Services:
     leaderboard: Leaderboard
     replays: Replays
     health: Health
-    protection: Protection
     admin: AdminServices | None = None
 
     async def aclose(self) -> None:

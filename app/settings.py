@@ -81,78 +81,44 @@ def _checked_bucket(text: str) -> str:
     return text
 
 
-def _checked_rate(text: str) -> str:
-    """Return a rate in the words of the library `limits`; ValueError for anything else."""
-    if not all(
-        re.fullmatch(r"\s*[1-9][0-9]*/(second|minute|hour|day)\s*", each)
-        for each in text.split(";")
-    ):
-        raise ValueError(
-            f"expected how many in which time, like 150/minute or 150/minute; 2000/hour; got {text!r}"
-        )
-    return text
-
-
 Bucket = Annotated[str, AfterValidator(_checked_bucket)]
-Rate = Annotated[str, AfterValidator(_checked_rate)]
 
 
 class Limits(BaseModel):
-    """What one client may ask of a server, frozen; `MARS_LIMITS__ACTS=50+10/s` in the environment changes one of them.
+    """What one client may ask of a server; `MARS_LIMITS__MESSAGES=50+10/s` changes one of them.
 
-    A classroom of 100 people behind one address stays below all of them.
+    A bucket like 50+10/s lets 50 come at once and 10 a second after that. A classroom of 100 people
+    behind one address stays below all of them.
 
-    connections, connections_per_address  TCP connections that may be open
-    opened           connections that one address may open
-    served           how many of these are served at once and a second after that; the others wait for their turn
-    headers_s, body_s  seconds in which the headers of a request, and then its body, have come; beyond, it is answered 408
-    answer_s         seconds in which a client takes 64 KiB of what waits for it, or all; beyond twice that it is closed
-    requests         HTTP requests of one address; beyond, they wait, and those that would wait too long are refused
-    files            those for the files of the pages, which cost less, in the same way
-    sockets, sockets_per_address          websockets that may be open
-    pings, messages  of any one websocket, before the application sees them; beyond, it is closed with 1008
-    messages_per_address  the same over all sockets of one address
-    busy_sockets     as many sockets may be as busy as the following limits allow; those of one address share that
-    acts             moves over one socket; beyond, they wait
-    events, histories, expectations, refused_acts  messages of those kinds over one socket; beyond, they wait, then it is closed
-    bad_messages     beyond, the socket is closed
-    joins_per_address, joins_per_player   new and resumed participations
-    sessions_per_address, sessions_per_player  new boards, attempts at the daily terrain among them
+    sockets, sockets_per_address  websockets that may be open
+    handshakes_per_address  websockets that one address may open; one closed for too much costs 100
+    messages         of any one websocket; beyond, they wait, and a flood of them closes it with 1008
+    body_s           seconds in which the body of a request has come; beyond, it is answered 408
+    answer_s         seconds in which a client takes what is sent to it; beyond, it is disconnected
+    requests_per_address                       HTTP requests
+    joins_per_address, joins_per_player        new and resumed participations
+    sessions_per_address, sessions_per_player  new boards and attempts at the daily terrain
     episodes_per_address, episodes_per_player  next episodes
-    decision_s       seconds that one decision of a policy may take; a board that takes longer is paused
+    decision_s       seconds that one decision of a policy may take; a board that is slower pauses
     unplayed_h       hours after which a board on which nobody has moved is deleted
-    token            whoever sends it in the header X-Mars-Token is not limited in requests, joins, boards, episodes and sockets
+    token            whoever sends it in the header X-Mars-Token is not limited in what they ask
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    connections: int = Field(default=4000, ge=1)
-    connections_per_address: int = Field(default=1000, ge=1)
-    opened: Bucket = "1000+25/s"
-    served: Bucket = "6+80/s"
-    headers_s: float = Field(default=20.0, gt=0)
-    body_s: float = Field(default=60.0, gt=0)
-    answer_s: float = Field(default=20.0, gt=0)
-    requests: Bucket = "8+200/s"
-    files: Bucket = "40+1000/s"
     sockets: int = Field(default=2000, ge=1)
     sockets_per_address: int = Field(default=500, ge=1)
-    pings: Bucket = "20+2/s"
-    messages: Bucket = "10000+2000/s"
-    messages_per_address: Bucket = "20000+4000/s"
-    busy_sockets: int = Field(default=20, ge=1)
-    acts: Bucket = "500+100/s"
-    events: Bucket = "10+30/s"
-    histories: Bucket = "10+10/s"
-    expectations: Bucket = "30+20/s"
-    bad_messages: Bucket = "20+1/s"
-    refused_acts: Bucket = "5+10/s"
-    joins_per_address: Rate = "300/minute; 2000/hour"
-    joins_per_player: Rate = "30/minute"
-    sessions_per_address: Rate = "300/minute; 6000/hour"
-    sessions_per_player: Rate = "60/minute"
-    episodes_per_address: Rate = "1200/minute"
-    episodes_per_player: Rate = "120/minute"
+    handshakes_per_address: Bucket = "1000+10/s"
+    messages: Bucket = "200+100/s"
+    body_s: float = Field(default=60.0, gt=0)
+    answer_s: float = Field(default=20.0, gt=0)
+    requests_per_address: Bucket = "8000+500/s"
+    joins_per_address: Bucket = "300+1/s"
+    joins_per_player: Bucket = "30+0.5/s"
+    sessions_per_address: Bucket = "300+2/s"
+    sessions_per_player: Bucket = "60+1/s"
+    episodes_per_address: Bucket = "1200+20/s"
+    episodes_per_player: Bucket = "120+2/s"
     decision_s: float = Field(default=10.0, gt=0)
     unplayed_h: float = Field(default=24.0, gt=0)
     token: SecretStr | None = Field(default=None, min_length=16)

@@ -1,15 +1,20 @@
-"""The metrics of one server, in a registry of their own; `app.monitoring.listener` serves them to Prometheus."""
+"""The metrics of one server, in a registry of their own, and the listener that Prometheus asks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 from prometheus_client.process_collector import ProcessCollector
 
 _SHORT_S = (0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0, 5.0)
 _LONG_S = (0.001, 0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 30.0)
 """Upper bounds of a histogram's buckets in seconds."""
+
+PERIOD_S = 0.25
+"""Seconds between two looks at how late the event loop is."""
 
 
 class Metrics:
@@ -18,7 +23,6 @@ class Metrics:
     step            seconds from a move's check to its frame's publication, the commit included
     commit          seconds of a transaction of the writer, from BEGIN to COMMIT
     dropped_frames  frames that a subscriber never got, since a newer one replaced them first
-    sockets         open sockets of all kinds
     event_loop_lag  seconds by which the event loop came back too late
     """
 
@@ -59,7 +63,6 @@ class Metrics:
             ["reason"],
             registry=registry,
         )
-        self.sockets = Gauge("marsexplorer_sockets", "Sockets that are open.", registry=registry)
         self.event_loop_lag = Histogram(
             "marsexplorer_event_loop_lag_seconds",
             "How late the event loop came back.",
@@ -84,3 +87,28 @@ class Metrics:
     def add_gauge(self, name: str, what: str, read: Callable[[], float]) -> None:
         """Add a gauge `marsexplorer_NAME` whose value is read when somebody asks, in a thread of the listener."""
         Gauge(f"marsexplorer_{name}", what, registry=self.registry).set_function(read)
+
+    async def measure_lag(self) -> None:
+        """Sleep PERIOD_S until cancelled, and observe by how many seconds each sleep took longer.
+
+        While the event loop is late, everybody waits.
+        """
+        loop = asyncio.get_running_loop()
+        while True:
+            due = loop.time() + PERIOD_S
+            await asyncio.sleep(PERIOD_S)
+            self.event_loop_lag.observe(max(0.0, loop.time() - due))
+
+    @contextmanager
+    def served(self, host: str, port: int) -> Iterator[str]:
+        """Serve the metrics during the block and yield their address; OSError for a taken port.
+
+        They have a port of their own, which is private unless it is opened; 0 takes a free one.
+        """
+        server, thread = start_http_server(port, host, self.registry)
+        try:
+            yield f"http://{f'[{host}]' if ':' in host else host}:{server.server_port}/metrics"
+        finally:
+            server.shutdown()
+            server.server_close()
+            thread.join()

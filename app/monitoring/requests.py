@@ -19,59 +19,50 @@ REQUEST_ID_HEADER = b"x-request-id"
 request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
 """The id of the request or socket that this task serves."""
 
-_NORMAL_CLOSES = (1000, 1001, 1005, 1012)
 _log = logging.getLogger(__name__)
 
 
 class ObservedRequests:
-    """Gives each request and socket an id, counts it, and logs it at level INFO."""
+    """Gives each request and socket an id, counts it, and logs it at level INFO.
+
+    Whoever closes a socket or refuses its handshake notes the status in `scope["noted"]`; the
+    messages of a socket pass untouched.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app, self._metrics = app, metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] not in ("http", "websocket"):
+        if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
         is_socket = scope["type"] == "websocket"
-        scope["noted"] = {}
+        noted = scope["noted"] = {"status": 1000 if is_socket else 500}
         scope["request_id"] = secrets.token_hex(8)
         request_id.set(scope["request_id"])
-        status, is_open, began = (1006 if is_socket else 500), False, time.perf_counter()
+        began = time.perf_counter()
 
         async def send_observed(message: Message) -> None:
-            nonlocal status, is_open
-            kind = message["type"]
-            if kind in ("http.response.start", "websocket.accept"):
-                message["headers"] = [
-                    *message.get("headers", ()),
-                    (REQUEST_ID_HEADER, scope["request_id"].encode()),
-                ]
-            if kind in ("http.response.start", "websocket.http.response.start"):
-                status = message["status"]
-            elif kind == "websocket.accept":
-                status, is_open = 1000, True
-                self._metrics.sockets.inc()
-            elif kind == "websocket.close":
-                status = message.get("code", 1000)
+            if message["type"] == "http.response.start":
+                noted["status"] = message["status"]
+                header = (REQUEST_ID_HEADER, scope["request_id"].encode())
+                message["headers"] = [*message.get("headers", ()), header]
             await send(message)
 
         try:
-            await self._app(scope, receive, send_observed)
+            await self._app(scope, receive, send if is_socket else send_observed)
         except BaseException:
-            status = 1011 if is_socket else 500
+            noted["status"] = 1011 if is_socket else 500
             raise
         finally:
-            if is_open:
-                self._metrics.sockets.dec()
-            self._count(is_socket, status)
+            self._count(is_socket, noted["status"])
             if _log.isEnabledFor(logging.INFO):
-                self._write(scope, status, time.perf_counter() - began)
+                self._write(scope, noted["status"], time.perf_counter() - began)
 
     def _count(self, is_socket: bool, status: int) -> None:
         if not is_socket:
             self._metrics.count_request(status)
-        elif status not in _NORMAL_CLOSES:
+        elif status != 1000:
             self._metrics.count_refusal(f"socket_{status}")
 
     def _write(self, scope: Scope, status: int, seconds: float) -> None:

@@ -16,12 +16,9 @@ from secure import (
     StrictTransportSecurity,
     XContentTypeOptions,
 )
-from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.protection.addresses import is_secure
-from app.protection.hosts import is_loopback, name_of
+from app.protection.hosts import is_loopback, is_secure, name_of
 
 NO_CACHE = {"Cache-Control": "no-cache"}
 """Of pages and files that are the same for everybody: a browser may keep them, and asks each time whether they still stand."""
@@ -93,30 +90,6 @@ HEADERS = _lower(
 
 BY_TLS = _lower(Secure(hsts=StrictTransportSecurity().max_age(HSTS_S)))
 ISOLATED = _lower(Secure(coop=CrossOriginOpenerPolicy().same_origin()))
-
-
-class SecurityHeaders:
-    """Adds HEADERS where an answer has none of its own, and what holds only for pages that came by TLS."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
-        added = headers_of(HTTPConnection(scope))
-
-        async def send_guarded(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                given = list(message.get("headers", ()))
-                names = {name for name, _ in given}
-                message["headers"] = given + [
-                    each for each in Headers(added).raw if each[0] not in names
-                ]
-            await send(message)
-
-        await self._app(scope, receive, send_guarded)
 
 
 def headers_of(connection: HTTPConnection) -> dict[str, str]:

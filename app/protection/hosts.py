@@ -1,43 +1,54 @@
-"""Which hosts the server answers for, so that no name of somebody else's can be made to lead a browser here (DNS rebinding).
+"""Under which names the server answers, and from which address and by which way a request came.
 
-Starlette's TrustedHostMiddleware compares names alone: it has no rule for IP literals, reads `[::1]:8000` as the host `[`,
-and does not look at X-Forwarded-Host.
+A page of somebody else's whose name is made to lead here (DNS rebinding) must find nobody.
+Starlette's TrustedHostMiddleware compares names alone: it has no rule for IP literals, reads
+`[::1]:8000` as the host `[`, and does not look at X-Forwarded-Host.
 """
 
 from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Iterable
+from collections.abc import Sequence
 from functools import lru_cache
-from ipaddress import ip_address
+from ipaddress import IPv6Address, IPv6Network, ip_address
+from urllib.parse import urlsplit
 
-from starlette.types import ASGIApp, Receive, Scope, Send
-
-from app.protection.refusals import Answer, refuse
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
+from starlette.types import Scope
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^:\[\]/?#@\s]+)(:\d{1,5})?")
+_FORWARDED = frozenset(
+    f"x-forwarded-{what}".encode() for what in ("for", "host", "port", "prefix", "proto")
+)
+
 MOST_HOSTS = 10
 """Hosts that a request may name: one for each proxy on its way."""
 
-SHOWN = 60
-"""Characters of a stranger's input that a refusal repeats, at most."""
+IPV6_PREFIX = 64
+"""Bits of an IPv6 address that say whose it is: a home may change among the 2**64 behind them."""
+
+UNKNOWN = "unknown"
+"""The address where none is known: over a Unix socket, or when a named proxy sends something else."""
 
 
 def own_names(public_url: str | None = None, listening: str = "") -> frozenset[str]:
-    """Return the names that the server answers for: of loopback, of this machine, of `public_url` and of `listening`."""
+    """Return the names that the server answers for, in lower case.
+
+    They are those of loopback, of this machine, of `public_url` and of `listening`.
+    """
     machine = socket.gethostname().lower()
     short = machine.partition(".")[0]
-    names = {"localhost", machine, short, f"{short}.local", listening.lower()}
-    if public_url is not None and (
-        public := name_of(public_url.partition("://")[2].partition("/")[0])
-    ):
-        names.add(public)
-    return frozenset(names - {""})
+    public = "" if public_url is None else name_of(urlsplit(public_url).netloc)
+    return frozenset(
+        {"localhost", machine, short, f"{short}.local", listening.lower(), public or ""} - {""}
+    )
 
 
 def name_of(host: str) -> str | None:
-    """Return the name in a Host header, in lower case, without its port and a final dot; None when it is malformed."""
+    """Return the name in a Host header, in lower case, without its port; None when malformed."""
     found = _HOST.fullmatch(host.strip().lower())
     return None if found is None else found["name"].strip("[]").removesuffix(".")
 
@@ -61,48 +72,93 @@ def is_loopback(name: str) -> bool:
     )
 
 
-class AllowedHosts:
-    """Refuses with 400 what asks for a host that is not the server's: in Host, or in X-Forwarded-Host, whoever sent it.
+def hosts_of(scope: Scope) -> list[str]:
+    """Return what Host and X-Forwarded-Host name, at most one more than MOST_HOSTS."""
+    given = [value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")]
+    named = b",".join(given).decode("latin-1").split(",", MOST_HOSTS)
+    return [host.strip() for host in named if host.strip()]
 
-    names   what the server answers for, in lower case; IP literals and names under `localhost` pass as well
+
+def serves(names: frozenset[str], host: str) -> bool:
+    """Return whether a server with these names answers for a Host header."""
+    name = name_of(host)
+    return name is not None and (name in names or name.endswith(".localhost") or is_literal(name))
+
+
+class Proxies:
+    """The named proxies, whose X-Forwarded headers count; everybody else's are dropped.
+
+    named       their addresses and networks, as text
+    public_url  says scheme and path prefix of what is asked for under its host, where no proxy does
     """
 
-    def __init__(self, app: ASGIApp, names: Iterable[str], answer: Answer) -> None:
-        self._app, self._names, self._answer = app, frozenset(names), answer
+    def __init__(self, named: Sequence[str], public_url: str | None = None) -> None:
+        self._named = ProxyHeadersMiddleware(None, list(named)).trusted_hosts  # type: ignore[arg-type]
+        self._public = urlsplit(public_url or "")
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] in ("http", "websocket"):
-            given = [
-                value for name, value in scope["headers"] if name in (b"host", b"x-forwarded-host")
-            ]
-            hosts = b",".join(given).decode("latin-1").split(",", MOST_HOSTS)
-            if len(hosts) > MOST_HOSTS:
-                await refuse(
-                    scope,
-                    receive,
-                    send,
-                    400,
-                    f"a request must name {MOST_HOSTS} hosts at most",
-                    self._answer,
-                )
-                return
-            for host in hosts:
-                if host.strip() and not self.serves(host):
-                    await refuse(
-                        scope, receive, send, 400, self._sentence(host.strip()), self._answer
-                    )
-                    return
-        await self._app(scope, receive, send)
+    def scope_of(self, scope: Scope) -> Scope:
+        """Return a scope as the browser asked: its address, its scheme and its host.
 
-    def serves(self, host: str) -> bool:
-        """Return whether the server answers for a Host header."""
-        name = name_of(host)
-        return name is not None and (
-            name in self._names or name.endswith(".localhost") or is_literal(name)
-        )
+        The address is the last one in X-Forwarded-For that is no named proxy's. X-Forwarded-Host
+        becomes the Host, and X-Forwarded-Prefix alone remains for handlers to read.
+        """
+        kept = [each for each in scope["headers"] if each[0] not in _FORWARDED]
+        peer, asked = scope.get("client"), {**scope, "headers": kept}
+        if peer is not None and peer[0] in self._named:
+            said = Headers(scope=scope)
+            if (scheme := said.get("x-forwarded-proto")) in ("http", "https", "ws", "wss"):
+                asked["scheme"] = _scheme_for(scope, scheme in ("https", "wss"))
+            came = self._named.get_trusted_client_address(
+                ", ".join(said.getlist("x-forwarded-for"))
+            )
+            if came[0]:
+                asked["client"] = came
+            if host := said.get("x-forwarded-host", "").partition(",")[0].strip():
+                kept[:] = [each for each in kept if each[0] != b"host"]
+                kept.append((b"host", host.encode("latin-1")))
+            if "x-forwarded-prefix" in said:
+                kept.append((b"x-forwarded-prefix", said["x-forwarded-prefix"].encode("latin-1")))
+        return self._as_public(asked)
 
-    def _sentence(self, host: str) -> str:
-        return (
-            f"this server does not answer for the host {host[:SHOWN]!r}: open it by its IP address or as localhost; "
-            "its operator makes a public address known with serve --public-url URL"
-        )
+    def _as_public(self, scope: Scope) -> Scope:
+        """Return a scope with the scheme and the prefix of the public address, if that is asked."""
+        headers = Headers(scope=scope)
+        public = self._public
+        if public.netloc and headers.get("host", "").lower() in (public.netloc, public.hostname):
+            if public.scheme == "https":
+                scope["scheme"] = _scheme_for(scope, secure=True)
+            if public.path and "x-forwarded-prefix" not in headers:
+                scope["headers"].append((b"x-forwarded-prefix", public.path.encode()))
+        return scope
+
+
+def _scheme_for(scope: Scope, secure: bool) -> str:
+    return ("ws" if scope["type"] == "websocket" else "http") + "s" * secure
+
+
+def client_address(connection: HTTPConnection) -> str:
+    """Return whose connection this is, for limits: the only thing a stranger cannot choose freely.
+
+    It is an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN; behind a named proxy
+    (`serve --trusted-proxy`) that which the proxy reports.
+    """
+    return network_of(connection.client.host if connection.client else "")
+
+
+def network_of(host: str) -> str:
+    """Return whose address this is: an IPv4 address, the /64 network of an IPv6 one, or UNKNOWN."""
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return UNKNOWN
+    if isinstance(address, IPv6Address):
+        if address.ipv4_mapped is not None:
+            return str(address.ipv4_mapped)
+        if not address.is_loopback:
+            return str(IPv6Network((address, IPV6_PREFIX), strict=False))
+    return str(address)
+
+
+def is_secure(connection: HTTPConnection) -> bool:
+    """Return whether the browser speaks TLS, with us or with a named proxy before us."""
+    return connection.scope["scheme"] in ("https", "wss")

@@ -167,7 +167,9 @@ class Viewer:
         """Serve one browser's 3-D socket until it leaves."""
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
-            await websocket.close(1002, f"expected the subprotocol {PROTOCOL}; reload the page")
+            await Connection(websocket).close(
+                1002, f"expected the subprotocol {PROTOCOL}; reload the page"
+            )
             return
         await websocket.accept(subprotocol=PROTOCOL)
         await self._transport.serve(Connection(websocket), ShownBoard(session, options))

@@ -86,6 +86,7 @@ class Connection:
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
         """Close the socket, whatever state it is in."""
+        self._websocket.scope["noted"]["status"] = code
         with suppress(Exception):
             await self._websocket.close(code, reason)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
+from starlette.websockets import WebSocket
 
 from app.play.lobby import UnknownSessionError
 from app.play.session import Session
@@ -22,6 +23,12 @@ def services_of(connection: HTTPConnection) -> Services:
     """Return the services of the server that a request or a websocket has reached."""
     services: Services = connection.app.state.services
     return services
+
+
+async def close(websocket: WebSocket, code: int, reason: str) -> None:
+    """Close a websocket and note the code for the log and the metrics."""
+    websocket.scope["noted"]["status"] = code
+    await websocket.close(code, reason)
 
 
 def player_of(connection: HTTPConnection) -> str | None:

@@ -40,7 +40,7 @@ from app.study.folder import Study
 from app.study.invitations import MAX_INVITATIONS, token_of
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
-from app.web.access import is_operator, services_of
+from app.web.access import close, is_operator, services_of
 from app.web.sockets import UNKNOWN_SESSION
 from marsexplorer.config import CORE_VERSION
 
@@ -323,10 +323,10 @@ async def check_database(admin: Operator) -> dict[str, Any]:
 async def watch_board(websocket: WebSocket, session_id: str) -> None:
     """Send a board's frames as they come; what the operator sends is ignored."""
     if has_own_origin(websocket) is not True:
-        await websocket.close(NOT_OUR_PAGE, "the Origin of this page is not this server's")
+        await close(websocket, NOT_OUR_PAGE, "the Origin of this page is not this server's")
         return
     if not await is_operator(websocket):
-        await websocket.close(NOT_LOGGED_IN, "log in at /admin first")
+        await close(websocket, NOT_LOGGED_IN, "log in at /admin first")
         return
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
@@ -334,7 +334,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
             session = await services_of(websocket).lobby.get(session_id)
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
-            await websocket.close(UNKNOWN_SESSION, "unknown session")
+            await close(websocket, UNKNOWN_SESSION, "unknown session")
             return
         sender = asyncio.create_task(_send(websocket, live_boards.board_messages(session)))
         try:
@@ -351,6 +351,6 @@ async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> No
     async with contextlib.aclosing(messages):
         async for message in messages:
             if not await is_operator(websocket):
-                await websocket.close(NOT_LOGGED_IN, "logged out")
+                await close(websocket, NOT_LOGGED_IN, "logged out")
                 return
             await websocket.send_text(message)

@@ -72,11 +72,6 @@ def answer(
     )
 
 
-def answer_refusal(request: Request, status: int, detail: str) -> Response:
-    """Return the answer to a request that the middleware refuses; what it stands outside of sets no headers, so this does."""
-    return answer(request, status, detail, headers_of(request))
-
-
 def _sentence(text: str) -> str:
     """Return an error's text as a sentence."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")

@@ -1,26 +1,54 @@
-"""Serving an app on a socket: a listening socket, uvicorn's configuration, and a server that announces its address."""
+"""Serving an app on a socket: uvicorn as it comes, and a server that announces its address."""
 
 from __future__ import annotations
 
+import asyncio
 import errno
+import gc
+import logging
 import os
+import resource
 import socket
+from contextlib import suppress
 from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from uvicorn.server import ServerState
 
 from app.play.messages import MAX_MESSAGE_BYTES
-from app.protection import limited_protocols
 
-BACKLOG = 2048
+BACKLOG = 1024
 """Connections that may wait to be accepted."""
+
+HEAD_BYTES = 2**14
+"""Bytes of the head of a request that may wait for its end."""
+
+READ_BYTES = 2**13
+"""Bytes that the system keeps of a connection until they are read; up to twice as many are at once.
+
+More would keep everybody else waiting while what came over one connection is looked at.
+"""
+
+MOST_UNREAD_BYTES = 2**23
+"""Bytes that may wait in this process for the client of a websocket. It is more than the longest
+message: only answers to pings, of which uvicorn writes as many as come, are that many."""
 
 FIRST_INHERITED_FD = 3
 """The descriptor of the first socket that systemd passes on (sd_listen_fds(3))."""
 
-ACCEPTED_AT_ONCE = 50
-"""Connections that are accepted in one turn of the event loop."""
+_STRANGERS = (
+    "Invalid HTTP request received.",
+    "Invalid UTF-8 sequence received from client.",
+    "Unsupported upgrade request.",
+    "ASGI callable returned without completing handshake.",
+    "ASGI callable returned without completing response.",
+)
+_NOT_TAKEN = (
+    b"HTTP/1.1 400 Bad Request\r\ncontent-type: text/plain\r\nconnection: close\r\n\r\n"
+    b"a request for a websocket must have no body and no long line, as browsers send it"
+)
 
 
 class ServerError(RuntimeError):
@@ -77,16 +105,77 @@ def address_of(sock: socket.socket) -> str:
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
+def bound_connections(sock: socket.socket, answer_s: float) -> None:
+    """Bound what a connection of a listening socket may hold, by options that the system knows.
+
+    Little of what it sends waits for us, and one that takes nothing of what we send is ended after
+    `answer_s`: this also ends what waits for it, which no time limit of ours would.
+    """
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, READ_BYTES)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * answer_s))
+
+
+def raise_file_limit() -> None:
+    """Let this process open as many files, hence connections, as the system allows it."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
+def websocket_protocol(
+    config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any]
+) -> WebSocketsSansIOProtocol:
+    """Return uvicorn's websocket, looked at for what uvicorn 0.54 does not do.
+
+    It neither answers nor closes a connection whose handshake the library `websockets` cannot read,
+    and it goes on answering the pings of a client that takes no answers.
+    """
+    protocol = WebSocketsSansIOProtocol(config, server_state, app_state)
+    loop, read = asyncio.get_running_loop(), protocol.data_received
+
+    def read_handshake(data: bytes) -> None:
+        del protocol.data_received  # the rest is uvicorn's alone
+        with suppress(UnicodeError):  # of a header that is none
+            read(data)
+        if protocol.handshake_initiated:
+            look_for_unread()
+        else:
+            protocol.transport.write(_NOT_TAKEN)
+            protocol.transport.close()
+
+    def look_for_unread() -> None:
+        if protocol.transport.get_write_buffer_size() > MOST_UNREAD_BYTES:
+            protocol.transport.abort()
+        elif not protocol.transport.is_closing():
+            loop.call_later(1.0, look_for_unread)
+
+    protocol.data_received = read_handshake  # type: ignore[method-assign]
+    return protocol
+
+
 def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
-    """Return uvicorn's configuration for the app, with its limits and some options changed."""
-    http, ws = limited_protocols(app.state.protection)
+    """Return uvicorn's configuration for the app, with some options changed."""
     options: dict[str, Any] = {
-        "http": http, "ws": ws, "backlog": ACCEPTED_AT_ONCE,
-        "ws_per_message_deflate": False, "ws_max_size": 2 * MAX_MESSAGE_BYTES, "lifespan": "on",
-        "access_log": False, "log_level": "warning", "timeout_graceful_shutdown": 3, "server_header": False,
+        "http": "h11", "h11_max_incomplete_event_size": HEAD_BYTES,
+        "ws": websocket_protocol, "ws_max_size": 2 * MAX_MESSAGE_BYTES,
+        "ws_per_message_deflate": False, "ws_ping_interval": 20.0, "ws_ping_timeout": 20.0,
+        "backlog": BACKLOG, "timeout_graceful_shutdown": 3, "lifespan": "on",
+        "access_log": False, "log_level": "warning", "server_header": False,
         "proxy_headers": False,  # `app.protection` reads them
     }  # fmt: skip
-    return uvicorn.Config(app, **{**options, **changes})
+    config = uvicorn.Config(app, **{**options, **changes})
+    logging.getLogger("uvicorn.error").addFilter(is_worth_a_line)
+    return config
+
+
+def is_worth_a_line(record: logging.LogRecord) -> bool:
+    """Return whether a record of uvicorn's is more than a stranger's malformed or refused request.
+
+    Of a message that is no text it logs a traceback, of each refused handshake an error, and when
+    it stops a traceback of each request that it cancels.
+    """
+    is_cancelled = record.exc_info is not None and record.exc_info[0] is asyncio.CancelledError
+    return not (is_cancelled or str(record.msg).startswith(_STRANGERS))
 
 
 class AnnouncingServer(uvicorn.Server):
@@ -99,8 +188,8 @@ class AnnouncingServer(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start serving, then print the address."""
         await super().startup(sockets)
-        for sock in sockets or ():
-            sock.listen(BACKLOG)  # asyncio has made it as small as what it accepts at once
+        gc.collect()
+        gc.freeze()  # what is there now stays for ever, and is not looked at again while people play
         if self.started:
             print(
                 f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True

@@ -26,9 +26,9 @@ from app.play.messages import (
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
-from app.protection import POLICY_VIOLATION, TooManyMessagesError, has_own_origin, limited_as
+from app.protection import has_own_origin
 from app.storage.store import StoreError
-from app.web.access import is_owner, may_control, services_of, visible_session
+from app.web.access import close, is_owner, may_control, services_of, visible_session
 
 UNKNOWN_SESSION = 4404
 """Close code of our own sockets for a session that the asker may not see."""
@@ -45,13 +45,9 @@ async def play_socket(websocket: WebSocket, session_id: str) -> None:
             session = await visible_session(websocket, session_id)
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
-            await websocket.close(UNKNOWN_SESSION, "unknown session")
+            await close(websocket, UNKNOWN_SESSION, "unknown session")
             return
-        try:
-            await PlaySocket(websocket, session).serve()
-        except TooManyMessagesError as error:
-            with contextlib.suppress(RuntimeError):  # whoever sent them may have gone already
-                await websocket.close(POLICY_VIOLATION, str(error))
+        await PlaySocket(websocket, session).serve()
 
 
 class PlaySocket:
@@ -65,9 +61,6 @@ class PlaySocket:
         )
         self._may_control = may_control(websocket, session)
         self._expected = ExpectedDiscoveries()
-        protection = services_of(websocket).protection
-        self._limited_as, self._turns = limited_as(websocket), protection.turns
-        self._budget = protection.socket_budget(self._limited_as)
         self._keeping: asyncio.Task[None] | None = None
         """What tells that the newest input events are kept."""
 
@@ -113,12 +106,9 @@ class PlaySocket:
             message = await self._websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return
-            if self._limited_as is not None:
-                await self._turns.begin(self._limited_as)
             text = message.get("text")
             if text is None:
                 size = len(message.get("bytes") or b"")
-                self._budget.spend("bad")
                 answer: str | None = encode_error(
                     f"a message must be JSON in a text frame, got {size} binary bytes"
                 )
@@ -129,9 +119,6 @@ class PlaySocket:
                     WebSocketDisconnect, RuntimeError
                 ):  # whoever has gone: what they had sent counts still
                     await self._websocket.send_text(answer)
-            await asyncio.sleep(
-                self._budget.take_delay_s()
-            )  # at least a turn of the event loop: others have messages too
 
     async def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer, and for events.
@@ -142,11 +129,11 @@ class PlaySocket:
         session = self._session
         try:
             message = parse_message(text)
-            self._budget.spend(message.kind)
             if isinstance(message, Events):
                 if self._keeping is not None:
                     await self._keeping
                 self._keeping = asyncio.create_task(self._tell_kept(message))
+                await asyncio.sleep(0)  # it begins before the act that follows
                 return None
             if isinstance(message, Act):
                 self._check_control()
@@ -157,12 +144,9 @@ class PlaySocket:
             return encode_history(session.current.id, session.episode)
         except RefusedError as refusal:
             self._count_refusal("not_current")
-            self._budget.spend("refused")
             return encode_refused(str(refusal), session.frame)
         except (BadMessageError, PermissionError, StoreError) as error:
             self._count_refusal("not_written" if isinstance(error, StoreError) else "bad_message")
-            if isinstance(error, BadMessageError):
-                self._budget.spend("bad")
             return encode_error(str(error))
 
     def _driver(self, act: Act) -> str:

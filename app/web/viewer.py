@@ -9,7 +9,7 @@ from app.play.lobby import UnknownSessionError
 from app.protection import viewer_policy
 from app.viewer3d.client_page import ClientPage
 from app.viewer3d.scene import ViewOptions
-from app.web.access import services_of, visible_session
+from app.web.access import close, services_of, visible_session
 from app.web.sockets import UNKNOWN_SESSION
 
 router = APIRouter(include_in_schema=False)
@@ -64,7 +64,7 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         session = await visible_session(websocket, session_id)
     except UnknownSessionError:
         await websocket.accept()
-        await websocket.close(UNKNOWN_SESSION, "unknown session")
+        await close(websocket, UNKNOWN_SESSION, "unknown session")
         return
     await services_of(websocket).viewer.serve(
         websocket, session, ViewOptions.from_query(websocket.query_params)

@@ -12,7 +12,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.play.messages import encode_error
 from app.play.spectators import UnwatchableError
-from app.web.access import asker_of, player_of, services_of
+from app.web.access import asker_of, close, player_of, services_of
 from app.web.pages import page
 from app.web.sockets import UNKNOWN_SESSION
 
@@ -74,6 +74,6 @@ async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> No
                 await websocket.send_text(message)
         except UnwatchableError as error:
             await websocket.send_text(encode_error(str(error)))
-            await websocket.close(UNKNOWN_SESSION, "unknown episode")
+            await close(websocket, UNKNOWN_SESSION, "unknown episode")
             return
-    await websocket.close(1000, "the episode has ended")
+    await close(websocket, 1000, "the episode has ended")

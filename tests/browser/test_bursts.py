@@ -4,7 +4,7 @@ import asyncio
 import re
 import time
 
-from app.protection import Admission
+from app.protection import LimitedClients
 from tests.browser.test_attested import ATTESTED, level_of, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D
 from tests.support.servers import eventually
@@ -99,13 +99,13 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
 
 def test_a_press_waits_for_the_socket_of_a_new_session(serve, player, monkeypatch):
     """Each socket of this server opens late, as over a slow line."""
-    admit = Admission.__call__
+    admit = LimitedClients.__call__
 
     async def admit_late(self, scope, receive, send):
         await asyncio.sleep(0.7 if scope["type"] == "websocket" else 0)
         await admit(self, scope, receive, send)
 
-    monkeypatch.setattr(Admission, "__call__", admit_late)
+    monkeypatch.setattr(LimitedClients, "__call__", admit_late)
     me = player(serve(), NO_3D)
     me.goto()
     me.page.get_by_test_id("mode-ranked").click()

@@ -139,6 +139,11 @@ class Running:
             yield Socket(connection, self.clock or HastyClock(), PACE)
 
     @property
+    def protection(self):
+        """What a server in this process counts of its clients."""
+        return self.app.state.protection
+
+    @property
     def services(self):
         """The services of a server in this process: its store, lobby, viewer and so on."""
         return self.app.state.services
@@ -165,7 +170,7 @@ def limits():
     from app.settings import Limits
 
     fast = "100000+100000/s"
-    return Limits(acts=fast, events=fast, served=fast, requests=fast, files=fast)
+    return Limits(messages=fast, requests_per_address=fast)
 
 
 @pytest.fixture(scope="session")
@@ -182,7 +187,7 @@ def serve(tmp_path, limits, shipped_policies):
     from app.play.sources import Sources
     from app.server import Prepared, create_app
     from app.settings import Settings
-    from app.web.listening import listen, uvicorn_config
+    from app.web.listening import bound_connections, listen, uvicorn_config
 
     running = []
 
@@ -194,6 +199,7 @@ def serve(tmp_path, limits, shipped_policies):
             **settings,
         }
         sock = listen("127.0.0.1", 0)
+        bound_connections(sock, settings["limits"].answer_s)
         clock = MovableClock()
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
@@ -216,7 +222,7 @@ def serve(tmp_path, limits, shipped_policies):
             sock.close()
             server.close()
 
-        server.stop = stop
+        server.stop, server.engine = stop, engine
         running.append(server)
         return server
 

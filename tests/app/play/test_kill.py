@@ -159,8 +159,8 @@ def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_pa
     for kill in range(100):
         server = spawn(
             limits={
-                "sessions_per_address": "100000/minute",
-                "episodes_per_address": "100000/minute",
+                "sessions_per_address": "100000+100000/s",
+                "episodes_per_address": "100000+100000/s",
             }
         )
         client = server.client()
