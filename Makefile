@@ -9,14 +9,13 @@ PLAY    := $(VENV)/.play
 DEV     := $(VENV)/.dev
 AUDIT   := $(VENV)/.audit
 SBOM    := dist/marsexplorer-playground.cdx.json
-# tianshou wants an older pandas than the rest, so the paper's experiments have an environment of their own
-PAPER   := .venv-paper
+# tianshou wants an older pandas than the rest, so research has an environment of its own
+RESEARCH := .venv-research
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
-PAPERINSTALL := $(PAPER)/bin/python $(PIP) --constraint constraints-paper.txt --editable
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long paper test-paper check format docs bench audit sbom clean browser
+.PHONY: help play test test-long paper test-research check format docs bench audit sbom clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -31,11 +30,12 @@ test: $(DEV) browser ## all tests but the long campaigns, real browser included 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600
 
-paper: $(PAPER)/.paper ## what the paper's four algorithms need, in an environment of its own
-	@echo "Next: $(PAPER)/bin/marsexplorer paper --figure 4 --budget small   (--help lists the rest)"
+paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
+	$(RESEARCH)/bin/python -m research.paper.claims.page
+	@echo "Next: $(RESEARCH)/bin/python -m research.paper --figure 4 --budget small   (--help lists the rest)"
 
-test-paper: $(PAPER)/.test ## the tests of the paper's experiments, where tianshou is
-	$(PAPER)/bin/python -m pytest tests/marsexplorer/paper
+test-research: $(RESEARCH)/.done ## the tests of research/, in its own environment
+	$(RESEARCH)/bin/python -m pytest research
 
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
 	$(BIN)/python -m pytest tests research -m bench -s -p no:cacheprovider --timeout 3600
@@ -84,15 +84,11 @@ $(AUDIT): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) '.[audit]'
 	@touch $@
 
-$(PAPER)/.paper: pyproject.toml constraints-paper.txt
-	@$(MAKE) --no-print-directory VENV=$(PAPER) $(PAPER)/bin/python
-	@echo "Installing what the paper's algorithms need into $(PAPER): about 1.5 GB, some minutes when nothing has been downloaded before."
-	$(PAPERINSTALL) '.[paper]'
-	@touch $@
-
-$(PAPER)/.test: $(PAPER)/.paper
-	$(PAPERINSTALL) '.[play,paper]' pytest pytest-timeout httpx
+$(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints.txt
+	@$(MAKE) --no-print-directory VENV=$(RESEARCH) $(RESEARCH)/bin/python
+	@echo "Installing what research needs into $(RESEARCH): about 1.5 GB, some minutes when nothing has been downloaded before."
+	$(RESEARCH)/bin/python $(PIP) --constraint research/constraints.txt --requirement research/requirements.txt --editable '.[study,train]'
 	@touch $@
 
 clean: ## remove the virtual environments and caches (never data/)
-	rm -rf $(VENV) $(PAPER) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	rm -rf $(VENV) $(RESEARCH) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist

@@ -22,19 +22,17 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "ray": ("ray",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
-    "paper": ("cmaes", "tianshou", "pandas"),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
 INCLUDED: dict[str, tuple[str, ...]] = {
-    "play": ("networks", "maps"),
+    "play": ("onnx", "maps"),
     "train": ("networks",),
     "study": ("play",),
     "export": ("study",),
     "onnx": ("networks",),
     "ray": ("train",),
     "video": ("play",),
-    "paper": ("train",),
 }
 """Extra -> the extras that it includes."""
 
@@ -47,7 +45,6 @@ EXTRA_OF_COMMAND = {
     "train": "train",
     "refine": "train",
     "sweep": "train",
-    "paper": "train",
     "study": "study",
     "simulate": "study",
     "report": "study",

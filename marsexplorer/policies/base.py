@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.observation import DISPLACEMENTS, EAST, Codes, decode, rover_position
+from marsexplorer.random_numbers import mix
 
 INVALID_LOGIT = -1e9
 """The logit of a move that is not valid."""
@@ -28,6 +29,18 @@ class Policy(Protocol):
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3 (north, east, south, west)."""
+
+
+def begin_draws(seed: int) -> np.random.Generator:
+    """Return the generator that a policy draws an episode's moves from."""
+    return np.random.Generator(np.random.PCG64(mix(seed)))
+
+
+def draw_action(probabilities: NDArray[np.float32], generator: np.random.Generator) -> int:
+    """Draw an action 0..3 with the probabilities float32[4]."""
+    cumulative = np.cumsum(probabilities, dtype=np.float64)
+    drawn = generator.random() * cumulative[3]
+    return int(np.searchsorted(cumulative[:3], drawn, side="right"))
 
 
 def goal_of(policy: Policy) -> tuple[int, int] | None:

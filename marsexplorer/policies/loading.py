@@ -13,7 +13,6 @@ from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
 from marsexplorer.policies.base import Policy, PolicyNotFoundError
 from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
 from marsexplorer.policies.files.extras import check_extra
-from marsexplorer.policies.files.formats import PAPER_FORMAT, PAPER_NETWORK_FORMAT
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced
@@ -121,7 +120,8 @@ def is_rule(name: str) -> bool:
 
 def find_shipped(digest: str) -> Path | None:
     """Return the shipped file of this SHA-256 (hex), whatever its name is now; None when none has it."""
-    return next((path for name, path in shipped().items() if policy_hash(name) == digest), None)
+    found = {**shipped(), **of_paper()}
+    return next((path for name, path in found.items() if policy_hash(name) == digest), None)
 
 
 def policy_hash(name: str) -> str | None:
@@ -136,17 +136,10 @@ def policy_hash(name: str) -> str | None:
 
 
 def _load_safetensors(path: Path, sensor_radius: int) -> Policy:
-    found = read_card(path).get("format")
     check_extra("networks")
     from marsexplorer.policies.network.model import load_network
-    from marsexplorer.policies.network.paper_model import load_paper_policy
-    from marsexplorer.policies.network.paper_policy import load_paper_network_policy
 
-    if found == PAPER_FORMAT:
-        return load_paper_policy(path)
-    return (load_paper_network_policy if found == PAPER_NETWORK_FORMAT else load_network)(
-        path, sensor_radius
-    )
+    return load_network(path, sensor_radius)
 
 
 def _load_onnx(path: Path, sensor_radius: int) -> Policy:

@@ -1,4 +1,4 @@
-"""Training configurations: `best`, which learns from nothing, `priced`, which begins as priced rules, and `paper`."""
+"""Training configurations: `best`, which learns from nothing, and `priced`, which begins as priced rules."""
 
 from __future__ import annotations
 
@@ -10,21 +10,16 @@ from typing import Any
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.files.formats import PAPER_FORMAT
 from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network import model, paper_model
-from marsexplorer.policies.network.paper_network import PolicyNetwork
-from marsexplorer.policies.network.paper_policy import save_paper_network
-from marsexplorer.policies.network.shape import NetworkShape
-from marsexplorer.training.envs import (
-    EncoderFactory,
-    feature_encoder,
-    priced_encoder,
-    state_matrix_encoder,
-)
+from marsexplorer.policies.network import model
+from marsexplorer.training.envs import EncoderFactory, feature_encoder, priced_encoder
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
+LIMITS = (
+    "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles."
+)
+"""What the cards say of the policies' limits."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +27,10 @@ class TrainConfig:
     """Everything that fixes a run besides its terrains, its length and its seed; the card of the policy lists it.
 
     name                                what `--recipe` calls it
-    network                             "features": ours, on features of the observation; on the state matrix alone the
-                                        paper's, "authors": in the sizes of the authors' repository, "rllib": in RLlib's
-    sees_prices                         whether ours is given the prices of unknown cells too, and begins as the priced rules
+    sees_prices                         whether the network is given the prices of unknown cells too, and begins as the priced rules
     prior_scale                         of such a network, factor of the logits that it begins with: as they are, the rules are
                                         almost certain of every move, so that no other is tried
     rule_coef                           of such a network, coefficient of its cross-entropy to the rules, on 21x21, 42x42, 84x84
-    mask                                whether invalid moves have no probability; "rllib" never masks
     reward_per_cell                     rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus                           whether eq. 8 pays +-n where an episode ends, on the levels that have it
     num_envs, num_steps                 environments stepped together; steps of each between updates
@@ -59,11 +51,9 @@ class TrainConfig:
     """
 
     name: str = "best"
-    network: str = "features"
     sees_prices: bool = False
     prior_scale: float = 1.0
     rule_coef: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    mask: bool = True
     reward_per_cell: float = 0.18
     has_bonus: bool = True
     num_envs: int = 256
@@ -91,74 +81,37 @@ class TrainConfig:
         return self.num_envs * self.num_steps
 
     @property
-    def limits(self) -> str:
-        """What the cards say of the policies' limits."""
-        if self.network == "features" and self.mask:
-            return "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles."
-        crashes = "" if self.mask else "may drive into an obstacle; "
-        size = "any size" if self.network == "features" else "the size it was trained on alone"
-        return f"Draws its moves; {crashes}plays {size}."
-
-    @property
     def make_encoder(self) -> EncoderFactory:
         """What makes the network's observation of an environment."""
-        if self.network != "features":
-            return state_matrix_encoder
         return priced_encoder if self.sees_prices else feature_encoder
 
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
-        """Return a freshly initialised network; ValueError when it cannot serve all the environments."""
-        if self.network == "features":
-            if not self.mask:
-                return PolicyNetwork(NetworkShape("features", "policy", critic="shared"))
-            net = model.Net(self.sees_prices)
-            if self.sees_prices:
-                net.prior.data *= self.prior_scale
-            return net
-        shapes = {(config.rows, config.cols) for config in env_configs}
-        if len(shapes) != 1:
-            raise ValueError(
-                f"the paper's network sees one size of grid; choose one --size, got {len(shapes)}"
-            )
-        rows, cols = shapes.pop()
-        if self.network == "rllib":
-            return paper_model.PaperNet(rows, cols)
-        return PolicyNetwork(
-            NetworkShape(self.network, "policy", rows, cols, critic="separate", mask=self.mask)
-        )
+        """Return a freshly initialised network, which serves all environments."""
+        del env_configs
+        net = model.Net(self.sees_prices)
+        if self.sees_prices:
+            net.prior.data *= self.prior_scale
+        return net
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
         """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
-        card = {"limits": self.limits, **card}
-        if isinstance(net, PolicyNetwork):
-            save_paper_network(net, net.shape, path, card)
-        else:
-            save_network(
-                net,
-                path,
-                card,
-                model.format_of(net) if isinstance(net, model.Net) else PAPER_FORMAT,
-            )
+        assert isinstance(net, model.Net)
+        save_network(net, path, {"limits": LIMITS, **card}, model.format_of(net))
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
-        """Return the configuration that `to_dict` gave, in this version or an earlier one; ValueError when it is of a later.
-
-        A field that an earlier version did not have gets what that version did: its recipe `paper` had RLlib's network and no
-        mask, and no other field's default does anything.
-        """
+        """Return the configuration that `to_dict` gave; ValueError when it has other settings."""
         unknown = set(stored) - {field.name for field in fields(cls)}
         if unknown:
             raise ValueError(
                 f"the settings {', '.join(sorted(unknown))} are of a later version; use that version"
             )
-        network = {"network": "rllib", "mask": False} if stored["name"] == "paper" else {}
         values: dict[str, Any] = {
             name: float("inf") if value is None else value for name, value in stored.items()
         }
         values["target_entropy"] = stored["target_entropy"]
         tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return cls(**{**network, **values, **tuples})
+        return cls(**{**values, **tuples})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values (None for no bound)."""
@@ -177,32 +130,5 @@ RECIPES = {
         target_entropy=None,  # adapted to a target, its coefficient grew until the policy had forgotten the rules
         gamma=0.999,
     ),
-    # The appendix gives gamma, the learning rate, lambda, the KL coefficient and the clip; the rest is RLlib 1.0.1's default
-    # for PPO: train_batch_size 4000, kl_target 0.01, vf_loss_coeff 1, vf_clip_param 10, no entropy, no clipping of gradients,
-    # a value network of its own. Its 30 passes in minibatches of 128 are APPENDIX_PASSES: 960 gradient steps an update and an
-    # eighth of the speed, where these have 48.
-    "paper": TrainConfig(
-        name="paper",
-        network="authors",
-        mask=False,
-        reward_per_cell=0.0,
-        num_envs=20,
-        num_steps=200,
-        update_epochs=6,
-        minibatch_size=500,
-        clip_coef=0.3,
-        learning_rate=5e-5,
-        final_learning_rate=5e-5,
-        target_entropy=None,
-        kl_coef=0.2,
-        kl_of_last_epoch=True,
-        vf_coef=1.0,
-        vf_change_clip=10.0,
-        gamma=0.95,
-        value_warmup_updates=0,
-        max_grad_norm=float("inf"),
-    ),
 }
 """Name, as `--recipe` takes it -> configuration."""
-APPENDIX_PASSES: dict[str, Any] = {"update_epochs": 30, "minibatch_size": 128}
-"""What the recipe `paper` is given for the passes of RLlib's defaults (num_sgd_iter, sgd_minibatch_size)."""

@@ -54,12 +54,6 @@ def priced_encoder(config: EnvConfig, num_envs: int) -> Encoder:
     return feature_encoder(config, num_envs, sees_prices=True)
 
 
-def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:
-    """Return the encoder for `policies.network.paper_model.PaperNet`: the codes of the state matrix (eq. 6) alone."""
-    del config, num_envs
-    return lambda codes, cells, visited, headings: (torch.from_numpy(codes),)
-
-
 STATE_ARRAYS = ("visited", "headings", "steps", "returns", "cells")
 """The arrays of TrainingEnvs that a checkpoint holds."""
 

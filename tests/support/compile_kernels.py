@@ -30,8 +30,6 @@ def compile_kernels():
 def compile_policies():
     """Play a short episode with each policy."""
     for name in names():
-        if name == "ppo-paper":  # plays one size alone, and compiles nothing of its own
-            continue
         episode, policy = Episode.begin(CONFIG, seed=1), load(name)
         policy.reset(1)
         while not episode.ended:

@@ -1,11 +1,23 @@
 """Policy files for the tests: good ones of every kind, and a corpus of broken and malicious ones."""
 
+import json
 import os
 import pickle
 
 import numpy as np
 import onnx
+import torch
 from onnx import TensorProto, helper, numpy_helper
+
+from marsexplorer.policies.files.weights import save_network
+from marsexplorer.policies.network.model import Net
+
+
+def write_network(path):
+    """Write a network of ours that has learnt nothing; return its path."""
+    torch.manual_seed(1)
+    save_network(Net(), path, {"summary": "Untrained.", "limits": "None known."})
+    return path
 
 
 def runs(marker):
@@ -54,9 +66,12 @@ def onnx_model(
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
-def write_onnx(path, **given):
-    """Write a good model."""
-    onnx.save(onnx_model(**given), str(path))
+def write_onnx(path, card=None, **given):
+    """Write a good model, with a card in its metadata if one is given."""
+    model = onnx_model(**given)
+    if card is not None:
+        model.metadata_props.add(key="card", value=json.dumps(card))
+    onnx.save(model, str(path))
     return path
 
 

@@ -82,7 +82,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 )
 @click.option(
     "--recipe",
-    type=click.Choice(["best", "paper"]),
+    type=click.Choice(["best", "priced"]),
     default="best",
     show_default=True,
     help="As in train.",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,20 +31,10 @@ REFINE_CHECKPOINT = "refine.pt"
 @click.command(short_help="Train a policy on this machine.")
 @click.option(
     "--recipe",
-    type=click.Choice(["best", "priced", "paper"]),
+    type=click.Choice(["best", "priced"]),
     default="best",
     show_default=True,
-    help="best learns from nothing; priced sees the prices of unknown cells and begins as their rules; paper is the paper's.",
-)
-@click.option(
-    "--network",
-    type=click.Choice(["authors", "rllib"]),
-    help="With paper: sizes of the network as in the authors' repository, or RLlib's.  [default: authors]",
-)
-@click.option(
-    "--appendix",
-    is_flag=True,
-    help="With paper: 30 passes in minibatches of 128, for 6 of 500; much slower.",
+    help="best learns from nothing; priced sees the prices of unknown cells and begins as their rules.",
 )
 @levels_option("random")
 @sizes_option("21")
@@ -88,8 +77,6 @@ REFINE_CHECKPOINT = "refine.pt"
 )
 def train(
     recipe: str,
-    network: str | None,
-    appendix: bool,
     levels: tuple[str, ...],
     sizes: tuple[Any, ...],
     minutes: float | None,
@@ -115,7 +102,6 @@ def train(
       marsexplorer train --minutes 5 --seed 1 --out runs/quick
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
       marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
-      marsexplorer train --recipe paper --minutes 60
       marsexplorer serve --policy runs/quick/quick.safetensors
     """
     if minutes is not None and steps is not None:
@@ -124,21 +110,13 @@ def train(
         raise click.UsageError(
             "--resume needs --out and the --steps that the run began with (its first line printed them)"
         )
-    if recipe != "paper" and (appendix or network):
-        raise click.UsageError(
-            "--appendix and --network are of the paper's recipe; add --recipe paper, or leave them out"
-        )
-    from marsexplorer.training.config import APPENDIX_PASSES, RECIPES
+    from marsexplorer.training.config import RECIPES
     from marsexplorer.training.ppo import TrainingRun
 
     configs = configs_of(levels, sizes)
-    _check_rounds(rounds, workers, recipe, sizes)
+    _check_rounds(rounds, workers, sizes)
     _check_device(device)
-    changes: dict[str, Any] = {
-        **(APPENDIX_PASSES if appendix else {}),
-        **({"network": network} if network else {}),
-    }
-    config = replace(RECIPES[recipe], **changes)
+    config = RECIPES[recipe]
     folder = (
         out
         or Path("runs")
@@ -160,9 +138,8 @@ def train(
                 *(f"--size {_size_text(size)}" for size in sizes),
             ]
         )
-        what = f"{recipe}{' --appendix' if appendix else ''}{f' --network {network}' if network else ''}"
         refining = f" --refine {rounds}" if rounds else ""
-        command = f"marsexplorer train --recipe {what} {options} --steps {steps}{refining} --seed {seed} --out {folder.name}"
+        command = f"marsexplorer train --recipe {recipe} {options} --steps {steps}{refining} --seed {seed} --out {folder.name}"
         click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
         trained = _train(run, steps, folder, resume, command, suffix="-ppo" if rounds else "")
@@ -176,9 +153,7 @@ def train(
         raise click.UsageError(str(error)) from error
 
 
-def _check_rounds(
-    rounds: int | None, workers: int | None, recipe: str, sizes: tuple[Any, ...]
-) -> None:
+def _check_rounds(rounds: int | None, workers: int | None, sizes: tuple[Any, ...]) -> None:
     """Raise UsageError where a policy cannot be refined as it was asked for."""
     if rounds is None:
         if workers is not None:
@@ -186,10 +161,6 @@ def _check_rounds(
                 "--workers are the processes of --refine; add it, or leave them out"
             )
         return
-    if recipe == "paper":
-        raise click.UsageError(
-            "--refine is for the recipes best and priced; the paper's network is not refined"
-        )
     if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
         raise click.UsageError(
             "--refine plays square grids of sides 21 to 84; give such a --size, or leave --refine out"
@@ -267,7 +238,7 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     where = ", ".join(
         dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
     )
-    what = "PPO as in the paper" if run.config.name == "paper" else "A network trained by PPO"
+    what = "A network trained by PPO"
     if run.config.sees_prices:
         what = "A network that began as rules by the prices of unknown cells, trained by PPO"
     return {

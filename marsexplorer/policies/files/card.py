@@ -35,7 +35,7 @@ def of_paper() -> dict[str, Path]:
 
     They load by name as the shipped ones do, but `names` does not list them: `serve --paper` offers them.
     """
-    return {path.stem: path for path in sorted((shipped_folder() / "paper").glob(f"*{SUFFIX}"))}
+    return {path.stem: path for path in sorted((shipped_folder() / "paper").glob("*.onnx"))}
 
 
 POLICY_ADVICE = (

@@ -1,6 +1,6 @@
 """Policies made elsewhere: whatever turns one observation into four logits, played as it would play itself.
 
-They decide from the state matrix alone, without memory and without the guard of our own networks: the highest logit wins.
+They decide from the state matrix alone, without memory and without the guard of our own networks.
 """
 
 from __future__ import annotations
@@ -12,36 +12,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.observation import STATE_VALUES, action_masks, decode, rover_position
-from marsexplorer.policies.base import INVALID_LOGIT
+from marsexplorer.policies.base import INVALID_LOGIT, begin_draws, draw_action
 
 Evaluate = Callable[[NDArray[Any], NDArray[np.bool_]], tuple[NDArray[np.float32], float]]
 """(observation [rows, cols], action mask bool[4]) -> (logits float32[4], value, NaN when there is none)."""
 
 
 class ImportedPolicy:
-    """Take the move with the highest logit.
+    """Take the move with the highest logit, or draw it.
 
     evaluate  what turns an observation and an action mask into logits and a value
     size      (rows, cols) it was made for; None for any
     raw       whether it expects uint8 codes instead of the float32 state matrix
     masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an obstacle
+    samples   whether each move is drawn from the probabilities; the seed of `reset` fixes the draws
 
     thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
     """
 
     def __init__(
-        self, name: str, evaluate: Evaluate, size: tuple[int, int] | None, raw: bool, masked: bool
+        self,
+        name: str,
+        evaluate: Evaluate,
+        size: tuple[int, int] | None,
+        raw: bool,
+        masked: bool,
+        samples: bool = False,
     ) -> None:
         self.name, self.size = name, size
         self._evaluate, self._raw, self._masked = evaluate, raw, masked
+        self._samples = samples
         self._thought: tuple[NDArray[np.float32], float] = (
             np.full(4, 0.25, np.float32),
             float("nan"),
         )
+        self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Do nothing: such a policy remembers nothing and draws nothing."""
-        del seed
+        """Begin an episode; the seed fixes what is drawn."""
+        self._draws = begin_draws(seed)
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3; ValueError for an observation of another size than it was made for."""
@@ -53,7 +62,10 @@ class ImportedPolicy:
         if self._masked and mask.any():
             logits = np.where(mask, logits, np.float32(INVALID_LOGIT))
         shares = np.exp(logits - logits.max())
-        self._thought = ((shares / shares.sum()).astype(np.float32), value)
+        probabilities = (shares / shares.sum()).astype(np.float32)
+        self._thought = (probabilities, value)
+        if self._samples:
+            return draw_action(probabilities, self._draws)
         return int(logits.argmax())
 
     def thought(self) -> tuple[NDArray[np.float32], float]:

@@ -6,8 +6,11 @@ Two kinds are understood; a batch dimension, where there is one, must take 1.
 [1, rows, cols] or [1, 1, rows, cols]; rows and cols may be left open. Output `logits` float32[4] or [1, 4]; output `value`,
 one float32, if there is one. With a further input `action_mask`, bool[4] or [1, 4] (True where valid), invalid moves never win.
 
-**Our own network**, as `policies.network.onnx_network` writes it: inputs `planes` and `moves`, outputs `logits` and `value`,
-the card under "card" in the metadata. It plays with memory and guard, as the network it was made from.
+**A network over our features**, as `policies.network.onnx_network` writes it: inputs `planes` and `moves`, outputs `logits`
+and, if there is one, `value`. It plays with memory.
+
+The card under "card" in the metadata may say how a policy "acts": "samples" draws each move from the probabilities, "greedy"
+takes the best, "greedy with guard" has the loop guard besides, which networks over our features have unless the card says else.
 
 A file is checked before it is run: at most 64 MiB, standard operators, no control flow, no functions, all weights inside. The
 memory that it allocates on the way is bounded, and a model that asks for more is refused.
@@ -97,6 +100,13 @@ class OnnxModel:
             return {}
         return card if isinstance(card, dict) else {}
 
+    def acts(self, default: str, *others: str) -> str:
+        """Return how the policy acts, by its card; PolicyFileError when it is none of the ways given."""
+        found = self.card().get("acts", default)
+        if found not in (default, *others):
+            raise self.refuse(f'one of {", ".join((default, *others))} as "acts"', repr(found)[:60])
+        return str(found)
+
     def run(self, inputs: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the outputs by name."""
         return dict(zip(self.outputs, self._session.run(list(self.outputs), inputs), strict=True))
@@ -161,7 +171,9 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     raw = kind == "tensor(uint8)"
     nothing: NDArray[Any] = np.zeros(size or (PROBE, PROBE), np.uint8 if raw else np.float32)
     check_outputs(model, model.try_out(_inputs_of(model, nothing, np.ones(4, np.bool_))))
-    return ImportedPolicy(model.path.stem, _evaluation(model), size, raw, "action_mask" in names)
+    samples = model.acts("greedy", "samples") == "samples"
+    masked = "action_mask" in names
+    return ImportedPolicy(model.path.stem, _evaluation(model), size, raw, masked, samples)
 
 
 def describe_onnx(path: Path) -> str:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from marsexplorer.observation import valid_actions
-from marsexplorer.policies.base import INVALID_LOGIT, Memory, Policy
+from marsexplorer.policies.base import INVALID_LOGIT, Memory, Policy, begin_draws, draw_action
 from marsexplorer.policies.files.card import read_card, refuse
 from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
 from marsexplorer.policies.files.weights import read_weights
@@ -38,6 +38,8 @@ from marsexplorer.policies.network.prior import (
     size_nearness,
 )
 
+ACTS = ("greedy with guard", "greedy", "samples")
+"""How a network's policy chooses its moves."""
 NEGLIGIBLE_SHARE = 1e-5
 """Weights of the prior that count less than this at a size only count by rounding."""
 
@@ -141,27 +143,32 @@ def initialize_orthogonal(net: nn.Module) -> None:
 
 
 class NetworkPolicy:
-    """Take the move with the network's highest logit, with the loop guard; remember the cells visited.
+    """Take the move with the network's highest logit, or draw it; remember the cells visited.
 
     net        the network, which several policies may share
+    acts       one of ACTS; the seed of `reset` fixes what "samples" draws
     thought()  after `act`: probabilities float32[4] of the moves, and the value, as the network judged the last observation
     """
 
-    has_value = True
-
-    def __init__(self, name: str, net: InfersLogits, sensor_radius: int) -> None:
+    def __init__(
+        self, name: str, net: InfersLogits, sensor_radius: int, acts: str = ACTS[0]
+    ) -> None:
         self.name = name
         self.net = net
-        self._memory, self._guard = Memory(), LoopGuard(sensor_radius)
+        self.has_value = getattr(net, "has_value", True)
+        self._memory, self._samples = Memory(), acts == "samples"
+        self._guard = LoopGuard(sensor_radius) if acts == "greedy with guard" else None
         find_rules = net.rules_that_count if isinstance(net, Net) else None
         self._features = RememberedFeatures(sensor_radius, net.sees_prices, find_rules)
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
+        self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Forget the episode; nothing is drawn, so the seed has no effect."""
-        del seed
+        """Forget the episode; the seed fixes what is drawn in the next."""
+        self._draws = begin_draws(seed)
         self._memory.forget()
-        self._guard.reset()
+        if self._guard is not None:
+            self._guard.reset()
 
     def act(self, observation: NDArray[Any]) -> int:
         """Return an action 0..3."""
@@ -183,7 +190,9 @@ class NetworkPolicy:
         memory = self._memory
         shares = np.exp(logits - logits.max())
         self._thought = shares / shares.sum(), value
-        overruled = self._guard.overrule(memory)
+        if self._samples:
+            return draw_action(self._thought[0], self._draws)
+        overruled = None if self._guard is None else self._guard.overrule(memory)
         if overruled is not None:
             return overruled
         action = int(logits.argmax())
@@ -195,7 +204,7 @@ class NetworkPolicy:
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the loop guard goes to; None where the network chose the last action."""
-        return self._guard.goal()
+        return None if self._guard is None else self._guard.goal()
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value) of the last observation."""

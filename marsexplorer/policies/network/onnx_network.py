@@ -1,4 +1,4 @@
-"""Our own network as an ONNX file: written from a policy file, and played by onnxruntime in the place of torch."""
+"""Networks over our features as ONNX files: written from a policy file, and played by onnxruntime in the place of torch."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from numpy.typing import NDArray
 from marsexplorer.config import ROVER
 from marsexplorer.files import replace_whole
 from marsexplorer.policies.files.card import read_card, shipped
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
 from marsexplorer.policies.files.onnx import OnnxModel, check_outputs
-from marsexplorer.policies.network.features import FeatureExtractor
-from marsexplorer.policies.network.model import NetworkPolicy, load_net
+from marsexplorer.policies.network.features import FeatureExtractor, num_action_features
+from marsexplorer.policies.network.model import ACTS, NetworkPolicy, load_net
 
 
 class OnnxNet:
-    """Our own network in an ONNX file; `infer` is that of `model.Net`, one board after the other."""
+    """A network in an ONNX file; `infer` is that of `model.Net`, one board after the other.
+
+    has_value  whether it gives a value; else values are NaN
+    """
 
     def __init__(self, model: OnnxModel, sees_prices: bool) -> None:
         self._model, self.sees_prices = model, sees_prices
+        self.has_value = "value" in model.outputs
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
@@ -34,29 +37,24 @@ class OnnxNet:
             self._model.run({"planes": planes[i : i + 1], "moves": moves[i : i + 1]})
             for i in range(len(planes))
         ]
-        return (
-            np.concatenate([each["logits"].reshape(1, 4) for each in outputs]),
-            np.concatenate([each["value"].reshape(1) for each in outputs]),
-        )
+        logits = np.concatenate([each["logits"].reshape(1, 4) for each in outputs])
+        if not self.has_value:
+            return logits, np.full(len(planes), np.nan, np.float32)
+        return logits, np.concatenate([each["value"].reshape(1) for each in outputs])
 
 
 def load_onnx_network(model: OnnxModel, sensor_radius: int) -> NetworkPolicy:
-    """Return the policy of a model that `write_onnx` wrote; PolicyFileError when it is not quite so."""
-    found = model.card().get("format")
-    if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
-        raise model.refuse(
-            f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT} in its card", repr(found)[:60]
-        )
-    sample = sample_inputs(sees_prices=found == PRICED_NETWORK_FORMAT)
+    """Return the policy of a model with the inputs planes and moves; PolicyFileError when they are not of our features."""
+    sees_prices = model.inputs["moves"][1][-1] == num_action_features(sees_prices=True)
+    sample = sample_inputs(sees_prices)
     for name, array in sample.items():
         kind = f"tensor({'uint8' if array.dtype == np.uint8 else 'float'})"
         if model.inputs[name] not in ((kind, array.shape), (kind, (None, *array.shape[1:]))):
             came = f"{model.inputs[name][0]} {list(model.inputs[name][1])}"
             raise model.refuse(f"{name} {kind} {list(array.shape)}", came)
     check_outputs(model, model.try_out({name: array.copy() for name, array in sample.items()}))
-    return NetworkPolicy(
-        model.path.stem, OnnxNet(model, found == PRICED_NETWORK_FORMAT), sensor_radius
-    )
+    net = OnnxNet(model, sees_prices)
+    return NetworkPolicy(model.path.stem, net, sensor_radius, model.acts(*ACTS))
 
 
 def write_onnx(policy_file: str | Path, path: Path) -> None:

@@ -431,6 +431,7 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
     )
     assert [path.stem for path in third.policies] == [
         "a2c-works",
+        "ppo-paper",
         "ppo-works",
         "rainbow-works",
         "sac-works",

@@ -15,7 +15,7 @@ from app.study.verification import check_policy_files
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyNotFoundError, find_file
 from marsexplorer.policies.files import card
-from tests.support.policy_files import write_onnx
+from tests.support.policy_files import write_network, write_onnx
 
 CONFIG = EnvConfig("random", 6, 7, sensor_radius=3)
 SEEDS = {0: 4, 1: 5}
@@ -123,7 +123,7 @@ def later_version(tmp_path, monkeypatch):
     shipped = tmp_path / "shipped"
     shipped.mkdir()
     shutil.copy(find_file("ppo"), shipped / "ppo-first.safetensors")
-    shutil.copy(find_file("ppo-paper"), shipped / "ppo.safetensors")
+    write_network(shipped / "ppo.safetensors")
     monkeypatch.setattr(card, "shipped_folder", lambda: shipped)
     return shipped
 

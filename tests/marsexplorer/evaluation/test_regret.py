@@ -172,7 +172,7 @@ def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(tmp_pat
 def test_what_cannot_go_on_or_is_too_large_is_refused(estimator):
     with pytest.raises(PolicyNotFoundError):
         RegretEstimator("no-such-policy")
-    with pytest.raises(PolicyFileError, match="expected the format"):
+    with pytest.raises(PolicyFileError, match="is no policy: expected"):
         RegretEstimator("ppo-paper")
     large = Episode.begin(EnvConfig.of("random", (43, 42)), seed=1)
     with pytest.raises(ValueError, match=r"up to 1764 cells, .* has 43x42"):

@@ -15,6 +15,7 @@ from marsexplorer.policies import load
 from marsexplorer.policies.files import hub
 from marsexplorer.policies.files.card import read_card, shipped
 from tests.support.hub_server import TOKEN, create_hub
+from tests.support.policy_files import write_network
 from tests.support.servers import eventually
 
 pytestmark = pytest.mark.filterwarnings(
@@ -87,7 +88,7 @@ def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
 
 
 def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
-    older = shutil.copy(shipped()["ppo-paper"], tmp_path / "mine.safetensors")
+    older = write_network(tmp_path / "mine.safetensors")
     hub.push(older, REPO)
     first = hub_app.state.repositories[REPO].sha()
     before = older.read_bytes()

@@ -12,11 +12,10 @@ from safetensors.torch import save_file
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, PAPER_FORMAT
+from marsexplorer.policies.files.formats import NETWORK_FORMAT
 from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network.features import PLANES, SCALES, FeatureExtractor
 from marsexplorer.policies.network.model import Net
-from marsexplorer.policies.network.paper_model import PaperNet
 
 
 @pytest.fixture(scope="module")
@@ -208,36 +207,6 @@ def test_a_network_of_another_format_is_refused_by_name(tmp_path):
         match=rf"expected the format .* or {NETWORK_FORMAT}, got 'marsexplorer-network-0'",
     ):
         policies.load(path)
-
-
-def paper_file(path, **card):
-    torch.manual_seed(6)
-    save_network(
-        PaperNet(9, 14),
-        path,
-        {"summary": "As in the paper.", "size": [9, 14], **card},
-        PAPER_FORMAT,
-    )
-    return path
-
-
-def test_the_papers_network_draws_its_moves_by_the_seed_and_plays_its_own_size_alone(tmp_path):
-    policy, config = (
-        policies.load(paper_file(tmp_path / "paper.safetensors")),
-        EnvConfig("random", 9, 14),
-    )
-    played = [bytes(play(policy, config, seed).actions) for seed in (1, 1, 2, 3)]
-    assert played[0] == played[1]
-    assert len(set(played)) == 3
-    assert bytes(play(policy, config, 2, floats=True).actions) == played[2]
-    with pytest.raises(ValueError, match=r"was made for 9x14 .*cannot play 9x15"):
-        policy.act(Episode.begin(EnvConfig("random", 9, 15), seed=0).codes)
-
-
-@pytest.mark.parametrize("size", [None, [9], [9, 20], [3, 14], ["9", 14], [9, 14.0], [9, 10**9]])
-def test_a_paper_file_whose_card_has_no_fitting_size_is_refused(tmp_path, size):
-    with pytest.raises(policies.PolicyFileError, match="is no policy"):
-        policies.load(paper_file(tmp_path / "paper.safetensors", size=size))
 
 
 def test_a_file_cut_short_is_refused(file, tmp_path):

@@ -269,10 +269,7 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.safetensors")])
     assert refused.exit_code == 2
     assert "is no policy" in refused.output
-    assert (
-        "the format marsexplorer-network-4 or marsexplorer-network-3"
-        in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
-    )
+    assert "is no policy" in CliRunner().invoke(cli, ["refine", "ppo-paper"]).output
     nothing = CliRunner().invoke(cli, ["refine", "--rounds", "0"])
     assert nothing.exit_code == 2
     assert "changes nothing without --prices" in nothing.output

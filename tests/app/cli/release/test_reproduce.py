@@ -15,7 +15,7 @@ from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
-from tests.support.policy_files import write_onnx
+from tests.support.policy_files import write_network, write_onnx
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -28,7 +28,7 @@ def bundle(tmp_path_factory):
     study = freeze(folder / "studies", policies=("random", "frontier-cost", str(policy)))
     play_study(folder / "play.db", study)
     kept = folder / "studies" / "dunes" / "policies"
-    shutil.copy(find_file("ppo-paper"), policy)
+    write_network(policy)
     request = ReleaseRequest(folder / "play.db", "dunes", folder / "out", policy_folder=kept)
     built = build_release(request, reporter=released_report("dunes", ()))
     (folder / "play.db").unlink()

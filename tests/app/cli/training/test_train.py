@@ -107,7 +107,6 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, 
 @pytest.mark.parametrize(
     ("options", "part"),
     [
-        (["--recipe", "paper", "--refine", "2"], "the paper's network is not refined"),
         (["--size", "21x42", "--refine", "2"], "square grids of sides 21 to 84"),
         (["--size", "12", "--refine", "2"], "square grids of sides 21 to 84"),
         (["--workers", "2"], "are the processes of --refine"),

@@ -1,0 +1,403 @@
+"""The command `python -m research.paper`: the experiments of the paper, each figure with one command."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+from research.paper.algorithms import ALGORITHMS
+from research.paper.episodes.play import gather
+from research.paper.figures import figure4, figure5, figure6, figure7
+from research.paper.figures.curves import (
+    TABLE_COLUMNS,
+    Record,
+    add_records,
+    cells_of,
+    read_exported,
+    read_records,
+    rows_of,
+    write_table,
+)
+from research.paper.jobs import ERROR_FILE, BusyError, Job, run_jobs
+from research.paper.plan import DIFFICULTIES, FIGURES, LEVEL, SIZE, Request, disagreement, plan
+from research.paper.trial import Trial
+
+PATH = click.Path(path_type=Path)
+REPORT_FORMAT = "marsexplorer-report-1"
+TRAINED = ("4", "5")
+"""The figures that are of trainings; the others are of policies at play."""
+
+
+@click.command()
+@click.option(
+    "--figure",
+    type=click.Choice([*FIGURES, "all"]),
+    required=True,
+    help="Figure of the paper, or all of them.",
+)
+@click.option(
+    "--budget",
+    type=click.Choice(["small", "full"]),
+    default="small",
+    show_default=True,
+    help="small does figure 4 in half an hour on two cores, full in some hours.",
+)
+@click.option(
+    "--algorithms",
+    multiple=True,
+    help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all four]",
+)
+@click.option(
+    "--variants",
+    multiple=True,
+    help="paper, works, tuned, works-no-CHANGE ...; repeatable, or with commas.  "
+    "[default: paper,works; figure 5: paper]",
+)
+@click.option(
+    "--policy",
+    "policies",
+    multiple=True,
+    help="For figures 6 and 7 besides theirs: a name or file; repeatable.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 100),
+    default=3,
+    show_default=True,
+    help="Trainings of each kind.",
+)
+@click.option(
+    "--moves", type=click.IntRange(min=1), help="Moves of every training, in place of the budget's."
+)
+@click.option(
+    "--terrains",
+    type=click.IntRange(min=2),
+    help="Held-out terrains to measure on, in place of the budget's.",
+)
+@click.option("--out", type=PATH, help="Folder of the results.  [default: runs/paper-BUDGET]")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Processes at a time.  [default: one for each core]",
+)
+@click.option(
+    "--human-level",
+    "human_file",
+    type=PATH,
+    help="JSON of a closed study's report, for the line of people in figure 4.",
+)
+@click.option("--list", "is_list", is_flag=True, help="List what there is to do, and do nothing.")
+@click.option(
+    "--draw",
+    "is_draw",
+    is_flag=True,
+    help="Draw and tabulate what is finished in --out; train nothing.",
+)
+@click.option(
+    "--export",
+    type=PATH,
+    help="Write what is finished in --out to small files in this folder, beside what it has of other "
+    "trainings and policies; train nothing.",
+)
+@click.option(
+    "--redraw", type=PATH, help="Draw from a folder that --export wrote into --out; train nothing."
+)
+def paper(
+    figure: str,
+    budget: str,
+    algorithms: tuple[str, ...],
+    variants: tuple[str, ...],
+    policies: tuple[str, ...],
+    seeds: int,
+    moves: int | None,
+    terrains: int | None,
+    out: Path | None,
+    workers: int | None,
+    human_file: Path | None,
+    is_list: bool,
+    is_draw: bool,
+    export: Path | None,
+    redraw: Path | None,
+) -> None:
+    """Make an experiment of the paper again: train, measure on terrains kept apart, draw the figure and print its table.
+
+    Every training is one job on one core with a folder of its own in --out. The jobs run in the order of
+    their seeds, so a run that is stopped leaves a whole with fewer seeds. The same command goes on from
+    there: what is done is not done again, and --seeds 5 adds two trainings of each kind to three.
+
+    Figures 6 and 7 have the policies that were trained in --out too.
+
+    \b
+    Examples:
+      python -m research.paper --figure 4                              small: half an hour on two cores
+      python -m research.paper --figure 4 --budget full --list         what that would do
+      python -m research.paper --figure 4 --algorithms ppo --variants works --seeds 5
+      python -m research.paper --figure 4 --redraw research/paper/data --out pictures
+    """
+    figures = FIGURES if figure == "all" else (figure,)
+    folder = out or Path("runs") / f"paper-{budget}"
+    try:
+        if redraw is not None:
+            draw_exported(figures, redraw, folder, human_file)
+        elif export is not None:
+            export_results(figures, folder, export)
+        elif is_draw:
+            show_figures(figures, folder, human_file)
+        else:
+            names, kinds = _names(algorithms), _names(variants)
+            request = Request(figures, budget, names, kinds, seeds, moves, terrains, policies)
+            if is_list:
+                _list(_plan(request, folder), folder)
+                return
+            _check_installed(_plan(request, folder), folder)
+            failures = _run_all(request, folder, workers or len(os.sched_getaffinity(0)))
+            show_figures(figures, folder, human_file)
+            _complain(failures, folder)
+    except OSError as error:
+        where = error.filename or folder
+        raise click.ClickException(
+            f"cannot use {where}: {error.strerror}; choose another"
+        ) from error
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _names(given: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for each in given for name in each.split(",") if name))
+
+
+def _plan(request: Request, folder: Path) -> list[Job]:
+    """Return the jobs; raise UsageError when one cannot be done or the folder holds it with other options."""
+    try:
+        jobs = plan(request, folder)
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.UsageError(str(error)) from error
+    if (sentence := disagreement(jobs, folder)) is not None:
+        raise click.UsageError(sentence)
+    return jobs
+
+
+def _check_installed(jobs: list[Job], folder: Path) -> None:
+    """Raise UsageError when a training needs tianshou and there is none."""
+    trials = [job for job in jobs if isinstance(job, Trial) and not job.is_done(folder)]
+    wanted = sorted({trial.algorithm for trial in trials} - {"ppo"})
+    if wanted and find_spec("tianshou") is None:
+        names = ", ".join(ALGORITHMS[name] for name in wanted)
+        raise click.UsageError(
+            f"what trains {names} is not installed here: run `make paper`, and then "
+            ".venv-research/bin/python -m research.paper; or give --algorithms ppo"
+        )
+
+
+def _list(jobs: list[Job], folder: Path) -> None:
+    for job in jobs:
+        click.echo(f"{job.name}{': done' if job.is_done(folder) else ''}")
+    click.echo(_outlook(jobs, folder))
+
+
+def _outlook(jobs: list[Job], folder: Path) -> str:
+    to_do = sum(not job.is_done(folder) for job in jobs)
+    return f"{to_do} of {len(jobs)} jobs to do in {folder}"
+
+
+def _run_all(request: Request, folder: Path, workers: int) -> dict[str, str]:
+    """Run the jobs, then those of figures 6 and 7 that the policies just trained bring; return job -> why it failed."""
+    failures: dict[str, str] = {}
+    tried: set[str] = set()
+    while jobs := [job for job in _plan(request, folder) if job.name not in tried]:
+        tried |= {job.name for job in jobs}
+        click.echo(_outlook(jobs, folder), err=True)
+        try:
+            with _progress(len(jobs)) as on_change:
+                failures |= run_jobs(jobs, folder, workers, on_change)
+        except BusyError as error:
+            raise click.ClickException(str(error)) from error
+        except KeyboardInterrupt:
+            click.echo(
+                f"stopped; {folder} keeps what is done, and the same command does the rest",
+                err=True,
+            )
+            raise
+    return failures
+
+
+@contextmanager
+def _progress(jobs: int) -> Iterator[Callable[[dict[str, float]], None]]:
+    """Yield `on_change` of `run_jobs`, which moves a bar on stderr, or prints a line for every job where it is no terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.fields[done]}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task, printed = bar.add_task("", total=jobs, done=""), 0
+
+        def on_change(shares: dict[str, float]) -> None:
+            nonlocal printed
+            count = sum(share == 1.0 for share in shares.values())
+            words = f"{count} of {jobs} jobs done"
+            bar.update(task, completed=sum(shares.values()), done=words)
+            if count > printed and not console.is_terminal:
+                click.echo(words, err=True)
+                printed = count
+
+        yield on_change
+
+
+def _complain(failures: dict[str, str], folder: Path) -> None:
+    """Raise ClickException in one sentence when jobs failed."""
+    if failures:
+        name, error = next(iter(failures.items()))
+        raise click.ClickException(
+            f"failed: {', '.join(failures)}; {name}: {error} ({folder / name / ERROR_FILE} says where); "
+            "the others are done, and the same command tries again"
+        )
+
+
+def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) -> None:
+    """Draw the figures from what is finished in `folder`, and print and write their tables."""
+    human = read_human_level(human_file) if human_file else None
+    records = read_records(folder) if set(TRAINED) & set(figures) else []
+    for figure in figures:
+        if figure in TRAINED:
+            _show_trials(figure, records_of_figure(figure, records), folder, folder, human)
+        else:
+            _show_plays(figure, folder, folder)
+
+
+def _show_trials(
+    figure: str,
+    own: Sequence[Record],
+    source: Path,
+    folder: Path,
+    human: figure4.HumanLevel | None,
+) -> None:
+    """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
+    if not own:
+        click.echo(f"figure {figure}: no training is finished in {source}")
+        return
+    rows = rows_of(own)
+    table = Table(
+        *TABLE_COLUMNS,
+        title=f"Figure {figure}, {rows[0].terrains} held-out terrains each: mean over seeds ± half of "
+        "the 95 % t interval",
+    )
+    for row in rows:
+        table.add_row(*cells_of(row))
+    Console(width=140).print(table)
+    if figure == "4":
+        pictures = figure4.draw(own, folder, human)
+    else:
+        pictures = figure5.draw(own, figure5.read_difficulty(source), folder)
+    for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
+        click.echo(path)
+    if figure == "4" and human is None:
+        click.echo(
+            "No line for people: no closed study was given (--human-level FILE, its report's JSON)."
+        )
+
+
+def _show_plays(figure: str, source: Path, folder: Path) -> None:
+    """Draw figure 6 or 7 from the results in `source` into `folder`, and print its table."""
+    try:
+        paths = (figure6 if figure == "6" else figure7).draw(source, folder)
+    except FileNotFoundError:
+        click.echo(f"figure {figure}: nothing is finished in {source}")
+        return
+    for path in paths:
+        click.echo(path.read_text() if path.suffix == ".md" else path)
+
+
+def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
+    """Return the trials that a figure is drawn from: 4 has those on level random, 5 those of PPO on the 12 levels."""
+    if figure == "4":
+        return [record for record in records if record.trial.level == LEVEL]
+    of_ppo = [record for record in records if record.trial.algorithm == "ppo"]
+    return [record for record in of_ppo if record.trial.level in DIFFICULTIES]
+
+
+def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
+    """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays.
+
+    Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay.
+    """
+    records = read_records(folder) if set(TRAINED) & set(figures) else []
+    for figure in figures:
+        paths = []
+        if figure in TRAINED and (own := records_of_figure(figure, records)):
+            paths.append(add_records(own, target / f"figure{figure}.jsonl"))
+        with suppress(FileNotFoundError):  # figure 4 has no plays, and the others may have none yet
+            paths += gather(folder, int(figure), target)
+        for path in paths:
+            click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+        if not paths:
+            click.echo(f"figure {figure}: nothing is finished in {folder}")
+
+
+def draw_exported(
+    figures: Sequence[str], source: Path, folder: Path, human_file: Path | None
+) -> None:
+    """Draw and tabulate the figures whose files lie in `source` into `folder`; ValueError when there is none."""
+    human = read_human_level(human_file) if human_file else None
+    found = [figure for figure in figures if any(source.glob(f"figure{figure}*.jsonl"))]
+    if not found:
+        names = ", ".join(f"figure{figure}*.jsonl" for figure in figures)
+        raise ValueError(f"{source} holds none of: {names}; give a folder that --export wrote")
+    folder.mkdir(parents=True, exist_ok=True)
+    for figure in found:
+        if figure in TRAINED:
+            path = source / f"figure{figure}.jsonl"
+            records = read_exported(path) if path.is_file() else []
+            own = records_of_figure(figure, records)
+            _show_trials(figure, own, source, folder, human)
+        else:
+            _show_plays(figure, source, folder)
+
+
+def read_human_level(path: Path) -> figure4.HumanLevel:
+    """Return the human level in the JSON of a report; ValueError when it is not of a closed study with people on this level."""
+    report = _read_report(path)
+    played, config = EnvConfig(**report["protocol"]["config"]), EnvConfig.of(LEVEL, SIZE)
+    if played != config:
+        was, needed = (
+            f"level {each.level}, {each.rows}x{each.cols} ({each.hash[:8]})"
+            for each in (played, config)
+        )
+        raise ValueError(f"{path} is of a study on {was}; figure 4 needs one on {needed}")
+    for group in report["groups"]:
+        figure = next(each for each in group["figures"] if each["name"] == group["primary"])
+        if group["kind"] == "human" and (score := figure["score"]) is not None:
+            low, high = score["interval"] or (None, None)
+            return figure4.HumanLevel(report["study"], figure["players"], score["mean"], low, high)
+    raise ValueError(f"nobody has played the study of {path} to its end, so it has no human level")
+
+
+def _read_report(path: Path) -> dict[str, Any]:
+    """Return a report; ValueError when the file holds none, or one that may not stand for people."""
+    report: Any = None
+    with suppress(ValueError):
+        report = json.loads(path.read_text())
+    if not isinstance(report, dict) or report.get("format") != REPORT_FORMAT:
+        raise ValueError(
+            f"{path} is no report; write it with: marsexplorer report --study NAME --json {path}"
+        )
+    if report["synthetic"]:
+        raise ValueError(f"{path} is of scripts, and says nothing about people")
+    if report["status"] != "closed":
+        raise ValueError(
+            f"the study of {path} is {report['status']}; only a closed study gives a human level"
+        )
+    return report
+
+
+if __name__ == "__main__":
+    paper(prog_name="python -m research.paper")

@@ -1,0 +1,403 @@
+"""What the paper says of its environment (sections 2, 3.2, 3.3, 3.5, table 1), tested without training.
+
+`python -m research.paper.claims.checks [NAME ...]` plays episodes that seeds fix, and draws terrains. `--out FILE` writes the
+lines of all checks, as they are shipped in `data/environment.jsonl`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from marsexplorer import policies
+from marsexplorer.config import LEVELS, OBSTACLE, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.files import write_whole
+from marsexplorer.observation import DISPLACEMENTS
+from marsexplorer.rules import R_MOVE
+from marsexplorer.score import score
+from marsexplorer.terrain import generate
+
+EPISODES = 40
+MOST_NEW_CELLS = 13
+"""No single move on open ground shows more at radius 6: a disc shifted by one cell."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found: whether the paper's statement holds, and the sentence that says what was measured."""
+
+    holds: bool
+    measured: str
+
+
+def played(config: EnvConfig, policy: str, count: int = EPISODES) -> Iterator[Episode]:
+    """Yield ended episodes of a policy by name on the terrains of seeds 0, 1, ...; "blind" draws any of the four moves."""
+    driver = None if policy == "blind" else policies.load(policy)
+    for seed in range(count):
+        episode, rng = Episode.begin(config, seed=seed), np.random.default_rng(seed)
+        if driver is not None:
+            driver.reset(seed)
+        while not episode.ended:
+            episode.step(driver.act(episode.codes) if driver is not None else int(rng.integers(4)))
+        yield episode
+
+
+def actions() -> Finding:
+    """Four moves, each to a neighbour that shares an edge (eq. 3)."""
+    config, ground = EnvConfig(rows=9, cols=9), np.zeros((9, 9), bool)
+    moved = []
+    for action in range(len(DISPLACEMENTS)):
+        episode = Episode.begin(config, terrain=ground, start=(4, 4))
+        episode.step(action)
+        moved.append((episode.position[0] - 4, episode.position[1] - 4))
+    holds = moved == [(-1, 0), (0, 1), (1, 0), (0, -1)]
+    return Finding(
+        holds,
+        f"actions 0 to 3 move the rover by {', '.join(f'({row}, {col})' for row, col in moved)}",
+    )
+
+
+def state() -> Finding:
+    """The state matrix holds 0, 0.3, 0.6 and 1, and 0.6 where the rover stands (eq. 6)."""
+    found: set[float] = set()
+    rovers, moves = set(), 0
+    for seed in range(EPISODES):
+        episode, rule = Episode.begin(EnvConfig(), seed=seed), policies.load("frontier-cost")
+        rule.reset(seed)
+        while not episode.ended:
+            episode.step(rule.act(episode.codes))
+            matrix = episode.observation()
+            found.update(np.unique(matrix.round(6)).tolist())
+            rovers.add(
+                (
+                    int((matrix == np.float32(0.6)).sum()),
+                    bool(matrix[episode.position] == np.float32(0.6)),
+                )
+            )
+            moves += 1
+    values = sorted(round(value, 1) for value in found)
+    holds = values == [0.0, 0.3, 0.6, 1.0] and rovers == {(1, True)}
+    return Finding(
+        holds, f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone"
+    )
+
+
+def reward() -> Finding:
+    """A valid move earns the newly discovered cells less 0.5 (eq. 7 and 8), and the scan at the start nothing."""
+    right, moves = 0, 0
+    for episode in played(EnvConfig(), "blind", 20 * EPISODES):
+        new = np.diff(episode.discoveries)
+        valid = episode.steps - int(episode.outcome in ("collided", "out_of_bounds", "explored"))
+        right += sum(episode.rewards[k] == new[k] - 0.5 for k in range(valid))
+        moves += valid
+    return Finding(
+        right == moves and R_MOVE == 0.5,
+        f"{right:,} of {moves:,} valid moves earned their new cells less {R_MOVE}",
+    )
+
+
+def invalid() -> Finding:
+    """An invalid move costs n and ends the episode; nothing else of its reward remains (eq. 8)."""
+    config = EnvConfig()
+    ended = [
+        each
+        for each in played(config, "blind", 20 * EPISODES)
+        if each.outcome in ("collided", "out_of_bounds")
+    ]
+    holds = all(episode.rewards[-1] == -config.n for episode in ended)
+    crashes = sum(episode.outcome == "collided" for episode in ended)
+    return Finding(
+        holds,
+        f"{len(ended):,} invalid moves, {crashes:,} of them into obstacles: each gave -{config.n} and ended it",
+    )
+
+
+def bonus() -> Finding:
+    """The move that brings the discovered share to beta earns n on top, and ends the episode (eq. 8)."""
+    config = EnvConfig()
+    ended = list(played(config, "frontier-cost"))
+    rewards = [
+        episode.rewards[-1] - (episode.discoveries[-1] - episode.discoveries[-2] - 0.5)
+        for episode in ended
+    ]
+    enough = all(e.discoveries[-1] / config.n >= 0.99 > e.discoveries[-2] / config.n for e in ended)
+    holds = (
+        enough and set(rewards) == {float(config.n)} and all(e.outcome == "explored" for e in ended)
+    )
+    return Finding(
+        holds,
+        f"{len(ended)} completed episodes: each ended with the move that passed 99 % and gave {config.n} more",
+    )
+
+
+def score_zero() -> Finding:
+    """The normalized score is 0 for an invalid first move (section 3.2)."""
+    config = EnvConfig()
+    episode = Episode.begin(config, seed=0)
+    episode.step(0)
+    value = score(config, episode.total)
+    return Finding(value == 0.0, f"north at the start, off the grid: score {value:g}")
+
+
+def score_one() -> Finding:
+    """The normalized score is 1 for the bonus plus the number of cells (section 3.2), which no episode can reach."""
+    config = EnvConfig()
+    value = score(config, config.r_bonus + config.n)
+    bounds = []
+    for seed in range(500):
+        first = Episode.begin(config, seed=seed).discovered
+        moves = -(-(config.target - first) // MOST_NEW_CELLS)
+        bounds.append(score(config, config.r_bonus + config.n - first - R_MOVE * moves))
+    measured = f"a return of {config.r_bonus + config.n} scores {value:g}; but the first scan earns nothing and moves cost, so "
+    measured += f"no episode can score more than {max(bounds):.3f} (mean bound of 500 terrains {np.mean(bounds):.3f})"
+    return Finding(value == 1.0, measured)
+
+
+def shares() -> Finding:
+    """The three shares printed in section 3.2 follow from one another: 85.8 %, 50.04 % and 42.73 %."""
+    low, high = 0.8575 * 0.50035, 0.8585 * 0.50045
+    measured = f"85.8 % times 50.04 % is {0.858 * 0.5004:.2%} ({low:.2%} to {high:.2%} with rounding), and 42.73 % is printed"
+    return Finding(low <= 0.4273 <= high, measured)
+
+
+TERRAINS = 1000
+FAMILIES = ("1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
+"""The levels whose terrains differ: t-m-2 has those of t-m-1."""
+LATTICE = (3, 10, 17)
+LARGEST_SIDE = {1: 2, 2: 4}
+"""d_m -> the longest side of an obstacle, cells."""
+
+
+@cache
+def drawn(level: str, size: int = 21) -> NDArray[np.bool_]:
+    """Return the terrains of seeds 0..TERRAINS-1: bool[TERRAINS, size, size]."""
+    config = EnvConfig.of(level, size)
+    return np.stack([generate(config, seed) for seed in range(TERRAINS)])
+
+
+def table_1() -> Finding:
+    """Grid 21x21, radius 6, done at 99 %."""
+    config = EnvConfig()
+    holds = (config.rows, config.cols, config.sensor_radius, config.beta) == (21, 21, 6, 0.99)
+    measured = f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} ({config.target} cells)"
+    return Finding(
+        holds, f"{measured}; cut off after {config.limit} moves, of which the paper says nothing"
+    )
+
+
+def diversity() -> Finding:
+    """Each episode has a terrain of its own, and a seed gives it again."""
+    terrains = drawn("random")
+    distinct = len({each.tobytes() for each in terrains})
+    again = all(
+        (generate(EnvConfig(), seed) == terrains[seed]).all() for seed in range(0, TERRAINS, 50)
+    )
+    return Finding(
+        distinct == TERRAINS and again,
+        f"{distinct:,} distinct terrains in {TERRAINS:,} seeds, each the same again",
+    )
+
+
+def random_obstacles() -> Finding:
+    """On `random` the position and the shape of obstacles are random (section 3.2)."""
+    shapes, terrains = set(), drawn("random")
+    for each in terrains[:300]:
+        for part in ndimage.find_objects(ndimage.label(each)[0]):
+            if each[part].all():
+                shapes.add(each[part].shape)
+    inner = terrains[:, 3:-3, 3:-3].mean(0)
+    every = {(height, width) for height in (1, 2, 3) for width in (1, 2, 3)}
+    measured = f"all {len(every)} shapes of 1 to 3 cells a side occur; away from the edge each cell is blocked in "
+    measured += f"{inner.min():.0%} to {inner.max():.0%} of terrains"
+    return Finding(every <= shapes and inner.min() > 0.5 * inner.max(), measured)
+
+
+def lattice() -> Finding:
+    """The fundamental positions stand in 3 rows and 3 columns, equally far apart."""
+    counts = set()
+    for level in ("1-1-1", "1-2-1"):
+        counts |= {int(ndimage.label(each)[1]) for each in drawn(level)}
+    steps = set(np.diff(LATTICE).tolist())
+    measured = f"rows and columns {', '.join(map(str, LATTICE))}; {', '.join(map(str, sorted(counts)))} separate obstacles in "
+    return Finding(
+        counts == {9} and len(steps) == 1,
+        measured + f"each of {2 * TERRAINS:,} terrains of 1-1-1 and 1-2-1",
+    )
+
+
+def topology() -> Finding:
+    """d_t is the radius of deviation around the fundamental positions."""
+    found, longest = {}, LARGEST_SIDE[1]
+    for level in ("1-1-1", "2-1-1", "3-1-1"):
+        rows = np.flatnonzero(drawn(level).any((0, 2)))
+        found[level] = (int(rows.min()), int(rows.max()))
+    wanted = {
+        f"{t}-1-1": (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20)) for t in (1, 2, 3)
+    }
+    text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in found.items())
+    measured = f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block rows "
+    return Finding(found == wanted, f"{measured}{text} ({TERRAINS:,} terrains each)")
+
+
+def morphology() -> Finding:
+    """d_m decides how large obstacles become."""
+    sides, areas = {}, {}
+    for level in ("1-1-1", "1-2-1"):
+        parts = [
+            part for each in drawn(level) for part in ndimage.find_objects(ndimage.label(each)[0])
+        ]
+        shapes = np.array([[axis.stop - axis.start for axis in part] for part in parts])
+        sides[level], areas[level] = int(shapes.max()), float(shapes.prod(1).mean())
+    holds = areas["1-2-1"] > areas["1-1-1"] and [*sides.values()] == [2, 4]
+    text = ", ".join(
+        f"sides of 1 to {sides[each]} and {areas[each]:.2f} cells in the mean on {each}"
+        for each in sides
+    )
+    return Finding(holds, f"{text} ({TERRAINS:,} terrains each)")
+
+
+def bonus_levels() -> Finding:
+    """d_b = 1 gives bonus and penalty, d_b = 2 neither."""
+    right = 0
+    for name, level in LEVELS.items():
+        if name != "random":
+            config = EnvConfig.of(name)
+            episode = Episode.begin(config, seed=0)
+            episode.step(0)
+            wanted = config.n if name.endswith("-1") else 0
+            right += config.r_bonus == wanted == -episode.total and level.has_bonus == (wanted > 0)
+    return Finding(right == 12, f"{right} of 12 levels: n and -n on t-m-1, 0 and 0 on t-m-2")
+
+
+def combinations() -> Finding:
+    """The values of the three elements give 12 levels."""
+    names = {f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)}
+    return Finding(names == set(LEVELS) - {"random"}, f"{len(names)} levels, and `random`")
+
+
+def entropy(terrains: NDArray[np.bool_]) -> float:
+    """Return the entropy of the cells of terrains bool[count, rows, cols], each cell by itself, in bits."""
+    share = terrains.mean(0).clip(1e-12, 1 - 1e-12)
+    return float(-(share * np.log2(share) + (1 - share) * np.log2(1 - share)).sum())
+
+
+def structure() -> Finding:
+    """Higher values of d_t and d_m mean obstacles with less structure."""
+    bits = {level: entropy(drawn(level)) for level in FAMILIES}
+    by_topology = all(bits[f"{t}-{m}-1"] < bits[f"{t + 1}-{m}-1"] for t in (1, 2) for m in (1, 2))
+    by_morphology = all(bits[f"{t}-1-1"] < bits[f"{t}-2-1"] for t in (1, 2, 3))
+    text = ", ".join(f"{level} {value:.0f}" for level, value in bits.items())
+    measured = f"bits of entropy of the cells, each by itself: {text}; `random` {entropy(drawn('random')):.0f}"
+    return Finding(by_topology and by_morphology, measured + "; d_b changes no terrain")
+
+
+def sizes() -> Finding:
+    """42x42 and 84x84 grids at level 2-2-1 can be played."""
+    points = {side: len(range(LATTICE[0], side, 7)) ** 2 for side in (42, 84)}
+    shapes = [Episode.begin(EnvConfig.of("2-2-1", side), seed=0).terrain.shape for side in points]
+    text = " and ".join(f"{side}x{side} with {count} obstacles" for side, count in points.items())
+    return Finding(shapes == [(42, 42), (84, 84)], f"{text} on the same lattice, 7 cells apart")
+
+
+def discovered_obstacles(count: int = 100) -> Finding:
+    """The obstacles that are discovered are distributed as they were drawn (section 3.4), here with a rule."""
+    seen, there, worst, lowest = 0, 0, 1.0, 1.0
+    for level in FAMILIES:
+        found, drawn_there = np.zeros((21, 21)), np.zeros((21, 21))
+        for episode in played(EnvConfig.of(level), "frontier-cost", count):
+            found += episode.codes == OBSTACLE
+            drawn_there += episode.terrain
+        seen, there = seen + int(found.sum()), there + int(drawn_there.sum())
+        often = drawn_there >= count // 10
+        worst = min(worst, float(np.corrcoef(found.ravel(), drawn_there.ravel())[0, 1]))
+        lowest = min(lowest, float((found[often] / drawn_there[often]).min()))
+    measured = f"not with their policy: the rule `frontier-cost` on 6 levels, {count} episodes each, discovered "
+    measured += f"{seen / there:.1%} of the obstacle cells, and the cell that it saw least often {lowest:.0%} of the times; "
+    measured += f"correlation over the cells of found and drawn at least {worst:.3f}"
+    return Finding(worst > 0.95 and lowest > 0.5, measured)
+
+
+COMMAND = "python -m research.paper.claims.checks"
+CHECKS: dict[str, Callable[[], Finding]] = {
+    "actions": actions,
+    "state": state,
+    "reward": reward,
+    "invalid": invalid,
+    "bonus": bonus,
+    "table-1": table_1,
+    "diversity": diversity,
+    "random-obstacles": random_obstacles,
+    "score-zero": score_zero,
+    "score-one": score_one,
+    "shares": shares,
+    "lattice": lattice,
+    "topology": topology,
+    "morphology": morphology,
+    "bonus-levels": bonus_levels,
+    "combinations": combinations,
+    "structure": structure,
+    "discovered-obstacles": discovered_obstacles,
+    "sizes": sizes,
+}
+"""The claim of docs/paper.md -> its check."""
+
+
+def run(names: Iterable[str] = CHECKS) -> list[dict[str, Any]]:
+    """Return a line for each check named: `kind` "check", `claim`, `holds` and the sentence `measured`.
+
+    ValueError when there is no check of a name.
+    """
+    lines = []
+    for name in names:
+        if name not in CHECKS:
+            raise ValueError(f"no check {name!r}; choose from: {', '.join(CHECKS)}")
+        finding = CHECKS[name]()
+        lines.append(
+            {
+                "kind": "check",
+                "claim": name,
+                "holds": bool(finding.holds),
+                "measured": finding.measured,
+            }
+        )
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the checks that the command line names, all by default, and print what they found."""
+    parser = argparse.ArgumentParser(
+        prog=COMMAND, description="Test the paper's statements on the environment."
+    )
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"checks to run; all by default: {', '.join(CHECKS)}",
+    )
+    parser.add_argument("--out", type=Path, help="also write the lines to this file (JSON Lines)")
+    options = parser.parse_args(arguments)
+    try:
+        lines = run(options.names or CHECKS)
+    except ValueError as error:
+        parser.error(str(error))
+    for line in lines:
+        print(
+            f"{line['claim']}: {'holds' if line['holds'] else 'does not hold'}. {line['measured']}."
+        )
+    if options.out is not None:
+        with write_whole(options.out) as file:
+            file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
+
+
+if __name__ == "__main__":
+    main()

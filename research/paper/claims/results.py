@@ -1,0 +1,110 @@
+"""The results that are shipped, in `data/*.jsonl`, as the claims of the paper are decided from them.
+
+environment.jsonl               what `checks` found
+figure5-*.jsonl                 how hard the levels are, see `play`
+figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `quadrants`, `walks` and `scale`
+every other file                finished trials, see `curves`
+
+And what a claim can turn out to be, with the statistics that decide it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from marsexplorer.evaluation.intervals import t_interval
+from research.paper.episodes.play import Line, read_lines
+from research.paper.figures.curves import Record, read_exported
+
+FOLDER = Path(__file__).resolve().parents[1] / "data"
+CHECKS_FILE = "environment.jsonl"
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that is shipped.
+
+    checks     claim -> the line of its check
+    records    finished trials
+    plays      figure (5, 6 or 7) -> results of policies
+    walks      results of the walks of figure 6 that nobody trained
+    """
+
+    checks: dict[str, Line] = field(default_factory=dict)
+    records: list[Record] = field(default_factory=list)
+    plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: []})
+    walks: list[Line] = field(default_factory=list)
+
+    def trials(self, **wanted: Any) -> list[Record]:
+        """Return the longest finished trials with these values (algorithm, variant, level, size), by seed."""
+        found = [
+            each
+            for each in self.records
+            if all(getattr(each.trial, name) == value for name, value in wanted.items())
+        ]
+        longest = max((record.trial.moves for record in found), default=0)
+        return sorted(
+            (each for each in found if each.trial.moves == longest),
+            key=lambda record: record.trial.seed,
+        )
+
+
+def read(folder: Path = FOLDER) -> Results:
+    """Return what lies in the folder, the shipped one by default; ValueError for a file that holds no such results."""
+    results = Results()
+    for path in sorted(folder.glob("*.jsonl")):
+        if path.name == CHECKS_FILE:
+            results.checks.update({line["claim"]: line for line in read_lines(path)})
+        elif path.name.startswith(("figure5-", "figure6-", "figure7-")):
+            for line in read_lines(path):
+                kept = results.plays[line["figure"]] if "policy" in line else results.walks
+                kept.append(line)
+        else:
+            results.records.extend(read_exported(path))
+    return results
+
+
+REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "in part", "not reproduced"
+DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"
+VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, DIFFERENT, PEOPLE, NOT_YET)
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What was measured, as Markdown for a cell of a table, and the verdict, one of VERDICTS."""
+
+    measured: str
+    verdict: str
+
+
+NOTHING = Judgement("", NOT_YET)
+Decide = Callable[[Results], Judgement]
+
+
+def verdict(holds: bool) -> str:
+    """Return the verdict on a statement that was measured."""
+    return REPRODUCED if holds else NOT_REPRODUCED
+
+
+def partly(held: Sequence[bool]) -> str:
+    """Return the verdict on a statement that was measured in several places."""
+    return PARTLY if any(held) and not all(held) else verdict(all(held))
+
+
+def mean_of(values: Values) -> str:
+    """Return "mean ± half of the 95 % t interval" of values float64[seeds], two seeds or more."""
+    low, high = t_interval(values)
+    return f"{values.mean():.3f} ± {(high - low) / 2:.3f}"
+
+
+def is_above(ours: Values, theirs: Values) -> bool:
+    """Return whether the 95 % interval of the difference of means (Welch's t) lies above 0."""
+    return bool(stats.ttest_ind(ours, theirs, equal_var=False).confidence_interval(0.95).low > 0)

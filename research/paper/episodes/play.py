@@ -1,0 +1,256 @@
+"""Episodes of one policy on one level and size, as a job: what figures 6 and 7 are measured on.
+
+Every policy plays the terrains of the same seeds. The folder of the job has result.jsonl with one line: what was played, how it
+ended, and what the figure measures; see `quadrants` and `scale`. In `data/`, `ppo-earlier` is the earlier `ppo`, without
+prices, which is no longer shipped.
+
+How hard a level's terrains are is measured without training: the moves of an informed search, which is shown the map, say how
+much there is to do, and those of the better rule how much it costs to find that out on the way.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from marsexplorer import policies as policy_files
+from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.evaluation import INFORMED, RULES, Result
+from marsexplorer.evaluation.episodes import play_episode, result_of
+from marsexplorer.evaluation.informed import informed_actions
+from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.files import write_whole
+from marsexplorer.random_numbers import mix
+from research.paper.jobs import Job, OnProgress
+
+FIRST_SEED = 1_000_000_000
+"""Of the terrains: training refuses these (`marsexplorer.training.envs.EVALUATION_SEEDS`)."""
+
+EPISODES = 100
+"""Terrains of each level and size, as in the paper."""
+
+LARGEST_INFORMED = 42
+"""Side up to which the informed search is asked: at 84 its budget finds no walk that reaches 99 %."""
+
+INFORMED_TRIES = 4
+"""Searches with other random numbers, until one finds a walk."""
+
+TERRAINS = {
+    "1-1": "1-1-1",
+    "1-2": "1-2-1",
+    "2-1": "2-1-1",
+    "2-2": "2-2-1",
+    "3-1": "3-1-1",
+    "3-2": "3-2-1",
+}
+"""d_t and d_m -> a level with such terrains; d_b changes the rewards alone."""
+DIFFICULTY_EPISODES = {"small": 20, "full": 100}
+"""Budget -> terrains of each level."""
+
+Line = dict[str, Any]
+"""A JSON object of a file."""
+
+
+@dataclass(frozen=True)
+class Play:
+    """The episodes of one policy as a job; a figure's own job adds what it measures.
+
+    policy      its name or path, or INFORMED
+    level       a name in LEVELS
+    size        side of the square grid, cells
+    episodes    how many, on the terrains of first_seed, first_seed + 1, ...
+    label       what the policy is called in results; empty takes the name, or the file's without its ending
+    """
+
+    policy: str
+    level: str
+    size: int = 21
+    episodes: int = EPISODES
+    first_seed: int = FIRST_SEED
+    label: str = ""
+
+    figure: ClassVar[int] = 0
+    kind: ClassVar[str] = ""
+
+    @property
+    def called(self) -> str:
+        """What the policy is called in results."""
+        return self.label or Path(self.policy).stem
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return f"figure{self.figure}-{self.called}-{self.level}-{self.size}"
+
+    @property
+    def config(self) -> EnvConfig:
+        """The environment."""
+        return EnvConfig.of(self.level, self.size)
+
+    @property
+    def identity(self) -> Line:
+        """What is played, JSON-ready; results of another identity are not of this job."""
+        digest = None if self.policy == INFORMED else policy_files.policy_hash(self.policy)
+        return {
+            "kind": self.kind,
+            "figure": self.figure,
+            "policy": self.called,
+            "policy_sha256": digest,
+            "core_version": CORE_VERSION,
+            "level": self.level,
+            "rows": self.size,
+            "cols": self.size,
+            "episodes": self.episodes,
+            "first_seed": self.first_seed,
+        }
+
+    def measure(self, results: Sequence[Result]) -> Line:
+        """Return what the figure measures on the episodes, JSON-ready."""
+        raise NotImplementedError
+
+    def is_done(self, folder: Path) -> bool:
+        """Return whether the result of these episodes lies under `folder / name`."""
+        lines = read_lines(folder / self.name / "result.jsonl")
+        return len(lines) == 1 and self.identity.items() <= lines[0].items()
+
+    def run(self, folder: Path, on_progress: OnProgress) -> None:
+        """Play and measure."""
+        play, results, begun = self._player(), [], time.process_time()
+        for number in range(self.episodes):
+            seed = self.first_seed + number
+            if (episode := play(seed)) is not None:
+                results.append(result_of(self.called, episode, seed, traces=True))
+            on_progress((number + 1) / self.episodes)
+        seconds = {"cpu_s": round(time.process_time() - begun, 2)}
+        line = {**self.identity, **seconds, **endings(results), **self.measure(results)}
+        (folder / self.name).mkdir(parents=True, exist_ok=True)
+        write_lines(folder / self.name / "result.jsonl", [line])
+
+    def _player(self) -> Callable[[int], Episode | None]:
+        """Return what plays the episode of a seed; None when the search finds no walk."""
+        config = self.config
+        if self.policy == INFORMED:
+            return partial(informed_episode, config)
+        policy = policy_files.load(self.policy, config.sensor_radius)
+        return lambda seed: play_episode(policy, config, seed)
+
+
+def informed_episode(config: EnvConfig, seed: int) -> Episode | None:
+    """Return the shortest walk found by the informed search on the terrain of a seed, None when it finds none."""
+    episode = Episode.begin(config, seed=seed)
+    for number in range(INFORMED_TRIES):
+        searched = mix(seed ^ mix(number)) if number else seed
+        try:
+            actions = informed_actions(config, episode.terrain, searched)
+        except ValueError:  # no walk was found: the search ended some cells short of 99 %
+            continue
+        for action in actions:
+            episode.step(int(action))
+        return episode
+    return None
+
+
+def can_play(policy: str, config: EnvConfig) -> bool:
+    """Return whether a policy can play a configuration: some networks take one size, and the informed search small grids.
+
+    PolicyNotFoundError and PolicyFileError when there is no such policy.
+    """
+    if policy == INFORMED:
+        return max(config.rows, config.cols) <= LARGEST_INFORMED
+    return size_of(policy) in (None, (config.rows, config.cols))
+
+
+@lru_cache(maxsize=64)
+def size_of(policy: str) -> tuple[int, int] | None:
+    """Return (rows, cols) of the only size that a policy plays, None for any."""
+    size = getattr(policy_files.load(policy), "size", None)
+    return None if size is None else (int(size[0]), int(size[1]))
+
+
+def endings(results: Sequence[Result]) -> Line:
+    """Return how episodes ended, JSON-ready: `played` of them, `outcomes` by name, and the mean `steps` and `coverage`."""
+    count = max(1, len(results))
+    return {
+        "played": len(results),
+        "outcomes": dict(sorted(Counter(result.outcome for result in results).items())),
+        "steps": round(sum(result.steps for result in results) / count, 2),
+        "coverage": round(sum(result.coverage for result in results) / count, 5),
+    }
+
+
+def read_lines(path: Path) -> list[Line]:
+    """Return the objects of a file of JSON Lines, none where there is no file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+
+
+def write_lines(path: Path, lines: Sequence[Line]) -> None:
+    """Write a file of JSON Lines whole, without spaces."""
+    with write_whole(path) as file:
+        file.write(
+            "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode()
+        )
+
+
+@dataclass(frozen=True)
+class Difficulty(Play):
+    """The episodes of a rule or of the informed search on one level, beside figure 5."""
+
+    figure: ClassVar[int] = 5
+    kind: ClassVar[str] = "difficulty"
+
+    def measure(self, results: Sequence[Result]) -> Line:
+        """Return the moves to 99 %, JSON-ready."""
+        steps = np.array([result.steps_to_99 for result in results], np.float64)
+        low, high = (float(end) for end in t_interval(steps))
+        return {"steps_to_99": {"mean": float(steps.mean()), "low": low, "high": high}}
+
+
+def difficulty_jobs(budget: str, size: int) -> list[Job]:
+    """Return the jobs that measure the six kinds of terrain."""
+    return [
+        Difficulty(policy, level, size, DIFFICULTY_EPISODES[budget])
+        for level in TERRAINS.values()
+        for policy in (INFORMED, *RULES)
+    ]
+
+
+def read_results(folder: Path, figure: int) -> list[Line]:
+    """Return the results of a figure in a folder, of jobs (NAME/result.jsonl) or gathered (NAME.jsonl), in order of name.
+
+    Where a folder has both of the same policy, level and size, the job's counts. FileNotFoundError when there is none.
+    """
+    gathered = sorted(folder.glob(f"figure{figure}-*.jsonl"))
+    files = [*gathered, *sorted(folder.glob(f"figure{figure}-*/result.jsonl"))]
+    lines = {_place_of(line): line for path in files for line in read_lines(path)}
+    if not lines:
+        raise FileNotFoundError(
+            f"no results of figure {figure} in {folder}: expected folders figure{figure}-*/ with a result.jsonl; "
+            f"run `python -m research.paper --figure {figure}` first"
+        )
+    return list(lines.values())
+
+
+def _place_of(line: Line) -> tuple[object, ...]:
+    """Return what two results may not share: the policy or the walks, the level and the size."""
+    return line.get("policy"), line.get("null"), line.get("level"), line["rows"]
+
+
+def gather(folder: Path, figure: int, target: Path) -> list[Path]:
+    """Write the results of a figure into one file a policy, figureN-POLICY.jsonl, and one for the null; return the paths."""
+    target.mkdir(parents=True, exist_ok=True)
+    groups: dict[str, list[Line]] = {}
+    for line in read_results(folder, figure):
+        groups.setdefault(line.get("policy", "null"), []).append(line)
+    paths = [target / f"figure{figure}-{name}.jsonl" for name in groups]
+    for path, lines in zip(paths, groups.values(), strict=True):
+        write_lines(path, lines)
+    return paths

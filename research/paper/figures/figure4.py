@@ -1,0 +1,293 @@
+"""Figure 4 of Koutras et al. 2021: learning curves of the four algorithms, with what a score alone does not tell.
+
+figure4-moves.png    score, coverage and completion in training against moves, and how the last episodes ended
+figure4-cpu.png      the same against CPU time
+figure4-endings.png  how episodes ended, all along
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import PercentFormatter
+
+from research.paper.figures.curves import (
+    LINE_STYLES,
+    NAMES,
+    TITLES,
+    Record,
+    band,
+    draw_band,
+    grouped,
+    set_moves_axis,
+)
+from research.paper.figures.drawing import (
+    ALGORITHM_COLOURS,
+    INK,
+    SOFT_INK,
+    heading,
+    new_figure,
+    per_cent,
+    plain,
+    save,
+)
+
+ROWS = {"score": "normalized score", "coverage": "coverage", "explored": "completion"}
+AXES = {"moves": "moves made in training (logarithmic)", "cpu_s": "CPU minutes of training"}
+AGAINST = {"moves": "equal moves", "cpu_s": "equal CPU time"}
+ENDINGS = {
+    "explored": "explored",
+    "timed_out": "out of time",
+    "collided": "hit an obstacle",
+    "out_of_bounds": "left the grid",
+}
+ENDING_COLOURS = {
+    "explored": "#44AA99",
+    "timed_out": "#DDDDDD",
+    "collided": "#CC6677",
+    "out_of_bounds": "#DDCC77",
+}
+"""Not those of the algorithms (Tol's muted scheme)."""
+MAX_COLUMNS = 2
+LEAST_LABELLED = 0.12
+"""Share from which a part of a bar has its number in it."""
+
+
+@dataclass(frozen=True)
+class HumanLevel:
+    """The mean normalized score of the people of a closed study, with its interval where there is one."""
+
+    study: str
+    players: int
+    mean: float
+    low: float | None
+    high: float | None
+
+
+def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = None) -> list[Path]:
+    """Draw the pictures of trials, at least one, into a folder and return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {
+        "figure4-moves": curves_figure(records, "moves", human),
+        "figure4-cpu": curves_figure(records, "cpu_s", human),
+        "figure4-endings": endings_figure(records),
+    }
+    return [save(figure, folder / f"{name}.png") for name, figure in pictures.items()]
+
+
+def shown_variants(records: Sequence[Record]) -> list[str]:
+    """Return the variants that have a column: "paper" and "works" where they are, otherwise the first two by name."""
+    found = {record.trial.variant for record in records}
+    return ([name for name in TITLES if name in found] or sorted(found))[:MAX_COLUMNS]
+
+
+def shown_algorithms(records: Sequence[Record]) -> list[str]:
+    """Return the algorithms of some trials in the order in which they are drawn."""
+    found = {record.trial.algorithm for record in records}
+    return [name for name in NAMES if name in found]
+
+
+def curves_figure(
+    records: Sequence[Record], against: str, human: HumanLevel | None = None
+) -> Figure:
+    """Plot score, coverage and completion in training against "moves" or "cpu_s", a column for each variant."""
+    variants, algorithms = shown_variants(records), shown_algorithms(records)
+    figure = new_figure(4.6 * len(variants) + 0.4, 8.6 + 0.26 * len(algorithms))
+    grid = figure.add_gridspec(
+        len(ROWS) + 1, len(variants), height_ratios=[1] * len(ROWS) + [0.1 + 0.13 * len(algorithms)]
+    )
+    shared: dict[str, Axes] = {}
+    for column, variant in enumerate(variants):
+        own = [record for record in records if record.trial.variant == variant]
+        for row, name in enumerate(ROWS):
+            axes = figure.add_subplot(
+                grid[row, column], sharex=shared.get("x"), sharey=shared.get(name)
+            )
+            shared.setdefault("x", axes)
+            shared.setdefault(name, axes)
+            _draw_panel(axes, own, name, against, human)
+            title = TITLES.get(variant, variant) if row == 0 else ""
+            axes.set(
+                xlabel=AXES[against] if row == len(ROWS) - 1 else "",
+                ylabel=ROWS[name] if column == 0 else "",
+            )
+            plain(axes, title)
+            axes.tick_params(labelbottom=row == len(ROWS) - 1, labelleft=column == 0)
+        _draw_last_endings(
+            figure.add_subplot(grid[len(ROWS), column]), own, algorithms, is_labelled=column == 0
+        )
+    if against == "cpu_s":
+        shared["x"].set_xlim(left=0)  # last: it ends the automatic choice of the other end
+    _add_legend(figure, algorithms, human)
+    place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
+    shown = [record for record in records if record.trial.variant in shown_variants(records)]
+    text = f"{seeds_text(shown)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
+    heading(figure, f"Learning on {place}, at {AGAINST[against]}", text)
+    return figure
+
+
+def _draw_panel(
+    axes: Axes, records: Sequence[Record], name: str, against: str, human: HumanLevel | None
+) -> None:
+    for algorithm, own in _by_algorithm(records).items():
+        found = band(own, name, against)
+        if found is not None:
+            unit = 60 if against == "cpu_s" else 1
+            draw_band(
+                axes,
+                found,
+                unit,
+                color=ALGORITHM_COLOURS[algorithm],
+                linestyle=LINE_STYLES[algorithm],
+            )
+    if human is not None and name == "score":
+        _draw_human(axes, human)
+    if against == "moves":
+        set_moves_axis(axes)
+    axes.set_ylim(-0.02, 1.02)
+
+
+def _by_algorithm(records: Sequence[Record]) -> dict[str, list[Record]]:
+    return {
+        name: [record for record in records if record.trial.algorithm == name]
+        for name in shown_algorithms(records)
+    }
+
+
+def _draw_human(axes: Axes, human: HumanLevel) -> None:
+    axes.axhline(human.mean, color=SOFT_INK, linewidth=1.2, linestyle=(0, (6, 2)))
+    if human.low is not None and human.high is not None:
+        axes.axhspan(human.low, human.high, color=SOFT_INK, alpha=0.15, linewidth=0)
+
+
+def _draw_last_endings(
+    axes: Axes, records: Sequence[Record], algorithms: Sequence[str], is_labelled: bool
+) -> None:
+    """Draw a bar for each algorithm: how the episodes at the end of training ended, means over seeds."""
+    by_algorithm = _by_algorithm(records)
+    for place, algorithm in enumerate(algorithms):
+        left = 0.0
+        for name in ENDINGS:
+            known = [
+                value
+                for record in by_algorithm.get(algorithm, [])
+                if (value := record.curve[name][-1]) is not None
+            ]
+            share = float(np.mean(known)) if known else 0.0
+            axes.barh(place, share, left=left, color=ENDING_COLOURS[name], height=0.72)
+            if share >= LEAST_LABELLED:
+                axes.text(
+                    left + share / 2,
+                    place,
+                    per_cent(share),
+                    ha="center",
+                    va="center",
+                    fontsize=7.5,
+                    color=INK,
+                )
+            left += share
+    plain(axes)
+    axes.grid(visible=False)
+    axes.set(
+        xlim=(0, 1),
+        xticks=(0, 0.25, 0.5, 0.75),
+        ylim=(len(algorithms) - 0.4, -0.6),
+        yticks=range(len(algorithms)),
+    )
+    axes.set_yticklabels([NAMES[name] for name in algorithms] if is_labelled else [])
+    axes.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
+    axes.set_xlabel("share of the last episodes")
+
+
+def _add_legend(figure: Figure, algorithms: Sequence[str], human: HumanLevel | None) -> None:
+    """Add a row for the lines and one for the endings."""
+    lines: list[Line2D | Patch] = [
+        Line2D(
+            [],
+            [],
+            color=ALGORITHM_COLOURS[name],
+            linestyle=LINE_STYLES[name],
+            linewidth=2,
+            label=NAMES[name],
+        )
+        for name in algorithms
+    ]
+    if human is not None:
+        label = f"{human.players} people (study {human.study})"
+        lines.append(
+            Line2D([], [], color=SOFT_INK, linewidth=1.2, linestyle=(0, (6, 2)), label=label)
+        )
+    endings = [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
+    nothing = Line2D([], [], linestyle="", label=" ")
+    pairs = zip_longest(lines, endings, fillvalue=nothing)
+    handles = [handle for pair in pairs for handle in pair]  # a legend is filled column by column
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles) // 2,
+        frameon=False,
+        fontsize=8.5,
+    )
+
+
+def seeds_text(records: Sequence[Record]) -> str:
+    """Return what a line and its surface are, in words, by how many seeds there are."""
+    counts = {len(group) for group in grouped(records).values()}
+    if counts == {1}:
+        return "One seed, so there is no interval"
+    if len(counts) == 1:
+        return f"Mean of {counts.pop()} seeds and its 95 % t interval"
+    return f"Means of {min(counts)} to {max(counts)} seeds and their 95 % t intervals (none for one seed)"
+
+
+def endings_figure(records: Sequence[Record]) -> Figure:
+    """Plot how episodes ended in training, as stacked shares against moves: a row for each variant, a column an algorithm."""
+    variants, algorithms = shown_variants(records), shown_algorithms(records)
+    figure = new_figure(2.3 * len(algorithms) + 0.7, 2.2 * len(variants) + 1.3)
+    panels = figure.subplots(len(variants), len(algorithms), squeeze=False, sharey=True)
+    for row, variant in enumerate(variants):
+        for column, algorithm in enumerate(algorithms):
+            axes = panels[row, column]
+            own = [
+                record
+                for record in records
+                if (record.trial.algorithm, record.trial.variant) == (algorithm, variant)
+            ]
+            _draw_endings(axes, own)
+            axes.set_xlabel("moves (logarithmic)" if row == len(variants) - 1 else "")
+            axes.set_ylabel(
+                f"{TITLES.get(variant, variant)}\nshare of episodes" if column == 0 else ""
+            )
+            plain(axes, NAMES[algorithm] if row == 0 else "")
+    handles = [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.5
+    )
+    place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
+    heading(
+        figure,
+        f"How episodes ended in training on {place}",
+        "Means over seeds of the last 100 episodes.",
+    )
+    return figure
+
+
+def _draw_endings(axes: Axes, records: Sequence[Record]) -> None:
+    bands = {name: found for name in ENDINGS if (found := band(records, name, "moves")) is not None}
+    axes.set_ylim(0, 1)
+    if not bands:
+        return
+    x = next(iter(bands.values())).x
+    axes.stackplot(
+        x, [found.mean for found in bands.values()], colors=[ENDING_COLOURS[name] for name in bands]
+    )
+    set_moves_axis(axes)
+    axes.set_xlim(x[0], x[-1])

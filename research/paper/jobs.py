@@ -1,0 +1,142 @@
+"""Jobs, the units of work of the paper's experiments, each in a process of one thread, as many at a time as there are cores.
+
+A job writes its result at its end, so a run that is stopped or killed loses what was under way and nothing
+else: the same run begun again does what is left.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import multiprocessing
+import os
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Any, Protocol
+
+from marsexplorer.files import write_whole
+
+LOOK_INTERVAL_S = 0.5
+"""Seconds between two calls of `on_change`, at most."""
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
+)
+ERROR_FILE = "error.txt"
+"""In the folder of a job that failed: where it failed."""
+
+OnProgress = Callable[[float], None]
+"""Called with the share of a job that is done, 0..1."""
+
+
+class Job(Protocol):
+    """One training or one evaluation, picklable: it writes under `folder / name` alone, and its result last, whole."""
+
+    @property
+    def name(self) -> str:
+        """Return the name of its folder, unlike any other job's; it tells what the job is of."""
+
+    def is_done(self, folder: Path) -> bool:
+        """Return whether the whole result lies under `folder / name`."""
+
+    def run(self, folder: Path, on_progress: OnProgress) -> None:
+        """Do the job from its beginning."""
+
+
+class BusyError(RuntimeError):
+    """Another run is at work in the folder."""
+
+
+@dataclass(frozen=True)
+class _Worker:
+    job: Job
+    process: SpawnProcess
+    share: Any
+
+
+@contextmanager
+def lock(folder: Path) -> Iterator[None]:
+    """Hold a folder for one run, whose death frees it; BusyError when another holds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            sentence = f"another run is at work in {folder}; wait for it, or give another --out"
+            raise BusyError(sentence) from None
+        yield
+
+
+def run_jobs(
+    jobs: Sequence[Job], folder: Path, workers: int, on_change: Callable[[dict[str, float]], None]
+) -> dict[str, str]:
+    """Run what is not done, in order; return job -> why it failed, in a sentence. A failure leaves the others running.
+
+    on_change  called about twice a second with job -> share that is done, 0..1
+
+    BusyError when another run is at work in the folder.
+    """
+    shares = {job.name: float(job.is_done(folder)) for job in jobs}
+    waiting = deque(job for job in jobs if not shares[job.name])
+    failures: dict[str, str] = {}
+    running: list[_Worker] = []
+    os.environ.update(ONE_THREAD)  # the processes share the cores already
+    with lock(folder):
+        try:
+            while waiting or running:
+                while waiting and len(running) < workers:
+                    running.append(_begin(waiting.popleft(), folder))
+                connection.wait([worker.process.sentinel for worker in running], LOOK_INTERVAL_S)
+                for worker in running.copy():
+                    name = worker.job.name
+                    shares[name] = worker.share.value
+                    if worker.process.is_alive():
+                        continue
+                    running.remove(worker)
+                    error, code = folder / name / ERROR_FILE, worker.process.exitcode
+                    if error.is_file():
+                        failures[name] = error.read_text().splitlines()[0]
+                    elif code:
+                        failures[name] = f"its process ended with code {code}"
+                on_change(shares)
+        finally:
+            for worker in running:
+                worker.process.kill()
+                worker.process.join()
+    return failures
+
+
+def _begin(job: Job, folder: Path) -> _Worker:
+    spawn = multiprocessing.get_context("spawn")
+    share = spawn.Value("d", 0.0)
+    args = (job, folder, share, os.getpid())
+    process = spawn.Process(target=_work, args=args, name=job.name, daemon=True)
+    process.start()
+    return _Worker(job, process, share)
+
+
+def _work(job: Job, folder: Path, share: Any, parent: int) -> None:
+    """Run a job in this process; what it raises is kept in ERROR_FILE."""
+    error_file = folder / job.name / ERROR_FILE
+    error_file.unlink(missing_ok=True)
+
+    def on_progress(done: float) -> None:
+        share.value = done
+        if os.getppid() != parent:
+            raise SystemExit("the run that began this job was killed")
+
+    try:
+        job.run(folder, on_progress)
+        share.value = 1.0
+    except KeyboardInterrupt:  # a terminal sends it to all processes; the run says so
+        return
+    except Exception as error:
+        first = (str(error).strip().splitlines() or [""])[0]
+        error_file.parent.mkdir(parents=True, exist_ok=True)
+        with write_whole(error_file) as file:
+            text = f"{type(error).__name__}: {first}\n\n{traceback.format_exc()}"
+            file.write(text.encode())

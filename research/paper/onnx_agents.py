@@ -1,0 +1,89 @@
+"""A trained network as an ONNX file, which the playground plays without any code of the paper's.
+
+The card stands under "card" in the metadata. Its "acts" says how the moves follow from the logits:
+
+    "samples"            each is drawn from the probabilities
+    "greedy"             the best is made
+    "greedy with guard"  the same with the playground's loop guard
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from marsexplorer.config import ROVER
+from marsexplorer.files import replace_whole
+from marsexplorer.policies.base import INVALID_LOGIT
+from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES
+from research.paper.networks import PaperNetwork
+
+
+class Agent(nn.Module):
+    """What is exported: logits float32[1, 4] and, where the network has one, a value float32[1].
+
+    Over features, logits that moves are drawn from are computed in float64. Nothing in the training of an
+    actor holds what its logits have in common: those of `sac-works` are about 2e10, where float32 is
+    exact to 2,048, so that a processor's rounding would choose the moves.
+
+    A network of values takes its best move for certain, so its logits are 0 for that and INVALID_LOGIT
+    for the others.
+    """
+
+    def __init__(self, net: PaperNetwork, acts: str) -> None:
+        super().__init__()
+        self.net = deepcopy(net).eval()
+        self._has_logits = net.shape.head == "policy"
+        self.has_value = not self._has_logits or net.shape.critic != "none"
+        self._is_exact = net.shape.size is None and acts == "samples"
+        if self._is_exact:
+            self.net.double()
+
+    def forward(self, *observation: Tensor) -> Any:
+        if self._is_exact:
+            planes, moves = observation
+            observation = planes, moves.double()
+        scores, value = self.net.evaluate(*observation)
+        if not self._has_logits:
+            best = torch.arange(4)[None] == scores.argmax(1, keepdim=True)
+            scores = torch.where(best, 0.0, INVALID_LOGIT)
+        return (scores, value) if self.has_value else scores
+
+
+def save_agent(net: PaperNetwork, path: Path, card: dict[str, Any]) -> None:
+    """Write a network as an ONNX file, whole or not at all; noisy layers have their mean weights.
+
+    card  what is told of the policy ("summary", "training", "results", ...); its "acts" is "samples" for
+          networks of logits and "greedy" for those of values unless it says else
+    """
+    acts = card.get("acts", "samples" if net.shape.head == "policy" else "greedy")
+    agent, size = Agent(net, acts), net.shape.size
+    if size is None:
+        samples = {
+            "planes": torch.zeros((1, PLANES, PICTURE_CELLS), dtype=torch.uint8),
+            "moves": torch.ones((1, 4, ACTION_FEATURES)),
+        }
+    else:
+        samples = {"observation": torch.ones((1, *size), dtype=torch.uint8)}
+        samples["observation"][0, 0, 0] = ROVER
+    with replace_whole(path) as unfinished:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the exporter speaks of its successor
+            torch.onnx.export(
+                agent,
+                tuple(samples.values()),
+                str(unfinished),
+                dynamo=False,
+                input_names=list(samples),
+                output_names=["logits", "value"] if agent.has_value else ["logits"],
+            )
+        model = onnx.load(str(unfinished))
+        model.metadata_props.add(key="card", value=json.dumps({**card, "acts": acts}, indent=1))
+        onnx.save(model, str(unfinished))

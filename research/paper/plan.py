@@ -1,0 +1,222 @@
+"""What `python -m research.paper` does for each figure and budget, as jobs.
+
+The order is by seed first, so that a run that is stopped leaves a whole: everything with one seed, then with two, and so on.
+Budgets were planned in CPU seconds, the same for all algorithms and variants, and are laid down in moves, so that a trial is
+the same wherever it runs.
+
+Figures 6 and 7 have the policies that were trained in the same folder too: 6 PPO's of the 12 levels, 7 those of seed 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from marsexplorer.config import LEVELS
+from research.paper.algorithms import ALGORITHMS, check_variant
+from research.paper.episodes import play
+from research.paper.figures import figure6, figure7
+from research.paper.jobs import Job
+from research.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
+
+FIGURES = ("4", "5", "6", "7")
+LEVEL, SIZE = "random", 21
+"""Of figure 4 (section 4.2 and table 1 of the paper)."""
+SEEDS = 3
+DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
+"""The 12 levels of figure 5."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much is trained.
+
+    moves     algorithm, or algorithm and variant -> moves of a trial of figure 4; works-no-CHANGE as works, tuned likewise
+    levels    variant -> moves of a trial of figure 5; any other variant has those of "paper"
+    terrains  held-out terrains that each policy is measured on
+    """
+
+    moves: dict[str, int]
+    levels: dict[str, int]
+    terrains: int
+
+
+BUDGETS = {
+    "small": Budget(
+        {
+            "a2c": 560_000,
+            "a2c-works": 360_000,
+            "ppo": 240_000,
+            "ppo-tuned": 1_000_000,
+            "rainbow": 40_000,
+            "rainbow-works": 30_000,
+            "rainbow-tuned": 80_000,
+            "sac": 20_000,
+            "sac-works": 15_000,
+            "sac-tuned": 50_000,
+        },
+        {"paper": 240_000},
+        50,
+    ),
+    "full": Budget(
+        {
+            "a2c": 3_000_000,
+            "a2c-works": 1_800_000,
+            "a2c-tuned": 4_000_000,
+            "ppo": 1_250_000,
+            "ppo-works": 1_200_000,
+            "ppo-tuned": 6_000_000,
+            "rainbow": 140_000,
+            "rainbow-works": 120_000,
+            "rainbow-tuned": 480_000,
+            "sac": 70_000,
+            "sac-works": 70_000,
+            "sac-tuned": 280_000,
+        },
+        {"paper": 2_500_000, "works": 400_000},
+        HELD_OUT_TERRAINS,
+    ),
+}
+"""small: about 2 CPU minutes a trial; full: about 10."""
+VARIANTS = {"4": ("paper", "works"), "5": ("paper",)}
+"""Figure -> the variants that it has unless others are asked for."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for.
+
+    figures     of FIGURES
+    budget      a name in BUDGETS
+    algorithms  of figure 4; () takes all four
+    variants    of figures 4 and 5; () takes VARIANTS
+    seeds       of figures 4 and 5: how many, from 0 on
+    moves, terrains  in place of the budget's, for every trial
+    policies    of figures 6 and 7 besides theirs and those trained: names or files
+    """
+
+    figures: tuple[str, ...]
+    budget: str = "small"
+    algorithms: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+    seeds: int = SEEDS
+    moves: int | None = None
+    terrains: int | None = None
+    policies: tuple[str, ...] = ()
+
+
+def plan(request: Request, folder: Path) -> list[Job]:
+    """Return the jobs in the order in which they begin, with the policies that are trained in `folder` already.
+
+    ValueError when an algorithm or variant is unknown, PolicyNotFoundError and PolicyFileError when a policy cannot be loaded.
+    """
+    jobs: dict[str, Job] = {}
+    for figure in request.figures:
+        for job in _figure_jobs(figure, request, folder):
+            jobs.setdefault(job.name, job)
+    for algorithm, variant in dict.fromkeys(
+        (job.algorithm, job.variant) for job in jobs.values() if isinstance(job, Trial)
+    ):
+        check_variant(algorithm, variant)
+    return list(jobs.values())
+
+
+def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
+    if figure == "4":
+        return comparison(request)
+    if figure == "5":
+        return [*difficulties(request), *play.difficulty_jobs(request.budget, SIZE)]
+    if figure == "6":
+        return figure6.jobs((*figure6.POLICIES, *request.policies, *trained_by_level(folder)))
+    if figure == "7":
+        return figure7.jobs((*figure7.POLICIES, *request.policies, *trained(folder)))
+    raise ValueError(f"no figure {figure!r}; choose of: {', '.join(FIGURES)}")
+
+
+def comparison(request: Request) -> list[Trial]:
+    """Return the trials of figure 4: each algorithm and variant on level random, the longest first within a seed."""
+    budget = BUDGETS[request.budget]
+    return [
+        _trial(request, algorithm, variant, LEVEL, seed, _moves_of(budget, algorithm, variant))
+        for seed in range(request.seeds)
+        for variant in request.variants or VARIANTS["4"]
+        for algorithm in request.algorithms or ALGORITHMS
+    ]
+
+
+def _moves_of(budget: Budget, algorithm: str, variant: str) -> int:
+    """Return the moves of a trial; 0 for an unknown algorithm, which is refused later."""
+    names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
+    return next((budget.moves[name] for name in names if name in budget.moves), 0)
+
+
+def _level_moves(budget: Budget, variant: str) -> int:
+    return budget.levels.get(variant, budget.levels["paper"])
+
+
+def is_full(trial: Trial) -> bool:
+    """Return whether a trial has the moves of the full budget: shorter ones decide nothing about the paper."""
+    budget = BUDGETS["full"]
+    wanted = (
+        _moves_of(budget, trial.algorithm, trial.variant)
+        if trial.level == LEVEL
+        else _level_moves(budget, trial.variant)
+    )
+    return trial.moves >= wanted
+
+
+def difficulties(request: Request) -> list[Trial]:
+    """Return the trials of figure 5: PPO on each of the 12 levels."""
+    return [
+        _trial(request, "ppo", variant, level, seed, _level_moves(BUDGETS[request.budget], variant))
+        for seed in range(request.seeds)
+        for variant in request.variants or VARIANTS["5"]
+        for level in DIFFICULTIES
+    ]
+
+
+def _trial(
+    request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int
+) -> Trial:
+    terrains = request.terrains or BUDGETS[request.budget].terrains
+    return Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
+
+
+def trained(folder: Path) -> list[str]:
+    """Return the policy files of the finished trials on level random with seed 0."""
+    return [str(path) for path in _finished(folder, f"*-{LEVEL}-{SIZE}-s0")]
+
+
+def trained_by_level(folder: Path) -> list[str]:
+    """Return the paths of PPO's policies of the 12 levels, with "{level}" in them, where all twelve are finished."""
+    found = []
+    for first in _finished(folder, f"ppo-*-{DIFFICULTIES[0]}-{SIZE}-s0"):
+        pattern = str(first).replace(DIFFICULTIES[0], figure6.LEVEL_PLACE)
+        paths = [Path(pattern.replace(figure6.LEVEL_PLACE, level)) for level in DIFFICULTIES]
+        if all(_finished(folder, path.stem) for path in paths):
+            found.append(pattern)
+    return found
+
+
+def _finished(folder: Path, pattern: str) -> list[Path]:
+    """Return the policy files of the finished trials whose names match, by name."""
+    logs = {path.parent: read_log(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
+    return [
+        own / f"{own.name}.onnx"
+        for own, lines in logs.items()
+        if lines and lines[-1]["kind"] == "result"
+    ]
+
+
+def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:
+    """Return a sentence about the first trial that `folder` holds with other options, None where all agree."""
+    for job in jobs:
+        if not isinstance(job, Trial):
+            continue
+        head = next(iter(read_log(folder / job.name / "log.jsonl")), None)
+        if head is not None and (begun := Trial(**head["trial"])) != job:
+            was = f"{begun.moves:,} moves and {begun.terrains} terrains"
+            asked = f"{job.moves:,} and {job.terrains} are asked for"
+            return f"{folder / job.name} was begun with {was}, and {asked}; give another --out, or those"
+    return None

@@ -1,0 +1,404 @@
+"""docs/paper.md says what the shipped results say, and the verdicts follow from the numbers."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.score import score
+from research.paper.algorithms import ALGORITHMS, begin
+from research.paper.claims import checks, page, settings_table, training_claims
+from research.paper.claims.claims import CLAIMS
+from research.paper.claims.results import (
+    FOLDER,
+    NOT_REPRODUCED,
+    NOT_YET,
+    PARTLY,
+    REPRODUCED,
+    VERDICTS,
+    read,
+)
+from research.paper.claims.training_claims import with_bonus
+from research.paper.figures.curves import Record, write_records
+from research.paper.plan import BUDGETS
+from research.paper.trial import ENDINGS, Trial
+
+DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
+MEASURED = {
+    "score": 0.5,
+    "coverage": 0.9,
+    "steps": 100.0,
+    "best_rule_steps": 80.0,
+    "moves": 3000,
+    "cpu_s": 60.0,
+}
+LONG = 10**8
+"""Moves, more than any budget has."""
+LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
+
+
+def trained(algorithm, seed, scores, level="random", variant="paper", settings=None, explored=None):
+    """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart.
+
+    explored  the share of completed episodes; None: the one with which a score is the same with a bonus and without
+    """
+    points = range(1, len(scores) + 1)
+    curve = {
+        "moves": [1000 * k for k in points],
+        "cpu_s": [10.0 * k for k in points],
+        "score": scores,
+        "coverage": scores,
+    }
+    curve |= {name: [0.0 for _ in points] for name in ENDINGS}
+    curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
+    return Record(
+        Trial(algorithm, variant, level, 21, seed, LONG),
+        settings or {},
+        {},
+        curve,
+        {**MEASURED, "completion": 0.0},
+    )
+
+
+def results_of(folder, records):
+    write_records(records, folder / "trials.jsonl")
+    return read(folder)
+
+
+def verdict_of(name, results):
+    return CLAIMS[name].decide(results).verdict
+
+
+def figure_4(folder, seeds=3, **finals):
+    values = finals.items()
+    return results_of(
+        folder,
+        [
+            trained(name, seed, [0.1, value + 0.01 * seed])
+            for name, value in values
+            for seed in range(seeds)
+        ],
+    )
+
+
+def test_every_claim_has_its_row_and_every_row_its_claim():
+    names = page.names_of(DOCUMENT.read_text())
+    assert sorted(names) == sorted(CLAIMS)
+
+
+def test_the_page_is_what_the_shipped_results_draw():
+    text = DOCUMENT.read_text()
+    assert page.redraw(text, read()) == text, "run python -m research.paper.claims.page"
+
+
+def test_every_picture_of_the_page_lies_there_and_is_small():
+    shown = re.findall(r"^!\[.*\]\((pictures/paper/.*)\)$", DOCUMENT.read_text(), re.M)
+    lying = sorted(
+        f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir()
+    )
+    assert sorted(shown) == lying
+    assert all((DOCUMENT.parent / name).stat().st_size < 200_000 for name in shown)
+
+
+def test_other_results_draw_another_page(tmp_path):
+    text = DOCUMENT.read_text()
+    drawn = page.redraw(text, figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1))
+    assert re.search(r"^\| `best` \|.*ppo 0\.810 ± 0\.025.*\| reproduced \|$", drawn, re.M)
+    assert re.search(r"^\| `actions` \|.*\| not yet measured \|$", drawn, re.M)
+    assert page.redraw(drawn, read()) == text
+
+
+def test_the_checks_of_the_environment_find_what_is_shipped():
+    shipped = [json.loads(line) for line in (FOLDER / "environment.jsonl").read_text().splitlines()]
+    assert checks.run() == shipped
+
+
+def finished(algorithm, variant, completion, seed, level="random"):
+    return replace(
+        trained(algorithm, seed, [0.5], level, variant),
+        result={**MEASURED, "completion": completion},
+    )
+
+
+def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
+    shares = {
+        "paper": 0.0,
+        "works": 0.95,
+        "works-no-mask": 0.1,
+        "tuned": 1.0,
+        "tuned-no-mask": 0.9,
+        "tuned-no-reward": 0.9,
+        "paper+mask": 0.02,
+        "paper-no-bonus": 0.01,
+    }
+    results = results_of(
+        tmp_path,
+        [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)],
+    )
+    assert training_claims.aims(results).splitlines()[2:] == [
+        "| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"
+    ]
+    assert training_claims.ablations(results).splitlines()[2:] == [
+        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
+        "| SAC | `reward` |  | 90 ± 0 % |  |  |",
+        "| SAC | `bonus` |  |  |  | 1 ± 0 % |",
+    ]
+    assert [line.split(" | ")[1] for line in training_claims.trained(results).splitlines()[2:]] == [
+        "paper",
+        "works",
+        "tuned",
+    ]
+    assert training_claims.levels(results) == training_claims.NONE_YET
+
+
+def test_the_table_of_levels_has_the_better_rules_moves(tmp_path):
+    results = results_of(
+        tmp_path,
+        [
+            finished("ppo", "paper", 0.1, seed, level)
+            for level in ("1-1-1", "3-2-2")
+            for seed in (0, 1)
+        ],
+    )
+    lines = training_claims.levels(results).splitlines()[2:]
+    assert [line.split(" | ")[2] for line in lines] == ["1-1-1", "3-2-2"]
+    assert all(line.endswith(" | 1.25 ± 0.00 | 80 |") for line in lines)
+
+
+def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
+    with pytest.raises(SystemExit):
+        checks.main(["rewards"])
+    assert "no check 'rewards'; choose from: actions, state, reward," in capsys.readouterr().err
+
+
+def test_figure_4_is_judged_by_who_is_best_and_second(tmp_path):
+    results = figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1)
+    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [REPRODUCED] * 3
+    results = figure_4(tmp_path, ppo=0.3, rainbow=0.4, a2c=0.5, sac=0.1)
+    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [
+        NOT_REPRODUCED,
+        REPRODUCED,
+        NOT_REPRODUCED,
+    ]
+
+
+def test_a_lead_within_the_noise_reproduces_nothing(tmp_path):
+    assert (
+        verdict_of("best", figure_4(tmp_path, ppo=0.405, rainbow=0.4, a2c=0.2, sac=0.1))
+        == NOT_REPRODUCED
+    )
+
+
+@pytest.mark.parametrize(
+    ("finals", "seeds"),
+    [
+        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}, 2),
+        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2}, 3),
+    ],
+)
+def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
+    assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
+
+
+def test_only_the_longest_trainings_of_a_kind_count(tmp_path):
+    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
+    cases = [(name, value, seed) for name, value in finals.items() for seed in range(3)]
+    long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
+    short = [
+        replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]})
+        for each in long
+    ]
+    assert verdict_of("best", results_of(tmp_path, [*short, *long])) == REPRODUCED
+
+
+def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
+    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
+    trials = [
+        trained(name, seed, [value + 0.01 * seed])
+        for name, value in finals.items()
+        for seed in range(3)
+    ]
+    short = [
+        replace(each, trial=replace(each.trial, moves=BUDGETS["full"].moves["sac"] - 1))
+        for each in trials
+    ]
+    for name in ("best", "second", "half"):
+        found = CLAIMS[name].decide(results_of(tmp_path, short))
+        assert found.verdict == NOT_YET
+        assert found.measured.startswith("after short trainings, which decide nothing: ")
+
+
+def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
+    short = {
+        "rainbow": [0.2, 0.3],
+        "a2c": [0.1, 0.1, 0.9],
+        "sac": [0.1, 0.1],
+        "ppo": [0.3, 0.4, 0.8],
+    }
+    trials = [
+        trained(name, seed, [each + 0.001 * seed for each in values])
+        for name, values in short.items()
+        for seed in range(3)
+    ]
+    measured = CLAIMS["best"].decide(results_of(tmp_path, trials)).measured
+    assert "at the end a2c 0.901" in measured
+    assert "at equal moves ppo 0.401 ± 0.002, rainbow 0.301 ± 0.002, " in measured
+    assert "at equal CPU time ppo 0.401" in measured
+
+
+def test_a_curve_that_has_not_begun_has_no_score(tmp_path):
+    trials = [
+        trained(name, seed, [0.2, 0.3 + 0.01 * seed]) for name in ALGORITHMS for seed in range(3)
+    ]
+    late = [
+        replace(each, curve={**each.curve, "moves": [5000, 6000]})
+        if each.trial.algorithm == "a2c"
+        else each
+        for each in trials
+    ]
+    measured = CLAIMS["best"].decide(results_of(tmp_path, late)).measured
+    assert "a2c too early to say; at equal CPU time" in measured
+
+
+def figure_5(tmp_path, topology, morphology, bonus, variants=("paper",)):
+    """Results of the 12 levels whose final scores have these effects."""
+
+    def score(level):
+        t, m, b = map(int, level.split("-"))
+        return 0.95 - topology * (t - 1) - morphology * (m - 1) - bonus * (b - 1)
+
+    trials = [
+        trained("ppo", seed, [score(level) + 0.001 * seed], level)
+        for level in LEVELS
+        for seed in range(3)
+    ]
+    chosen = [
+        replace(each, trial=replace(each.trial, variant=variant))
+        for variant in variants
+        for each in trials
+    ]
+    return results_of(tmp_path, chosen)
+
+
+def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
+    names = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
+    assert [verdict_of(name, figure_5(tmp_path, 0.02, 0.28, 0.01)) for name in names] == [
+        REPRODUCED
+    ] * 4
+    assert [verdict_of(name, figure_5(tmp_path, 0.2, 0.0, 0.3)) for name in names] == [
+        NOT_REPRODUCED
+    ] * 4
+
+
+def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it(tmp_path):
+    scores = {("1", "1"): 0.945, ("2", "1"): 0.939, ("1", "2"): 0.836, ("2", "2"): 0.818}
+    trials = [
+        trained(
+            "ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", explored=1.0
+        )
+        for level in LEVELS
+        for seed in range(3)
+    ]
+    results = results_of(tmp_path, trials)
+    found = {
+        name: CLAIMS[name].decide(results)
+        for name in ("morphology-first", "morphology-degrades", "bonus-little")
+    }
+    assert (
+        "d_b 0.115 ± 0.000 of score, 0.000 ± 0.000 of score with the bonus counted everywhere"
+        in found["bonus-little"].measured
+    )
+    assert [each.verdict for each in found.values()] == [PARTLY, NOT_REPRODUCED, NOT_REPRODUCED]
+
+
+def test_the_bonus_is_counted_by_how_the_episodes_end():
+    config = EnvConfig.of("1-2-2", 21)
+    ends = {"explored": 0.5, "collided": 0.25, "out_of_bounds": 0.125}
+    record = trained("ppo", 0, [score(config, 300.0)], "1-2-2")
+    record = replace(record, curve=record.curve | {name: [share] for name, share in ends.items()})
+    assert with_bonus(record) == pytest.approx(
+        score(EnvConfig.of("1-2-1", 21), 300.0 + 441 * (0.5 - 0.375))
+    )
+    same = trained("ppo", 0, [0.7], "1-2-1", explored=0.3)
+    assert with_bonus(same) == pytest.approx(0.7)
+
+
+def test_what_holds_on_the_levels_as_it_works_alone_holds_in_part(tmp_path):
+    works = figure_5(tmp_path, 0.02, 0.28, 0.01, ["works"])
+    assert verdict_of("hardest", works) == PARTLY
+    assert (
+        CLAIMS["hardest"].decide(works).measured.startswith("as it works: final score: 3-2-1 0.6")
+    )
+    assert verdict_of("hardest", figure_5(tmp_path, 0.2, 0.0, 0.3, ["works"])) == NOT_REPRODUCED
+    assert (
+        verdict_of("hardest", figure_5(tmp_path, 0.02, 0.28, 0.01, ["paper", "works"]))
+        == REPRODUCED
+    )
+
+
+def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
+    (tmp_path / "odd.jsonl").write_text('{"score": 1}\n')
+    with pytest.raises(ValueError, match=r"odd\.jsonl is no file of trials"):
+        read(tmp_path)
+
+
+def test_every_verdict_is_one_of_the_six():
+    shipped = read()
+    assert {verdict_of(name, shipped) for name in CLAIMS} <= set(VERDICTS)
+
+
+def test_the_settings_have_every_number_of_the_appendix_and_no_other():
+    cells = {
+        name: [
+            row["paper"]
+            for row in settings_table.rows_of(name)
+            if row["paper"][:1].isdigit() or row["paper"][:1] == "["
+        ]
+        for name in ALGORITHMS
+    }
+    assert cells == {
+        "ppo": ["0.95", "5e-5", "0.95", "0.2", "0.3"],
+        "a2c": ["0.95", "1e-4", "0.99", "0.5", "0.01"],
+        "rainbow": ["0.95", "5e-4", "0.5", "1.0 to 0.02", "50,000"],
+        "sac": ["0.95", "3e-4", "[256, 256]", "[256, 256]", "1,000,000"],
+    }
+
+
+def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
+    row = {
+        "key": "gamma",
+        "parameter": "discount",
+        "ours": "0.95",
+        "works": "0.99",
+        "tuned": "0.99",
+    }
+    monkeypatch.setattr(settings_table, "rows_of", lambda algorithm: [row])
+    assert settings_table.differences("ppo", "paper", {"gamma": 0.95}) == []
+    assert settings_table.differences("ppo", "works", {"gamma": 0.95}) == [
+        "ppo works: discount is 0.99 in the table, and was 0.95 in the run"
+    ]
+    assert settings_table.differences("ppo", "works-no-mask", {"gamma": 0.5}) == []
+    assert "the run logged no 'gamma'" in settings_table.differences("ppo", "paper", {})[0]
+
+
+@pytest.mark.parametrize("variant", settings_table.COLUMNS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_table_is_what_the_trainers_log(algorithm, variant):
+    if algorithm != "ppo":
+        pytest.importorskip(
+            "tianshou", reason="`make test-research` compares the settings of A2C, Rainbow and SAC"
+        )
+    trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
+    assert settings_table.differences(algorithm, variant, trainer.settings) == []
+
+
+def test_every_shipped_trial_has_the_settings_of_the_table():
+    trials = read().records
+    found = [
+        settings_table.differences(each.trial.algorithm, each.trial.variant, each.settings)
+        for each in trials
+    ]
+    assert [each for each in found if each] == []

@@ -1,0 +1,192 @@
+"""What is drawn and tabulated is what the logs say, and what was exported is drawn as the logs are."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from research.paper.claims.results import read
+from research.paper.figures import figure4, figure5
+from research.paper.figures.curves import (
+    COLUMNS,
+    POINTS,
+    add_records,
+    band,
+    cells_of,
+    read_exported,
+    read_records,
+    record_of,
+    rows_of,
+    write_records,
+    write_table,
+)
+from research.paper.plan import DIFFICULTIES
+from research.paper.tests.logs import trial_of, write_trial
+
+
+@pytest.fixture
+def logs(tmp_path):
+    """Three seeds of PPO by the letter, one of SAC as it works, and a trial that is not finished."""
+    for seed, end in enumerate((0.5, 0.6, 0.7)):
+        write_trial(tmp_path, trial_of(seed=seed), [0.1, end], {"steps": 100.0 + 20 * seed})
+    write_trial(tmp_path, trial_of("sac", "works", moves=100), [None, 0.2, 0.9])
+    write_trial(tmp_path, trial_of("a2c"), [0.1, 0.2])
+    path = tmp_path / trial_of("a2c").name / "log.jsonl"
+    path.write_text("".join(line + "\n" for line in path.read_text().splitlines()[:-1]))
+    return tmp_path
+
+
+def of(records, algorithm):
+    return [record for record in records if record.trial.algorithm == algorithm]
+
+
+def test_seeds_are_averaged_where_all_have_points_with_their_t_interval(logs):
+    found = band(of(read_records(logs), "ppo"), "score", "cpu_s")
+    assert (found.x[0], found.x[-1], found.seeds) == (5, 10, 3)
+    assert found.mean[[0, -1]] == pytest.approx([0.1, 0.6])
+    assert found.mean[50] == pytest.approx(0.1 + 0.5 * (found.x[50] - 5) / 5)
+    half = stats.t.ppf(0.975, 2) * 0.1 / np.sqrt(3)
+    assert found.high[-1] - 0.6 == pytest.approx(half)
+    assert 0.6 - found.low[-1] == pytest.approx(half)
+
+
+def test_nothing_is_extrapolated_and_one_seed_has_no_interval(logs, tmp_path):
+    records = read_records(logs)
+    found = band(of(records, "sac"), "score", "moves")
+    assert (found.x[0], found.x[-1], found.low) == (pytest.approx(66), pytest.approx(100), None)
+    write_trial(tmp_path / "more", trial_of(seed=3), [0.1, 0.3, 0.5], begin=2)
+    both = [*of(records, "ppo"), *read_records(tmp_path / "more")]
+    assert band(both, "score", "moves").x[0] == pytest.approx(500)
+    assert band([], "score", "moves") is None
+
+
+def test_only_finished_trials_are_read_and_long_curves_are_thinned(logs, tmp_path):
+    assert {record.trial.algorithm for record in read_records(logs)} == {"ppo", "sac"}
+    write_trial(tmp_path / "long", trial_of(moves=10_000), [number / 1000 for number in range(200)])
+    (record,) = read_records(tmp_path / "long")
+    assert set(record.curve) == set(COLUMNS)
+    assert all(len(column) == POINTS for column in record.curve.values())
+    assert (record.curve["moves"][0], record.curve["moves"][-1], record.curve["score"][-1]) == (
+        50,
+        10_000,
+        0.199,
+    )
+
+
+def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tmp_path):
+    records = read_records(logs)
+    path = write_records(records, tmp_path / "data" / "figure4.jsonl")
+    assert read_exported(path) == records
+    kinds = [json.loads(line)["kind"] for line in path.read_text().splitlines()]
+    assert (kinds.count("settings"), kinds.count("trial")) == (2, 4)
+    assert [
+        each.curve["score"][-1]
+        for each in read(path.parent).trials(algorithm="ppo", variant="paper")
+    ] == [0.5, 0.6, 0.7]
+    path.write_text('{"kind": "trial"}\n')
+    with pytest.raises(ValueError, match="is no file of trials"):
+        read_exported(path)
+
+
+def test_an_export_keeps_trainings_of_other_kinds_and_none_of_an_earlier_run_of_the_same(
+    logs, tmp_path
+):
+    path = write_records(read_records(logs), tmp_path / "data" / "figure4.jsonl")
+    write_trial(tmp_path / "more", trial_of(seed=1), [0.1, 0.2])
+    write_trial(tmp_path / "more", trial_of(seed=0, variant="works-no-mask"), [0.1, 0.2])
+    new = read_records(tmp_path / "more")
+    add_records(new, path)
+    found = [
+        (each.trial.variant, each.trial.algorithm, each.trial.seed) for each in read_exported(path)
+    ]
+    assert found == [("paper", "ppo", 1), ("works", "sac", 0), ("works-no-mask", "ppo", 0)]
+    assert all(record in read_exported(path) for record in new)
+    whole = path.read_bytes()
+    add_records(new, path)
+    assert path.read_bytes() == whole
+
+
+def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
+    rows = rows_of(read_records(logs))
+    assert [(row.algorithm, row.variant, row.seeds) for row in rows] == [
+        ("ppo", "paper", 3),
+        ("sac", "works", 1),
+    ]
+    half = stats.t.ppf(0.975, 2) * 20 / np.sqrt(3)
+    assert (rows[0].steps.mean, rows[0].steps.high) == (
+        pytest.approx(120),
+        pytest.approx(120 + half),
+    )
+    assert rows[0].ratio.mean == pytest.approx(1.5)
+    assert cells_of(rows[0])[3:7] == ["3", "1 k", "1.2", "0.600 ± 0.248"]
+    assert cells_of(rows[1])[6:] == ["0.900", "90 %", "90 %", "100", "1.25"]
+    written = write_table(rows, tmp_path / "table")
+    assert [path.name for path in written] == ["table.csv", "table.jsonl"]
+    first = json.loads(written[1].read_text().splitlines()[0])
+    assert (first["score"], first["score_low"], first["cpu_minutes"]) == (
+        0.6,
+        pytest.approx(0.3516, abs=1e-4),
+        1.167,
+    )
+
+
+def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs):
+    human = figure4.HumanLevel("dunes", 10, 0.94, 0.93, 0.95)
+    write_trial(logs / "longest", trial_of("a2c", "works", moves=5000), [0.1, 0.2])
+    records = [*read_records(logs), *read_records(logs / "longest")]
+    for against, last in (("moves", 1000), ("cpu_s", 10 / 60)):
+        figure = figure4.curves_figure(records, against, human)
+        letter = next(
+            axes for axes in figure.axes if axes.get_title(loc="left") == "the letter of the paper"
+        )
+        x, y = letter.get_lines()[0].get_data()
+        assert (x[-1], y[-1]) == (pytest.approx(last), pytest.approx(0.6))
+        longest = max(
+            max(line.get_xdata())
+            for axes in figure.axes[:6]
+            for line in axes.get_lines()
+            if len(line.get_xdata()) > 2
+        )
+        assert all(axes.get_xlim()[1] >= longest for axes in figure.axes if axes.get_lines())
+        assert any(np.allclose(line.get_ydata(), 0.94) for line in letter.get_lines())
+
+
+def test_figure_5_has_a_line_for_each_level(tmp_path):
+    for number, level in enumerate(DIFFICULTIES):
+        write_trial(tmp_path, trial_of(level=level), [0.1, 0.2 + number / 100])
+    figure = figure5.levels_figure(read_records(tmp_path), "paper")
+    ends = [line.get_ydata()[-1] for axes in figure.axes[:3] for line in axes.get_lines()]
+    assert sorted(ends) == pytest.approx([0.2 + number / 100 for number in range(12)])
+    steps = {"mean": 51.0, "low": 50.0, "high": 52.0}
+    known = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
+    panel = figure5.difficulty_figure(read_records(tmp_path), "paper", known).axes[-1]
+    assert [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()] == [
+        [1.66, 2.34]
+    ]
+
+
+def test_a_record_keeps_what_ran():
+    head = {
+        "kind": "trial",
+        "trial": vars(trial_of()),
+        "settings": {"gamma": 0.95},
+        "versions": {"torch": "2"},
+    }
+    curve = {"kind": "curve", "moves": 10, "cpu_s": 0.123, "episodes": 3.0}
+    record = record_of([head, curve, {"kind": "result", "score": 0.5}])
+    assert (record.settings, record.result, record.curve["cpu_s"]) == (
+        {"gamma": 0.95},
+        {"score": 0.5},
+        [0.1],
+    )
+
+
+def test_a_curve_begins_when_enough_episodes_have_ended():
+    head = {"kind": "trial", "trial": vars(trial_of()), "settings": {}, "versions": {}}
+    lines = [
+        {"kind": "curve", "moves": each, "cpu_s": 1.0, "episodes": float(each)}
+        for each in (99, 100, 300)
+    ]
+    assert record_of([head, *lines, {"kind": "result"}]).curve["moves"] == [100, 300]
+    assert record_of([head, lines[0], {"kind": "result"}]).curve["moves"] == [99]

@@ -1,0 +1,36 @@
+"""The environment of research: every package that it asks for is pinned, within its range."""
+
+import tomllib
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def requirements(extra, project):
+    """Yield what an extra asks for, what the project does, and the extras within it."""
+    yield from map(Requirement, project["dependencies"])
+    for requirement in map(Requirement, project["optional-dependencies"][extra]):
+        if requirement.name != project["name"]:
+            yield requirement
+        for inner in requirement.extras if requirement.name == project["name"] else ():
+            yield from requirements(inner, project)
+
+
+def test_every_requirement_is_pinned_within_its_range():
+    lines = (ROOT / "research" / "constraints.txt").read_text().split()
+    pinned = {
+        canonicalize_name(name): version for name, version in (each.split("==") for each in lines)
+    }
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    own = (ROOT / "research" / "requirements.txt").read_text().splitlines()
+    wanted = [Requirement(line) for line in own if not line.startswith("#")]
+    assert {"tianshou", "pandas"} <= {each.name for each in wanted}
+    for each in (*wanted, *requirements("study", project), *requirements("train", project)):
+        assert each.specifier.contains(pinned[canonicalize_name(each.name)]), str(each)
+
+
+def test_the_ordinary_environment_does_not_pin_tianshou():
+    assert "tianshou" not in (ROOT / "constraints.txt").read_text()

@@ -1,0 +1,177 @@
+"""The order of quadrants on hand-made paths, and the null: random walks that are what they are said to be."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from research.paper.episodes.quadrants import (
+    NO_QUADRANT,
+    QuadrantCourse,
+    quadrant_course,
+    quadrant_map,
+    rate_of,
+)
+from research.paper.episodes.walks import (
+    boustrophedon,
+    hamiltonian_paths,
+    nearest_walk,
+    random_hamiltonian_path,
+)
+
+NW, NE, SE, SW = range(4)
+
+
+def walk(cols, *corners):
+    """Cells, flat, of a walk along rows and columns from (0, 0) through the corners given, rows first."""
+    row, col, cells = 0, 0, [0]
+    for to_row, to_col in corners:
+        while (row, col) != (to_row, to_col):
+            row, col = (
+                (row + int(np.sign(to_row - row)), col)
+                if row != to_row
+                else (row, col + int(np.sign(to_col - col)))
+            )
+            cells.append(row * cols + col)
+    return cells
+
+
+def are_steps(path, cols):
+    row, col = np.divmod(np.asarray(path), cols)
+    return (abs(np.diff(row)) + abs(np.diff(col)) == 1).all()
+
+
+def test_an_odd_side_has_a_middle_that_is_in_no_quadrant_and_an_even_one_has_none():
+    assert quadrant_map(3, 4).tolist() == [[NW, NW, NE, NE], [NO_QUADRANT] * 4, [SW, SW, SE, SE]]
+    assert quadrant_map(2, 3).tolist() == [[NW, NO_QUADRANT, NE], [SW, NO_QUADRANT, SE]]
+
+
+@pytest.mark.parametrize(
+    ("corners", "code", "makes_u", "never_goes_back"),
+    [
+        ([(5, 0), (5, 8), (0, 8)], "0321:3", True, True),
+        ([(0, 8), (5, 8), (5, 0)], "0123:3", True, True),
+        ([(0, 8), (0, 0), (5, 0), (5, 8)], "0132:4", False, False),
+        ([(5, 0), (0, 0), (5, 0), (5, 8), (0, 8)], "0321:5", True, False),
+        ([(5, 0), (5, 3)], "03:1", False, False),
+        ([(5, 0), (5, 4), (5, 0)], "03:1", False, False),
+        ([(0, 3)], "0:0", False, False),
+    ],
+)
+def test_courses_of_known_walks(corners, code, makes_u, never_goes_back):
+    course = quadrant_course(walk(9, *corners), 6, 9)
+    assert (course.code, course.makes_u, course.never_goes_back) == (code, makes_u, never_goes_back)
+    assert QuadrantCourse.of_code(code) == course
+
+
+def test_through_the_middle_cell_three_changes_need_not_be_a_u():
+    """From NW through the middle to SE, then NE, and by the middle again to SW: each entered once, and no U."""
+    course = quadrant_course([0, 1, 4, 7, 8, 5, 2, 1, 4, 3, 6], 3, 3)
+    assert (course.entered, course.changes, course.makes_u, course.never_goes_back) == (
+        (NW, SE, NE, SW),
+        3,
+        False,
+        False,
+    )
+
+
+@pytest.mark.parametrize("code", ["", "0321", "0321:x", "0331:3", "04:1"])
+def test_what_is_no_code_is_refused(code):
+    with pytest.raises(ValueError, match="code of a course"):
+        QuadrantCourse.of_code(code)
+
+
+def test_a_rate_has_the_interval_of_wilson_and_a_count_of_all_cases_has_none():
+    rate = rate_of([True] * 15 + [False] * 133)
+    assert (rate.count, rate.total) == (15, 148)
+    assert (round(rate.low, 4), round(rate.high, 4)) == (
+        0.0624,
+        0.1605,
+    )  # Newcombe 1998, table I, method 3
+    assert (
+        rate_of([True, False], is_complete=True).low
+        == rate_of([True, False], is_complete=True).high
+        == 0.5
+    )
+    with pytest.raises(ValueError, match="at least one"):
+        rate_of([])
+
+
+def all_paths(rows, cols):
+    """Every Hamiltonian path of a grid by trial, as tuples of (row, col), one of its two directions."""
+    cells = {(row, col) for row in range(rows) for col in range(cols)}
+    found, unfinished = set(), [(cell,) for cell in cells]
+    while unfinished:
+        path = unfinished.pop()
+        if len(path) == rows * cols:
+            found.add(min(path, path[::-1]))
+        unfinished += [
+            (*path, cell) for cell in around(path[-1]) if cell in cells and cell not in path
+        ]
+    return found
+
+
+def around(cell):
+    row, col = cell
+    return (row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1)
+
+
+def bitten(path):
+    """The paths that one backbite move of the last cell gives, from the definition."""
+    places = [path.index(cell) for cell in around(path[-1]) if cell in path]
+    return [path[: at + 1] + path[at + 1 :][::-1] for at in places]
+
+
+def reachable(first, moves):
+    found, new = {first}, {first}
+    while new:
+        new = {each for path in new for each in moves(path)} - found
+        found |= new
+    return found
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "count", "from_corner"), [(4, 4, 276, 52), (3, 4, 62, 17)]
+)
+def test_backbite_moves_of_both_ends_reach_every_path_and_those_of_one_end_do_not(
+    rows, cols, count, from_corner
+):
+    paths = all_paths(rows, cols)
+    assert len(paths) == count
+    own = {tuple(divmod(cell, cols) for cell in path) for path in hamiltonian_paths(rows, cols)}
+    assert own == {path for each in paths for path in (each, each[::-1]) if path[0] == (0, 0)}
+    assert len(own) == from_corner
+    first = tuple(divmod(int(cell), cols) for cell in boustrophedon(rows, cols))
+    both = reachable(
+        min(first, first[::-1]),
+        lambda path: [min(new, new[::-1]) for way in (path, path[::-1]) for new in bitten(way)],
+    )
+    assert both == paths
+    assert reachable(first, bitten) < own, "if one end were enough, the sampler could be simpler"
+
+
+def test_random_hamiltonian_paths_are_equally_likely():
+    draws = Counter(tuple(random_hamiltonian_path(4, 4, seed).tolist()) for seed in range(1560))
+    assert set(draws) == {tuple(path) for path in hamiltonian_paths(4, 4)}
+    chi_square = sum((count - 30) ** 2 / 30 for count in draws.values())
+    assert chi_square < 77.4  # the 99 % point for 51 degrees of freedom; the seeds are fixed
+
+
+def test_walks_begin_in_the_corner_go_a_cell_at_a_time_and_sweep_the_grid():
+    path = random_hamiltonian_path(6, 9, 5)
+    assert path[0] == 0
+    assert sorted(path) == list(range(54))
+    assert are_steps(path, 9)
+    everywhere = nearest_walk(6, 9, 0, 1.0, 5)
+    assert everywhere[0] == 0
+    assert set(everywhere) == set(range(54))
+    assert are_steps(everywhere, 9)
+    assert len({tuple(nearest_walk(6, 9, 0, 1.0, seed)) for seed in range(5)}) == 5
+    seeing = nearest_walk(6, 9, 3, 0.99, 5)
+    assert are_steps(seeing, 9)
+    row, col = np.divmod(np.arange(54), 9)
+    seen = np.zeros(54, bool)
+    for cell in seeing:
+        assert seen.sum() < 0.99 * 54
+        seen |= (row - cell // 9) ** 2 + (col - cell % 9) ** 2 <= 9
+    assert seen.sum() >= 0.99 * 54

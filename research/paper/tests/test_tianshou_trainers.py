@@ -1,0 +1,182 @@
+"""A2C, Rainbow and discrete SAC through tianshou: the same training gives the same weights, and does what their settings say."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip(
+    "tianshou", reason="tianshou is not installed here: `make test-research` tests what needs it"
+)
+
+from tianshou.data import Batch
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.policies.files.onnx import OnnxModel
+from research.paper.algorithms import begin
+from research.paper.trainers.environments import (
+    Environments,
+    ObservationBytes,
+    Rewards,
+    Transitions,
+    add,
+    make_replay,
+)
+from research.paper.trainers.off_policy import RainbowTrainer
+
+SMALL = EnvConfig.of("random", (7, 8))
+ALGORITHMS = ("a2c", "rainbow", "sac")
+MOVES = {"a2c": 6000, "rainbow": 1536, "sac": 2048}
+"""Of a short training."""
+
+
+def weights(trainer):
+    """Return all weights as one vector."""
+    return torch.cat(
+        [tensor.detach().flatten().double() for tensor in trainer.net.state_dict().values()]
+    )
+
+
+def short_trainer(algorithm, variant="paper", config=SMALL):
+    return begin(algorithm, variant, config, 1, MOVES[algorithm])
+
+
+def advance(trainer, moves):
+    numbers = []
+    while trainer.moves < moves:
+        numbers.append(trainer.advance())
+    return numbers
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_policy_plays_without_tianshou(algorithm, tmp_path):
+    path = tmp_path / "policy.onnx"
+    short_trainer(algorithm, config=EnvConfig.of("random", 7)).save_policy(
+        path, {"summary": "untrained"}
+    )
+    program = (
+        "import sys; sys.modules['tianshou'] = None\n"
+        "from marsexplorer.config import EnvConfig; from marsexplorer.evaluation import evaluate\n"
+        f"table = evaluate([{str(path)!r}], EnvConfig.of('random', 7), 2, 10**9)\n"
+        "print(table.rows[0].steps_mean)"
+    )
+    assert (
+        float(
+            subprocess.run(
+                [sys.executable, "-c", program], capture_output=True, text=True, check=True
+            ).stdout
+        )
+        > 0
+    )
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_what_works_never_takes_an_invalid_move(algorithm):
+    trainer = short_trainer(algorithm, "works")
+    advance(trainer, 1024)
+    assert trainer.envs.recent.count > 0
+    assert set(trainer.envs.recent.outcomes) <= {"explored", "timed_out"}
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_settings_are_json_and_those_of_the_variant(algorithm):
+    paper, works = short_trainer(algorithm).settings, short_trainer(algorithm, "works").settings
+    assert json.loads(json.dumps(paper)) != json.loads(json.dumps(works))
+    assert (paper["gamma"], paper["network"], paper["mask"], paper["reward_per_cell"]) == (
+        0.95,
+        "authors",
+        False,
+        0.0,
+    )
+
+
+def test_what_follows_a_truncated_episode_is_its_last_observation():
+    config = replace(EnvConfig.of("random", (7, 8)), max_steps=3)
+    form = ObservationBytes.of(config, features=False)
+    environments = Environments(config, 4, 1, form, Rewards())
+    boards = []
+    for _ in range(3):
+        moves = environments.step(
+            np.full(4, 2)
+        )  # south, away from the corner; an obstacle may end it
+        boards.append(moves)
+    at = np.flatnonzero(moves.truncated)
+    assert len(at)
+    assert not moves.terminated[at].any()
+    first = form.pack(Environments(config, 4, 1, form, Rewards()).envs.observe())
+    for i in at:
+        assert (moves.next_obs[i] != moves.obs[i]).any()  # the rover has moved on
+        rover = int(np.flatnonzero(moves.next_obs[i] == 2)[0])
+        assert rover == 3 * 8  # three cells south of the corner
+        assert (
+            int(np.flatnonzero(environments.obs[i] == 2)[0]) == 0
+        )  # the next episode begins in the corner
+        assert int(np.flatnonzero(first[i] == 2)[0]) == 0
+
+
+def numbered_moves(step, num_envs, ends=()):
+    """Return a move of every environment whose observation and reward say which step it was."""
+    obs = np.full((num_envs, 4), step, np.uint8)
+    ended = np.isin(np.arange(num_envs), ends)
+    return Transitions(
+        obs,
+        np.zeros(num_envs, np.int64),
+        np.full(num_envs, 10.0**step),
+        ended,
+        ~ended & False,
+        obs + 1,
+    )
+
+
+def test_three_steps_of_rewards_are_followed_by_the_observation_after_three():
+    trainer = short_trainer("rainbow")
+    buffer = make_replay(20, 2, 4)
+    for step in range(6):
+        add(buffer, numbered_moves(step, 2, ends=[1] if step == 2 else ()))
+    trainer.algorithm.gamma = 0.5
+    indices = np.array([0, 11, 12])
+    batch = trainer.algorithm._preprocess_batch(buffer[indices], buffer, indices)
+    assert batch.obs_next[:, 0].tolist() == [3, 3, 3]  # the second and the third end with step 2
+    support = trainer.algorithm.policy.support
+    sums = torch.tensor([1 + 5 + 25.0, 10 + 50.0, 100.0])
+    expected = sums[:, None] + torch.tensor([0.125, 0.0, 0.0])[:, None] * support[None]
+    torch.testing.assert_close(batch.returns, expected, check_dtype=False)
+
+
+def test_the_noise_is_new_for_every_move_and_rainbow_has_its_six_parts():
+    trainer = short_trainer("rainbow")
+    assert isinstance(trainer, RainbowTrainer)
+    own = trainer.settings
+    assert own["double_q"]
+    assert own["dueling"]
+    assert own["prioritized_replay"]
+    assert own["noisy"]
+    assert own["n_step"] == 3
+    assert own["num_atoms"] == 51
+    asked = []
+    for _ in range(2):
+        trainer.act()
+        with torch.no_grad():
+            asked.append(trainer.algorithm.policy(Batch(obs=trainer.environments.obs)).logits)
+    assert not torch.equal(*asked)
+
+
+def test_a_policy_of_probabilities_samples_and_one_of_values_is_greedy(tmp_path):
+    for algorithm, acts in (("a2c", "samples"), ("rainbow", "greedy"), ("sac", "samples")):
+        path = tmp_path / f"{algorithm}.onnx"
+        short_trainer(algorithm).save_policy(path, {"summary": "untrained"})
+        assert OnnxModel(path).card()["acts"] == acts
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_same_training_gives_the_same_numbers_and_weights(algorithm):
+    some, others = [], []
+    for numbers in (some, others):
+        trainer = short_trainer(algorithm)
+        numbers += [advance(trainer, MOVES[algorithm]), weights(trainer)]
+    assert some[0] == others[0]
+    assert torch.equal(some[1], others[1])

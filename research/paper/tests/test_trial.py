@@ -1,0 +1,142 @@
+"""A trial trains, measures and writes its result last; the same trial gives the same curve, policy and result."""
+
+from dataclasses import asdict, replace
+from itertools import pairwise
+
+import onnx
+import pytest
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from marsexplorer.policies.files.onnx import OnnxModel
+from research.paper import algorithms
+from research.paper.algorithms import begin, check_variant
+from research.paper.trainers import settings
+from research.paper.trainers.ppo import PPOTrainer
+from research.paper.trainers.settings import PPO, PPO_NAMES, TUNED, Variants, ppo_settings
+from research.paper.trial import ENDINGS, TRAINING_SHARE, Trial, read_log
+
+SMALL = {"num_envs": 4, "num_steps": 8, "minibatch_size": 16, "update_epochs": 2}
+TRIAL = Trial("ppo", "paper", "random", 9, 3, 3 * 32, terrains=2)
+BOARD = EnvConfig(rows=9, cols=12, max_steps=20)
+CHANGES = {"reward": {"a": 1}, "mask": {"b": 2}, "rest": {"c": 3}}
+SARSA = Variants("SARSA", CHANGES, works=("reward", "mask"), tuned=("reward", "mask", "rest"))
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Small updates."""
+    monkeypatch.setattr(settings, "PPO", replace(PPO, **SMALL))
+
+
+def without_time(folder):
+    lines = read_log(folder / TRIAL.name / "log.jsonl")
+    return [{name: value for name, value in line.items() if name != "cpu_s"} for line in lines]
+
+
+def weights(path):
+    return [each.raw_data for each in onnx.load(path).graph.initializer]
+
+
+def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy_with_a_card(
+    quick, tmp_path
+):
+    shares = []
+    assert not TRIAL.is_done(tmp_path)
+    TRIAL.run(tmp_path, shares.append)
+    head, *curve, result = read_log(tmp_path / TRIAL.name / "log.jsonl")
+    assert shares[:3] == pytest.approx([TRAINING_SHARE * each / 3 for each in (1, 2, 3)])
+    assert shares[-1] == 1
+    assert (head["kind"], head["trial"]) == ("trial", asdict(TRIAL))
+    assert head["settings"]["update_epochs"] == 2
+    assert [line["moves"] for line in curve] == [32, 64, 96]
+    assert all(0 < one["cpu_s"] < other["cpu_s"] for one, other in pairwise(curve))
+    for line in curve:
+        assert sum(line[ending] for ending in ENDINGS) == pytest.approx(1.0, abs=1e-5)
+        assert 0 < line["coverage"] <= 1
+    assert (result["kind"], result["moves"], result["terrains"]) == ("result", 96, 2)
+    assert result["cpu_s"] >= curve[-1]["cpu_s"]
+    assert result["completion"] == result["explored"]
+    path = tmp_path / TRIAL.name / f"{TRIAL.name}.onnx"
+    assert load(path).name == TRIAL.name
+    card = OnnxModel(path).card()
+    assert card["training"]["settings"] == head["settings"]
+    assert card["results"]["random 9x9"]["score"] == result["score"]
+    assert TRIAL.is_done(tmp_path)
+    assert not replace(TRIAL, moves=1000).is_done(tmp_path)
+
+
+def test_the_same_trial_gives_the_same_curve_policy_and_result(quick, tmp_path):
+    for name in ("one", "other"):
+        TRIAL.run(tmp_path / name, lambda share: None)
+    assert without_time(tmp_path / "one") == without_time(tmp_path / "other")
+    file = f"{TRIAL.name}/{TRIAL.name}.onnx"
+    assert weights(tmp_path / "one" / file) == weights(tmp_path / "other" / file)
+
+
+def changed(variant):
+    other = asdict(ppo_settings(variant))
+    return {name for name, value in asdict(PPO).items() if value != other[name]}
+
+
+def test_a_variant_of_ppo_differs_from_the_paper_in_the_settings_of_its_changes_alone():
+    assert changed("paper") == set()
+    assert changed("appendix") == {"update_epochs", "minibatch_size"}
+    assert changed("paper-no-bonus") == {"has_bonus"}
+    assert changed("paper-no-value-clip") == {"vf_change_clip"}
+    assert changed("paper+reward+discount") == {"reward_per_cell", "has_bonus", "gamma"}
+    assert changed("works") == changed("paper+mask+features") == {"network", "mask"}
+    for left_out in TUNED:
+        without = changed(f"tuned-no-{left_out}")
+        assert changed("tuned") - without == set(settings.CHANGES[left_out]) & changed("tuned")
+    assert len({ppo_settings(variant) for variant in PPO_NAMES}) == len(PPO_NAMES)
+
+
+@pytest.mark.parametrize(
+    ("variant", "expected"),
+    [
+        ("paper", {}),
+        ("works", {"a": 1, "b": 2}),
+        ("works-no-mask", {"a": 1}),
+        ("tuned-no-mask", {"a": 1, "c": 3}),
+        ("paper+mask+rest", {"b": 2, "c": 3}),
+    ],
+)
+def test_a_variant_is_the_paper_with_its_changes(variant, expected):
+    assert SARSA.settings_for(variant) == expected
+
+
+@pytest.mark.parametrize(
+    "variant", ["", "work", "works-no-", "works-no-rest", "paper+", "paper+none"]
+)
+def test_an_unknown_variant_is_an_error_that_names_the_others(variant):
+    names = r"SARSA has no variant .*works-no-mask, tuned, .*tuned-no-rest, paper\+reward"
+    with pytest.raises(ValueError, match=names):
+        SARSA.settings_for(variant)
+
+
+def test_without_tianshou_variants_are_checked_and_a_sentence_says_what_to_run(monkeypatch):
+    for algorithm in ("a2c", "rainbow", "sac"):
+        check_variant(algorithm, "works-no-features")
+        with pytest.raises(ValueError, match="has no variant 'wroks'"):
+            check_variant(algorithm, "wroks")
+    monkeypatch.setitem(__import__("sys").modules, "research.paper.trainers.tianshou_trainer", None)
+    with pytest.raises(ModuleNotFoundError):
+        begin("sac", "paper", BOARD, 1, 1000)
+    assert set(algorithms.ALGORITHMS) == {"a2c", "ppo", "rainbow", "sac"}
+
+
+@pytest.mark.parametrize("variant", ["paper", "works", "works-no-mask", "works-no-features"])
+def test_a_policy_of_any_network_is_loaded_and_plays(tmp_path, variant):
+    config = replace(ppo_settings(variant), **{**SMALL, "value_warmup_updates": 0})
+    trainer, path = PPOTrainer(config, BOARD, 5, 128), tmp_path / "some.onnx"
+    trainer.advance()
+    trainer.save_policy(path, {"summary": "one", "size": [9, 12]})
+    policy, episode = load(path), Episode.begin(BOARD, seed=3)
+    policy.reset(3)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    ends = {True: ("explored", "timed_out"), False: ("collided", "out_of_bounds")}
+    assert episode.outcome in ends[config.mask]
+    assert ("may drive into" in OnnxModel(path).card()["limits"]) != config.mask

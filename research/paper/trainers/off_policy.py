@@ -1,0 +1,246 @@
+"""The algorithms that learn from a replay buffer: they play, keep what came of it, and learn from samples of it.
+
+DQN-Rainbow (Hessel et al. 2018) with all of its six parts.
+
+    1. double Q                 the network chooses the move whose value the target network gives (`_target_dist` of tianshou)
+    2. dueling network          a stream for the board and one for the moves (`CategoricalNetwork`)
+    3. prioritized replay       by the loss of a move (`make_replay`)
+    4. n-step returns           `n_step`
+    5. distribution of returns  `num_atoms` over `support` (C51)
+    6. noisy network            in place of epsilon; its noise is drawn anew for every gradient step and for every move too
+
+The paper's appendix names 1, 2, 3 and 6, and lets an epsilon fall besides. RLlib 1.0.1 has one step and one atom by default,
+which is DQN without the parts 4 and 5; a Rainbow has them, so these are Hessel's: three steps and 51 atoms.
+
+Discrete soft actor-critic is Haarnoja et al. 2018's, for discrete actions Christodoulou 2019's, with two critics.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tianshou.algorithm import DiscreteSAC, RainbowDQN
+from tianshou.algorithm.modelfree.c51 import C51Policy
+from tianshou.algorithm.modelfree.discrete_sac import DiscreteSACPolicy
+from tianshou.algorithm.modelfree.sac import AutoAlpha
+from tianshou.data import Batch, ReplayBuffer
+from torch import nn
+
+from marsexplorer.config import EnvConfig
+from research.paper.networks import (
+    CategoricalNetwork,
+    PolicyNetwork,
+    QNetwork,
+    invalid_moves,
+    make_network,
+    sample_noise,
+)
+from research.paper.trainers.environments import add, make_replay
+from research.paper.trainers.settings import (
+    RAINBOW_VARIANTS,
+    SAC_VARIANTS,
+    OffPolicy,
+    RainbowSettings,
+    SACSettings,
+)
+from research.paper.trainers.tianshou_trainer import (
+    MOVES,
+    Actor,
+    Distributions,
+    QCritic,
+    TianshouTrainer,
+    adam,
+)
+
+STEPS_OF_ROUND = 16
+"""Moves of each environment in a round."""
+
+
+class OffPolicyTrainer(TianshouTrainer, ABC):
+    """The trainer of an algorithm that learns from a replay buffer; a round is some moves of every environment."""
+
+    def __init__(
+        self, settings: dict[str, Any], own: OffPolicy, config: EnvConfig, seed: int, moves: int
+    ) -> None:
+        super().__init__(settings, own, config, seed)
+        self._off_policy = own
+        capacity = min(
+            own.buffer_size, -(-moves // own.num_envs) * own.num_envs
+        )  # a longer one would never be full
+        self._buffer = make_replay(
+            capacity, own.num_envs, self.form.width, own.priority_alpha, own.priority_beta
+        )
+
+    @abstractmethod
+    def act(self) -> NDArray[np.int64]:
+        """Return the moves int64[num_envs] that are tried now."""
+
+    @abstractmethod
+    def numbers(self, stats: Any) -> dict[str, float]:
+        """Return what is logged of a gradient step."""
+
+    def advance(self) -> dict[str, float]:
+        """Play and learn for a round; return the means of its gradient steps' numbers."""
+        own, steps = self._off_policy, []
+        for _ in range(STEPS_OF_ROUND):
+            add(self._buffer, self.environments.step(self.act()))
+            before, self.moves = self.moves, self.moves + own.num_envs
+            if self.moves > own.learning_starts:
+                for _ in range(self.moves // own.moves_per_update - before // own.moves_per_update):
+                    steps.append(
+                        self.numbers(
+                            self.algorithm.update(self._buffer, sample_size=own.batch_size)
+                        )
+                    )
+        names = steps[0] if steps else {}
+        return {name: float(np.mean([step[name] for step in steps])) for name in names}
+
+
+class RainbowTrainer(OffPolicyTrainer):
+    """Train by Rainbow."""
+
+    net: CategoricalNetwork
+
+    def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
+        own = RainbowSettings(**RAINBOW_VARIANTS.settings_for(variant))
+        support = own.support or (-config.n - 20.0, config.n + 20.0)
+        super().__init__({**asdict(own), "support": list(support)}, own, config, seed, moves)
+        self._own = own
+        shape = own.shape(config, "categorical", atoms=own.num_atoms, support=support)
+        net = make_network(shape, own.noisy_sigma)
+        assert isinstance(net, CategoricalNetwork)
+        policy = BestOfDistributions(
+            model=Distributions(net, self.form, own.light),
+            action_space=MOVES,
+            num_atoms=own.num_atoms,
+            v_min=support[0],
+            v_max=support[1],
+        )
+        self.begin(NStepRainbow(policy, own), net)
+
+    def act(self) -> NDArray[np.int64]:
+        """Return the best moves by the network with new noise, and some at random."""
+        first, last = self._own.epsilon
+        policy, obs = self.algorithm.policy, self.environments.obs
+        policy.set_eps_training(
+            first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves)
+        )
+        sample_noise(self.net)
+        with torch.no_grad():
+            actions = policy(Batch(obs=obs)).act
+            is_valid = (
+                ~invalid_moves(self.form.unpack(obs)).numpy()
+                if self._own.mask
+                else np.ones((len(obs), 4))
+            )
+        tried: NDArray[np.int64] = policy.add_exploration_noise(
+            actions, Batch(obs=Batch(mask=is_valid))
+        )
+        return tried
+
+    def numbers(self, stats: Any) -> dict[str, float]:
+        """Return the loss of a gradient step."""
+        return {"loss": stats.loss}
+
+
+class BestOfDistributions(C51Policy):
+    """tianshou's policy of C51 without its detours, and with the network's own mask."""
+
+    def forward(self, batch: Batch, state: Any = None, model: nn.Module | None = None) -> Batch:
+        """Return `logits`, the distributions, as tianshou calls them, and `act`, the best moves."""
+        asked: Any = self.model if model is None else model
+        distributions, _ = asked(batch.obs)
+        found = Batch()
+        found.__dict__.update(
+            logits=distributions, act=asked.best(batch.obs, distributions), state=None
+        )
+        return found
+
+
+class NStepRainbow(RainbowDQN):
+    """tianshou's Rainbow with our noisy layers, a clipped gradient, and one thing mended.
+
+    tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move, where it belongs after n.
+    """
+
+    def __init__(self, policy: BestOfDistributions, own: RainbowSettings) -> None:
+        self._max_grad_norm = own.max_grad_norm
+        super().__init__(
+            policy=policy,
+            optim=adam(own.learning_rate),
+            gamma=own.gamma,
+            n_step_return_horizon=own.n_step,
+            target_update_freq=max(1, own.target_update_freq // own.moves_per_update),
+        )
+
+    def _create_policy_optimizer(self, optim: Any) -> Any:
+        return self._create_optimizer(self.policy, optim, max_grad_norm=self._max_grad_norm)
+
+    @staticmethod
+    def _sample_noise(model: nn.Module) -> bool:
+        return sample_noise(model)
+
+    def _preprocess_batch(
+        self, batch: Any, buffer: ReplayBuffer, indices: NDArray[np.int64]
+    ) -> Any:
+        batch = super()._preprocess_batch(batch, buffer, indices)
+        last = indices
+        for _ in range(self.n_step - 1):
+            last = buffer.next(last)
+        batch.obs_next = buffer.get(last, "obs_next")
+        return batch
+
+
+class SACTrainer(OffPolicyTrainer):
+    """Train by discrete SAC."""
+
+    net: PolicyNetwork
+
+    def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
+        own = SACSettings(**SAC_VARIANTS.settings_for(variant))
+        super().__init__(asdict(own), own, config, seed, moves)
+        net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
+        critics = [
+            QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form, own.light)
+            for _ in range(2)
+        ]
+        self._alpha = AutoAlpha(
+            own.target_entropy * float(np.log(4)),
+            float(np.log(own.initial_alpha)),
+            adam(own.learning_rate),
+        )
+        optimizer = adam(own.learning_rate)
+        algorithm = DiscreteSAC(
+            policy=DiscreteSACPolicy(actor=Actor(net, self.form, own.light), action_space=MOVES),
+            policy_optim=optimizer,
+            critic=critics[0],
+            critic_optim=optimizer,
+            critic2=critics[1],
+            critic2_optim=optimizer,
+            tau=own.tau,
+            gamma=own.gamma,
+            alpha=self._alpha,
+            n_step_return_horizon=own.n_step,
+        )
+        self.begin(algorithm, net)
+
+    def act(self) -> NDArray[np.int64]:
+        """Return moves drawn from the policy."""
+        with torch.no_grad():
+            actions: NDArray[np.int64] = self.algorithm.policy(
+                Batch(obs=self.environments.obs, info=Batch())
+            ).act.numpy()
+        return actions
+
+    def numbers(self, stats: Any) -> dict[str, float]:
+        """Return losses and the weight of the entropy after a gradient step."""
+        return {
+            "policy_loss": stats.actor_loss,
+            "value_loss": stats.critic1_loss,
+            "alpha": stats.alpha,
+        }

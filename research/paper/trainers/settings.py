@@ -1,0 +1,375 @@
+"""The settings of the four algorithms, and their variants; nothing here needs tianshou.
+
+What the paper's appendix says is taken by the letter; what it leaves open is RLlib 1.0.1's default, unless a field says else.
+
+    paper             the settings of the paper
+    works             with the smallest set of changes that completes terrains
+    works-no-CHANGE   the same without one of them
+    tuned             with the changes too that let it need fewer moves
+    tuned-no-CHANGE   the same without one of them
+    paper+CHANGE      the paper's with one change, or with several: paper+reward+mask
+
+PPO has besides
+
+    appendix             RLlib's 30 passes in minibatches of 128
+    rllib                the same with a network of RLlib's default sizes, as `ppo-paper` was trained
+    paper-no-bonus       eq. 8 without +-n at the end of an episode, as on the levels t-m-2
+    paper-no-value-clip  the values' change since the rollout is not clipped
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from marsexplorer.config import EnvConfig
+from marsexplorer.training.config import RECIPES, TrainConfig
+from marsexplorer.training.envs import Encoder, EncoderFactory, feature_encoder
+from research.paper.networks import NetworkShape, PolicyNetwork
+from research.paper.onnx_agents import save_agent
+
+
+@dataclass(frozen=True)
+class Variants:
+    """The changes that an algorithm knows.
+
+    algorithm  its name in words, for errors
+    changes    name of a change -> the settings in which it differs from the paper's
+    works      the changes of the variant "works"
+    tuned      those of the variant "tuned"
+    """
+
+    algorithm: str
+    changes: Mapping[str, Mapping[str, Any]]
+    works: Sequence[str]
+    tuned: Sequence[str]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the variants; besides, paper+CHANGE stands for any set of changes."""
+        return [
+            "paper",
+            *(
+                each
+                for name, added in self._sets.items()
+                for each in (name, *(f"{name}-no-{one}" for one in added))
+            ),
+        ]
+
+    @property
+    def _sets(self) -> dict[str, Sequence[str]]:
+        """Variant -> the changes that it makes together."""
+        return {"works": self.works, "tuned": self.tuned}
+
+    def settings_for(self, variant: str) -> dict[str, Any]:
+        """Return the settings in which a variant differs from the paper's; ValueError when there is none of that name."""
+        if variant == "paper":
+            return {}
+        name, without, left_out = variant.partition("-no-")
+        changes = self._sets.get(name, ())
+        if (changes and not without) or left_out in changes:
+            return self._together(change for change in changes if change != left_out)
+        start, plus, added = variant.partition("+")
+        if start == "paper" and plus and set(added.split("+")) <= set(self.changes):
+            return self._together(added.split("+"))
+        known = ", ".join([*self.names, *(f"paper+{change}" for change in self.changes)])
+        raise ValueError(f"{self.algorithm} has no variant {variant!r}; choose one of: {known}")
+
+    def _together(self, changes: Iterable[str]) -> dict[str, Any]:
+        return {name: value for change in changes for name, value in self.changes[change].items()}
+
+
+def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:
+    """Return the encoder for networks that are given the codes of the state matrix (eq. 6) alone."""
+    del config, num_envs
+    return lambda codes, cells, visited, headings: (torch.from_numpy(codes),)
+
+
+@dataclass(frozen=True)
+class PPOSettings(TrainConfig):
+    """The settings of our own PPO with the paper's networks.
+
+    network  "authors": the state matrix by the network of the authors' repository; "rllib": by RLlib's;
+             "features": our features
+    mask     whether invalid moves have no probability
+    """
+
+    network: str = "authors"
+    mask: bool = False
+
+    @property
+    def is_deterministic(self) -> bool:
+        """Whether its policies take the best move, with the loop guard, where others draw theirs."""
+        return self.network == "features" and self.mask
+
+    @property
+    def make_encoder(self) -> EncoderFactory:
+        """What makes the network's observation of an environment."""
+        return feature_encoder if self.network == "features" else state_matrix_encoder
+
+    def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
+        """Return a freshly initialised network for environments of one size."""
+        ((rows, cols),) = {(config.rows, config.cols) for config in env_configs}
+        if self.network == "features":
+            scale = 5.0 if self.mask else 1.0  # as our own network has it
+            shape = NetworkShape(
+                "features", "policy", critic="shared", mask=self.mask, value_scale=scale
+            )
+        else:
+            shape = NetworkShape(
+                self.network, "policy", rows, cols, critic="separate", mask=self.mask
+            )
+        return PolicyNetwork(shape)
+
+    def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
+        """Write the ONNX file of a network that `make_network` returned, with its limits in the card."""
+        assert isinstance(net, PolicyNetwork)
+        limits = "Deterministic; a guard follows the nearest frontier where it would go in circles."
+        if not self.is_deterministic:
+            crashes = "" if self.mask else "may drive into an obstacle; "
+            of_size = "any size" if net.shape.size is None else "the size it was trained on alone"
+            limits = f"Draws its moves; {crashes}plays {of_size}."
+        acts = "greedy with guard" if self.is_deterministic else "samples"
+        save_agent(net, path, {"limits": limits, "acts": acts, **card})
+
+
+PPO = PPOSettings(
+    name="paper",
+    reward_per_cell=0.0,
+    num_envs=20,
+    num_steps=200,
+    update_epochs=6,
+    minibatch_size=500,
+    clip_coef=0.3,
+    learning_rate=5e-5,
+    final_learning_rate=5e-5,
+    target_entropy=None,
+    kl_coef=0.2,
+    kl_of_last_epoch=True,
+    vf_coef=1.0,
+    vf_change_clip=10.0,
+    gamma=0.95,
+    value_warmup_updates=0,
+    max_grad_norm=float("inf"),
+)
+"""PPO by the letter: the appendix gives gamma, the learning rate, lambda, the KL coefficient and the clip.
+
+The rest is RLlib 1.0.1's default for PPO: train_batch_size 4000, kl_target 0.01, vf_loss_coeff 1, vf_clip_param 10, no
+entropy, no clipping of gradients, a value network of its own. Its 30 passes in minibatches of 128 are APPENDIX_PASSES: 960
+gradient steps an update and an eighth of the speed, where these have 48.
+"""
+APPENDIX_PASSES: dict[str, Any] = {"update_epochs": 30, "minibatch_size": 128}
+"""RLlib's defaults (num_sgd_iter, sgd_minibatch_size)."""
+BEST = RECIPES["best"]
+CHANGES: dict[str, dict[str, Any]] = {
+    "reward": {"reward_per_cell": BEST.reward_per_cell, "has_bonus": False},
+    "discount": {"gamma": BEST.gamma},
+    "mask": {"mask": True},
+    "features": {"network": "features"},
+    "rate": {"learning_rate": 3e-4, "final_learning_rate": 3e-4},
+}
+OTHERS = {"name", "gamma", *CHANGES["reward"]}
+CHANGES["batch"] = {
+    field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS
+}
+"""Name of a change -> the settings that it changes; all but "rate" are those of the recipe `best`.
+
+reward    units of moves, nothing at the end
+mask      invalid moves have no probability
+discount  0.997 for 0.95
+features  our network and its features for the state matrix
+batch     the optimiser's: larger batches, fewer passes, a falling learning rate, an entropy target
+rate      a higher learning rate alone, which makes up for the fewer gradient steps of the 6 passes
+"""
+WORKS = ("mask", "features")
+TUNED = ("reward", "mask", "discount", "features", "batch")
+
+PPO_VARIANTS = Variants("PPO", CHANGES, WORKS, TUNED)
+ALONE: dict[str, dict[str, Any]] = {
+    "appendix": APPENDIX_PASSES,
+    "rllib": {**APPENDIX_PASSES, "network": "rllib"},
+    "paper-no-bonus": {"has_bonus": False},
+    "paper-no-value-clip": {"vf_change_clip": float("inf")},
+}
+"""Variant -> the settings in which it differs from the letter, for those that are no set of changes."""
+PPO_NAMES = (*ALONE, *PPO_VARIANTS.names)
+
+
+def ppo_settings(variant: str) -> PPOSettings:
+    """Return the settings of a variant of PPO; ValueError when there is none of that name."""
+    settings = ALONE[variant] if variant in ALONE else PPO_VARIANTS.settings_for(variant)
+    return replace(PPO, **settings)
+
+
+@dataclass(frozen=True)
+class Common:
+    """Settings of every algorithm here.
+
+    gamma            discount
+    network          "authors": the state matrix by the network of the authors' repository; "features": ours
+    mask             whether invalid moves are never taken and have no probability
+    reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
+    has_bonus        whether +-n is paid where an episode ends, on the levels that have it
+    num_envs         environments stepped together
+    light            whether the network computes in bfloat16
+    """
+
+    gamma: float = 0.95
+    network: str = "authors"
+    mask: bool = False
+    reward_per_cell: float = 0.0
+    has_bonus: bool = True
+    num_envs: int = 16
+    light: bool = False
+
+    def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
+        """Return the shape of a network for the boards of a configuration."""
+        rows, cols = (None, None) if self.network == "features" else (config.rows, config.cols)
+        return NetworkShape(self.network, head, rows=rows, cols=cols, mask=self.mask, **rest)
+
+
+@dataclass(frozen=True)
+class OffPolicy(Common):
+    """Settings of both.
+
+    buffer_size       moves kept
+    batch_size        moves of a gradient step
+    moves_per_update  moves between two gradient steps
+    learning_starts   moves before the first gradient step
+    n_step            moves after which the value of what follows is counted
+    priority_alpha    exponent of the priorities (Schaul et al. 2016)
+    priority_beta     exponent of the weights that correct for them
+    """
+
+    buffer_size: int = 50_000
+    batch_size: int = 32
+    moves_per_update: int = 4
+    learning_starts: int = 1000
+    n_step: int = 1
+    prioritized_replay: bool = True
+    priority_alpha: float = 0.6
+    priority_beta: float = 0.4
+
+
+@dataclass(frozen=True)
+class A2CSettings(Common):
+    """The appendix's table 5, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/a3c).
+
+    num_steps      moves of each environment between updates; A3C's rollout_fragment_length is 10, and 20 environments make
+                   the 200 moves of A2C's train_batch_size
+    vf_coef        coefficient of half the squared error of the value: RLlib's loss has the half
+    max_grad_norm  of the gradient of the sum over the moves, as RLlib has it; the mean's is clipped at a share of it
+    """
+
+    num_envs: int = 20
+    num_steps: int = 10
+    learning_rate: float = 1e-4
+    gae_lambda: float = 0.99
+    vf_coef: float = 0.5
+    ent_coef: float = 0.01
+    max_grad_norm: float = 40.0
+
+    @property
+    def batch_size(self) -> int:
+        """Moves between two updates."""
+        return self.num_envs * self.num_steps
+
+
+A2C_VARIANTS = Variants(
+    "A2C",
+    {
+        "reward": {"reward_per_cell": 0.18, "has_bonus": False},
+        "mask": {"mask": True},
+        "discount": {"gamma": 0.99, "gae_lambda": 0.95},
+        "features": {"network": "features"},
+        "batch": {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0},
+    },
+    works=("mask", "features"),
+    tuned=("reward", "mask", "discount", "features", "batch"),
+)
+
+
+@dataclass(frozen=True)
+class RainbowSettings(OffPolicy):
+    """The appendix's table 3, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/dqn).
+
+    support             lowest and highest return of the distribution; None: +-(n + 20), which holds the +-n of eq. 8 (RLlib
+                        has +-10, the authors' repository +-400 where the ends are paid +-400)
+    epsilon             at first, and after `epsilon_moves` moves
+    target_update_freq  moves between two copies to the target network
+    max_grad_norm       of the gradient
+    """
+
+    learning_rate: float = 5e-4
+    n_step: int = 3
+    num_atoms: int = 51
+    support: tuple[float, float] | None = None
+    noisy: bool = True
+    noisy_sigma: float = 0.5
+    dueling: bool = True
+    double_q: bool = True
+    epsilon: tuple[float, float] = (1.0, 0.02)
+    epsilon_moves: int = 10_000
+    target_update_freq: int = 500
+    max_grad_norm: float = 40.0
+
+
+RAINBOW_VARIANTS = Variants(
+    "Rainbow",
+    {
+        "reward": {"reward_per_cell": 0.18, "has_bonus": False, "support": (-60.0, 40.0)},
+        "mask": {"mask": True},
+        "discount": {"gamma": 0.99},
+        "features": {"network": "features"},
+        "batch": {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000},
+    },
+    works=("mask", "features"),
+    tuned=("reward", "mask", "discount", "features", "batch"),
+)
+
+
+@dataclass(frozen=True)
+class SACSettings(OffPolicy):
+    """The appendix's table 4, and RLlib 1.0.1's defaults where it says nothing (rllib/agents/sac).
+
+    moves_per_update  RLlib makes a gradient step for each move of every worker; the authors' runner has 8 workers
+    tau               share of the critics that their targets take over at a gradient step
+    initial_alpha     weight of the entropy at first; it is adapted to `target_entropy`
+    target_entropy    share of the entropy of equal probabilities, log 4 (RLlib's "auto" is 0.98 of it)
+    q_hidden, policy_hidden  units of the layers between the network of the state matrix and its heads
+    """
+
+    buffer_size: int = 1_000_000
+    batch_size: int = 256
+    moves_per_update: int = 8
+    learning_starts: int = 1500
+    learning_rate: float = 3e-4
+    tau: float = 5e-3
+    twin_q: bool = True
+    q_hidden: tuple[int, ...] = (256, 256)
+    policy_hidden: tuple[int, ...] = (256, 256)
+    initial_alpha: float = 1.0
+    target_entropy: float = 0.98
+
+
+SAC_VARIANTS = Variants(
+    "SAC",
+    {
+        "reward": {"reward_per_cell": 0.18, "has_bonus": False},
+        "mask": {"mask": True},
+        "discount": {"gamma": 0.99},
+        "features": {"network": "features", "q_hidden": (), "policy_hidden": ()},
+        "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
+        "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
+    },
+    works=("mask", "features", "entropy"),
+    tuned=("reward", "mask", "discount", "features", "entropy", "batch"),
+)
+
+VARIANTS = {"a2c": A2C_VARIANTS, "rainbow": RAINBOW_VARIANTS, "sac": SAC_VARIANTS}
+"""Algorithm -> its variants."""
