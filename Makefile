@@ -35,7 +35,7 @@ paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environ
 	@echo "Next: $(RESEARCH)/bin/python -m research.paper --figure 4 --budget small   (--help lists the rest)"
 
 test-research: $(RESEARCH)/.done ## the tests of research/, in its own environment
-	$(RESEARCH)/bin/python -m pytest research
+	$(RESEARCH)/bin/python -m pytest research -m "not long and not bench"
 
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
 	$(BIN)/python -m pytest tests research -m bench -s -p no:cacheprovider --timeout 3600

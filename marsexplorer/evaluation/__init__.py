@@ -1,15 +1,14 @@
 """Evaluation: `evaluate` plays policies on the same terrains and returns an EvaluationTable.
 
-docs/evaluation.md defines every figure. `intervals` has the t interval, `informed` the planner that is shown the true map,
+docs/evaluation.md defines every figure. `intervals` has the t interval,
 and `plots` the figures.
 """
 
-from marsexplorer.evaluation.episodes import INFORMED, EpisodeTrace, Result, horizon
+from marsexplorer.evaluation.episodes import EpisodeTrace, Result, horizon
 from marsexplorer.evaluation.run import evaluate
 from marsexplorer.evaluation.table import RULES, Comparison, EvaluationRow, EvaluationTable
 
 __all__ = [
-    "INFORMED",
     "RULES",
     "Comparison",
     "EpisodeTrace",

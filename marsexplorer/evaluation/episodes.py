@@ -17,12 +17,8 @@ import numpy as np
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode, Record
-from marsexplorer.evaluation.informed import informed_actions
 from marsexplorer.policies import Policy
 from marsexplorer.score import steps_to_target
-
-INFORMED = "informed"
-"""The informed planner's name in results. It is shown the true map and is not a policy."""
 
 EPISODES_PER_CHUNK = 5
 """Episodes that a process plays before it reports."""
@@ -80,7 +76,7 @@ class Result:
 
 @dataclass(frozen=True)
 class EpisodeChunk:
-    """Episodes to play in one go: of a policy (its name or path, or INFORMED), on the terrains of some seeds."""
+    """Episodes to play in one go: of a policy (its name or path), on the terrains of some seeds."""
 
     policy: str
     config: EnvConfig
@@ -105,21 +101,11 @@ def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int
 
 def play_chunk(chunk: EpisodeChunk) -> list[Result]:
     """Play the episodes of a chunk and return their results in the order of its seeds."""
-    results = []
-    policy = (
-        None
-        if chunk.policy == INFORMED
-        else policy_files.load(chunk.policy, chunk.config.sensor_radius)
-    )
-    for seed in chunk.seeds:
-        if policy is None:
-            episode = Episode.begin(chunk.config, seed=seed)
-            for action in informed_actions(chunk.config, episode.terrain, seed):
-                episode.step(action)
-        else:
-            episode = play_episode(policy, chunk.config, seed)
-        results.append(result_of(chunk.policy, episode, seed, chunk.traces))
-    return results
+    policy = policy_files.load(chunk.policy, chunk.config.sensor_radius)
+    return [
+        result_of(chunk.policy, play_episode(policy, chunk.config, seed), seed, chunk.traces)
+        for seed in chunk.seeds
+    ]
 
 
 def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
@@ -180,16 +166,17 @@ def _trace(episode: Episode) -> EpisodeTrace:
 def make_chunks(
     policies: Sequence[str], configs: Sequence[EnvConfig], seeds: Sequence[int], traces: bool
 ) -> list[EpisodeChunk]:
-    """Return chunks of all episodes to play; those of the informed planner, which is slow, hold one episode each."""
-    chunks = []
-    for config in configs:
-        for name in policies:
-            size = 1 if name == INFORMED else EPISODES_PER_CHUNK
-            chunks += [
-                EpisodeChunk(name, config, tuple(seeds[start : start + size]), traces)
-                for start in range(0, len(seeds), size)
-            ]
-    return chunks
+    """Return chunks of all episodes to play."""
+    parts = [
+        tuple(seeds[start : start + EPISODES_PER_CHUNK])
+        for start in range(0, len(seeds), EPISODES_PER_CHUNK)
+    ]
+    return [
+        EpisodeChunk(name, config, part, traces)
+        for config in configs
+        for name in policies
+        for part in parts
+    ]
 
 
 def play_chunks(

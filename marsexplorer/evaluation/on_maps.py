@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass
 from marsexplorer import policies as policy_files
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.episodes import INFORMED, Result, play_terrain, result_of
-from marsexplorer.evaluation.informed import check_size, informed_actions
+from marsexplorer.evaluation.episodes import Result, play_terrain, result_of
 from marsexplorer.evaluation.table import RULES
 from marsexplorer.maps import GridMap
 
@@ -32,31 +31,21 @@ class MapResults:
         rules = [each.steps_to_99 for each in self.results if each.policy in RULES]
         return result.steps_to_99 / min(rules) if rules else None
 
-    def to_informed(self, result: Result) -> float | None:
-        """Return the steps to 99 % as a share of those of the search that is shown the map, None where it was not played."""
-        found = [each.steps_to_99 for each in self.results if each.policy == INFORMED]
-        return result.steps_to_99 / found[0] if found else None
-
 
 def evaluate_on_maps(
     policies: Sequence[str], maps: Mapping[str, GridMap], seed: int = 0
 ) -> list[MapResults]:
     """Play policies on maps and return what they did, map by map.
 
-    policies  names or paths; "informed" stands for the search that is shown the map
+    policies  names or paths
     maps      by name
     seed      of what a policy draws
 
-    ValueError for a map that is too large for the search, PolicyNotFoundError and PolicyFileError for policies that cannot be
-    loaded.
+    PolicyNotFoundError and PolicyFileError for policies that cannot be loaded.
     """
     names = list(dict.fromkeys(policies))
     for name in names:
-        if name == INFORMED:
-            for found in maps.values():
-                check_size(found.config())
-        else:
-            policy_files.load(name)
+        policy_files.load(name)
     return [
         MapResults(
             title,
@@ -83,11 +72,7 @@ def to_json(found: Sequence[MapResults]) -> str:
 def _play(name: str, found: GridMap, seed: int) -> Episode:
     config = found.config()
     episode = Episode.begin(config, terrain=found.terrain, start=found.start)
-    if name != INFORMED:
-        return play_terrain(policy_files.load(name, config.sensor_radius), episode.record(), seed)
-    for action in informed_actions(config, found.terrain, seed, start=found.start):
-        episode.step(action)
-    return episode
+    return play_terrain(policy_files.load(name, config.sensor_radius), episode.record(), seed)
 
 
 def _without_trace(result: Result) -> dict[str, object]:

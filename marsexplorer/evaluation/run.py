@@ -7,8 +7,7 @@ from concurrent.futures import Executor
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import EnvConfig, check_seed
-from marsexplorer.evaluation.episodes import INFORMED, Result, make_chunks, play_chunks
-from marsexplorer.evaluation.informed import check_size
+from marsexplorer.evaluation.episodes import Result, make_chunks, play_chunks
 from marsexplorer.evaluation.table import EvaluationTable, tabulate
 
 Progress = Callable[[int, int], None]
@@ -27,7 +26,7 @@ def evaluate(
 ) -> EvaluationTable:
     """Play policies on `episodes` terrains from `seed` on, or on the terrains of `seeds`, and return the table of figures.
 
-    policies  names or paths; "informed" stands for the planner that is shown the true map
+    policies  names or paths
     configs   one configuration or several; every policy plays the terrains of the same seeds in each
     seeds     in place of episodes and seed: at least two different ones
     progress  called with (episodes played, episodes in all)
@@ -46,10 +45,7 @@ def evaluate(
     names = list(dict.fromkeys(str(policy) for policy in policies))
     for config in configs:  # refuse what cannot be played before anything is played
         for name in names:
-            if name == INFORMED:
-                check_size(config)
-            else:
-                policy_files.load(name, config.sensor_radius)
+            policy_files.load(name, config.sensor_radius)
     chunks, total = (
         make_chunks(names, configs, chosen_seeds, traces),
         len(names) * len(configs) * len(chosen_seeds),

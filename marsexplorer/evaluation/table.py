@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.evaluation.episodes import INFORMED, Result, horizon
+from marsexplorer.evaluation.episodes import Result, horizon
 from marsexplorer.evaluation.intervals import Floats, t_interval, t_quantile
 from marsexplorer.files import to_cell
 
@@ -55,13 +55,12 @@ class EvaluationRow:
 class Comparison:
     """Steps to 99 % of a policy against those of a reference on the same terrains, terrain by terrain.
 
-    against       "rule" (the frontier rule of fewest mean steps among those played) or "informed"
+    reference     the frontier rule of fewest mean steps among those played
     difference_*  mean of policy - reference (moves), with its interval
     ratio_*       mean steps of the policy over mean steps of the reference, with its interval
     """
 
     policy: str
-    against: str
     reference: str
     level: str
     rows: int
@@ -85,13 +84,13 @@ class EvaluationTable:
     comparisons: tuple[Comparison, ...]
     results: tuple[Result, ...]
 
-    def compared(self, row: EvaluationRow, against: str) -> Comparison | None:
-        """Return the comparison of a row's policy with "rule" or "informed", None when there is none."""
-        key = (row.policy, row.level, row.rows, row.cols, against)
+    def compared(self, row: EvaluationRow) -> Comparison | None:
+        """Return the comparison of a row's policy with the better rule, None when there is none."""
+        key = (row.policy, row.level, row.rows, row.cols)
         found = (
             each
             for each in self.comparisons
-            if (each.policy, each.level, each.rows, each.cols, each.against) == key
+            if (each.policy, each.level, each.rows, each.cols) == key
         )
         return next(found, None)
 
@@ -111,7 +110,7 @@ class EvaluationTable:
         return json.dumps(document, indent=1)
 
     def to_csv(self) -> str:
-        """Return the rows as CSV, each with its comparisons beside it; a cell is empty where there is none."""
+        """Return the rows as CSV, each with its comparison beside it; a cell is empty where there is none."""
         fields = (
             "reference",
             *(
@@ -122,16 +121,15 @@ class EvaluationTable:
         )
         names = [
             *EvaluationRow.__dataclass_fields__,
-            *(f"{against}_{name}" for against in ("rule", INFORMED) for name in fields),
+            *(f"rule_{name}" for name in fields),
         ]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)
         for row in self.rows:
             cells = list(asdict(row).values())
-            for against in ("rule", INFORMED):
-                found = self.compared(row, against)
-                cells += [getattr(found, name) if found else "" for name in fields]
+            found = self.compared(row)
+            cells += [getattr(found, name) if found else "" for name in fields]
             writer.writerow(map(to_cell, cells))
         return text.getvalue()
 
@@ -194,7 +192,7 @@ def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
 
 
 def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
-    """Return the comparisons of every policy with the best rule and with the informed planner, where these were played.
+    """Return the comparisons of every policy with the best rule that was played.
 
     by_policy   name -> results, all on the same seeds in the same order
     """
@@ -202,20 +200,16 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
     rules = sorted(
         (name for name in RULES if name in steps), key=lambda name: float(steps[name].mean())
     )
-    references = [("rule", name) for name in rules[:1]] + [(INFORMED, INFORMED)] * (
-        INFORMED in steps
-    )
-    comparisons = []
-    for against, reference in references:
-        for name, results in by_policy.items():
-            if name == reference:
-                continue
+    if not rules:
+        return []
+    reference, comparisons = rules[0], []
+    for name, results in by_policy.items():
+        if name != reference:
             first, differences = results[0], steps[name] - steps[reference]
             difference_low, difference_high = _interval(differences)
             ratio, ratio_low, ratio_high = ratio_interval(steps[name], steps[reference])
             comparison = Comparison(
                 policy=name,
-                against=against,
                 reference=reference,
                 level=first.level,
                 rows=first.rows,

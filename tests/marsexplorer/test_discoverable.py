@@ -8,8 +8,7 @@ import pytest
 from marsexplorer import policies
 from marsexplorer.config import MAX_SEED, EnvConfig, fewest_cells
 from marsexplorer.episode import Episode, replay
-from marsexplorer.evaluation import INFORMED, evaluate
-from marsexplorer.evaluation.informed import AnnealingConfig, informed_actions
+from marsexplorer.evaluation import evaluate
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.rules import CELLS, ENOUGH
 from marsexplorer.terrain import generate, next_seed
@@ -155,7 +154,7 @@ def test_rules_see_all_that_can_be_seen_on_given_maps(name):
 @pytest.mark.parametrize("level", ["building", "cave"])
 def test_figures_are_shares_of_what_can_be_discovered(level):
     config = EnvConfig.of(level, (15, 22))
-    table = evaluate(["frontier-utility", INFORMED], config, 2, 5, traces=True)
+    table = evaluate(["frontier-utility", "frontier-cost"], config, 2, 5, traces=True)
     for result in table.results:
         episode = Episode.begin(config, seed=result.seed)
         expected = len(discoverable(episode.terrain, (0, 0), 6))
@@ -169,11 +168,3 @@ def test_figures_are_shares_of_what_can_be_discovered(level):
         curve = coverage_curves([result], 500)[0]
         assert curve[-1] == result.coverage
         assert curve[0] == known[0] / expected
-
-
-def test_the_informed_search_begins_where_the_rover_does():
-    config = EnvConfig.of("map", (7, 12), sensor_radius=2, beta=1.0)
-    episode = Episode.begin(config, terrain=walled_in(), start=(3, 2))
-    for action in informed_actions(config, walled_in(), 1, AnnealingConfig(5_000, 1), start=(3, 2)):
-        episode.step(action)
-    assert (episode.outcome, episode.steps) == ("explored", 11)

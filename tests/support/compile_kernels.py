@@ -12,7 +12,6 @@ from pathlib import Path
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation import INFORMED, evaluate
 from marsexplorer.policies import load, names
 from marsexplorer.vector import MarsExplorerVector
 
@@ -37,13 +36,12 @@ def compile_policies():
 
 
 def compile_stacks():
-    """Begin on each kind of terrain, and step and play stacks and the informed planner."""
+    """Begin on each kind of terrain, and step and play stacks."""
     for level in ("building", "cave"):
         Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
     envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
     envs.reset(seed=1)
     envs.step(envs.action_space.sample())
-    evaluate([INFORMED], CONFIG, 2, 1)
 
 
 def compile_modules():

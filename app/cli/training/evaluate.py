@@ -70,11 +70,6 @@ class EvaluationRequest:
     help="The first terrain's seed.",
 )
 @click.option(
-    "--informed",
-    is_flag=True,
-    help="Add the planner that is shown the true map, as a bound for policies.",
-)
-@click.option(
     "--json",
     "json_path",
     type=PATH,
@@ -103,7 +98,6 @@ def evaluate(
     sizes: tuple[int | tuple[int, int], ...],
     episodes: int,
     seed: int,
-    informed: bool,
     json_path: Path | None,
     csv_path: Path | None,
     plots: Path | None,
@@ -113,9 +107,8 @@ def evaluate(
 ) -> None:
     """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
 
-    The two frontier rules are always evaluated too. `to rule` is the ratio of the mean steps to those of the better rule,
-    `to informed` to those of a planner that is shown the true map (with --informed). Episodes are played on all cores; the
-    table is the same for any number of them. The score hardly differs between good policies: ten steps change it by 0.004.
+    The two frontier rules are always evaluated too. `to rule` is the ratio of the mean steps to those of the better rule.
+    Episodes are played on all cores; the table is the same for any number of them. The score hardly differs between good policies: ten steps change it by 0.004.
     docs/evaluation.md defines every figure.
 
     With --map each policy plays one episode on each map, from the free cell nearest to the origin. What can be discovered from
@@ -124,15 +117,15 @@ def evaluate(
     \b
     Examples:
       marsexplorer evaluate --policy random --policy ppo
-      marsexplorer evaluate --policy mine.safetensors --level all --informed --json result.json --csv result.csv
+      marsexplorer evaluate --policy mine.safetensors --level all --json result.json --csv result.csv
       marsexplorer evaluate --policy ppo --size 21 --size 42x84 --episodes 50 --plots pictures
       marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
       marsexplorer evaluate --policy ppo --map office.yaml --map garage.yaml
     """
-    from marsexplorer.evaluation import INFORMED, RULES
+    from marsexplorer.evaluation import RULES
 
     check_more(more, policies)
-    names = dict.fromkeys((*policies, *more, *RULES, *([INFORMED] if informed else [])))
+    names = dict.fromkeys((*policies, *more, *RULES))
     if maps:
         if csv_path or plots or ray:
             raise click.UsageError(
@@ -151,7 +144,7 @@ def evaluate(
                 file.write(text.encode())
         if plots is not None:
             _save_plots(table, plots)
-    _print(table, informed)
+    _print(table)
 
 
 def _levels(given: Sequence[str]) -> list[str]:
@@ -228,27 +221,22 @@ def _save_plots(table: EvaluationTable, folder: Path) -> None:
         ) from error
 
 
-def _print(table: EvaluationTable, informed: bool) -> None:
+def _print(table: EvaluationTable) -> None:
     """Print a row for each policy, level and size."""
     first, last = table.seeds[0], table.seeds[-1]
     title = f"{len(table.seeds)} terrains each, seeds {first} to {last}, the same for all; ± half of the 95 % interval"
     columns = ["policy", "level", "size", "completion", "steps to 99 %", "to rule"]
-    columns += [*(["to informed"] if informed else []), "AUC", "mean score", "collisions"]
-    print_table(title, columns, [_cells(table, row, informed) for row in table.rows])
-    if informed:
-        click.echo(
-            "informed is shown the true map: no policy, and its steps are an upper bound of the fewest possible"
-        )
+    columns += ["AUC", "mean score", "collisions"]
+    print_table(title, columns, [_cells(table, row) for row in table.rows])
 
 
-def _cells(table: EvaluationTable, row: EvaluationRow, informed: bool) -> list[str]:
+def _cells(table: EvaluationTable, row: EvaluationRow) -> list[str]:
     cells = [row.policy, row.level, f"{row.rows}x{row.cols}", f"{row.completion:.1%}"]
     cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
-    for against in ("rule", "informed") if informed else ("rule",):
-        found = table.compared(row, against)
-        cells.append(
-            f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1"
-        )
+    found = table.compared(row)
+    cells.append(
+        f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1"
+    )
     return [
         *cells,
         f"{row.auc_mean:.4f}",
@@ -261,7 +249,6 @@ def _evaluate_maps(
     names: Sequence[str], paths: Sequence[Path], cell_m: float | None, json_path: Path | None
 ) -> None:
     """Play policies on map_server files, print a row for each map and policy, and write all figures where asked to."""
-    from marsexplorer.evaluation import INFORMED
     from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
     from marsexplorer.files import write_whole
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
@@ -281,10 +268,8 @@ def _evaluate_maps(
         if file is not None:
             file.write(to_json(found).encode() + b"\n")
     columns = ["map", "size", "cells", "policy", "outcome", "steps to 99 %", "to rule"]
-    columns += [*(["to informed"] if INFORMED in names else []), "AUC", "score"]
-    rows = [
-        _map_cells(each, result, INFORMED in names) for each in found for result in each.results
-    ]
+    columns += ["AUC", "score"]
+    rows = [_map_cells(each, result) for each in found for result in each.results]
     print_table(
         "one episode each; cells are those that can be discovered from the start", columns, rows
     )
@@ -311,8 +296,8 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
     return maps
 
 
-def _map_cells(found: MapResults, result: Result, with_informed: bool) -> list[str]:
-    shares = [found.to_rule(result), *([found.to_informed(result)] if with_informed else [])]
+def _map_cells(found: MapResults, result: Result) -> list[str]:
+    share = found.to_rule(result)
     return [
         found.name,
         f"{result.rows}x{result.cols}",
@@ -320,7 +305,7 @@ def _map_cells(found: MapResults, result: Result, with_informed: bool) -> list[s
         result.policy,
         result.outcome,
         str(result.steps_to_99),
-        *("" if share is None else f"{share:.3f}" for share in shares),
+        "" if share is None else f"{share:.3f}",
         f"{result.auc:.4f}",
         f"{result.score:.4f}",
     ]

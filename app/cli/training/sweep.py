@@ -227,7 +227,7 @@ def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
     folder.save()
     names = [str(folder.policy), *RULES]
     table = evaluate(names, config, sweep_run.episodes, EVALUATION_SEEDS.start)
-    own, ratio = table.rows[0], table.compared(table.rows[0], "rule")
+    own, ratio = table.rows[0], table.compared(table.rows[0])
     assert ratio is not None
     result = SweepResult(
         sweep_run, own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean, folder.policy

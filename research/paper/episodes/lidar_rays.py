@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.informed import KnownTerrain
 from marsexplorer.terrain import generate
+from research.informed import KnownTerrain
 
 RAYS = 32
 """Rays of a scan: `lidar_channels` of the repository's `settings.py`."""

@@ -24,12 +24,12 @@ import numpy as np
 from marsexplorer import policies as policy_files
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation import INFORMED, RULES, Result
+from marsexplorer.evaluation import RULES, Result
 from marsexplorer.evaluation.episodes import play_episode, result_of
-from marsexplorer.evaluation.informed import informed_actions
 from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.files import write_whole
 from marsexplorer.random_numbers import mix
+from research.informed import INFORMED, informed_actions
 from research.paper.jobs import Job, OnProgress
 
 FIRST_SEED = 1_000_000_000

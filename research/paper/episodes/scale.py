@@ -22,10 +22,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.evaluation import INFORMED, RULES, Result
+from marsexplorer.evaluation import RULES, Result
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.evaluation.table import ratio_interval
+from research.informed import INFORMED
 from research.paper.episodes.play import Line, Play
 
 PER_CENT = (50, 75, 90, 95, 99)

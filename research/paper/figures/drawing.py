@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from marsexplorer.evaluation import INFORMED
 from marsexplorer.files import replace_whole, write_whole
+from research.informed import INFORMED
 
 ORDER = ("ppo-earlier", "ppo", "ppo-paper", "frontier-utility", "frontier-cost", INFORMED)
 """Policies that are always drawn in this order and in the same colours; others follow."""

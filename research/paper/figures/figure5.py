@@ -15,7 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from marsexplorer.evaluation import INFORMED, RULES
+from marsexplorer.evaluation import RULES
+from research.informed import INFORMED
 from research.paper.episodes.play import TERRAINS, Line, read_results
 from research.paper.figures.curves import (
     TITLES,

@@ -18,8 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from marsexplorer.config import LEVELS, EnvConfig
-from marsexplorer.evaluation import INFORMED, RULES
+from marsexplorer.evaluation import RULES
 from marsexplorer.evaluation.intervals import t_quantile
+from research.informed import INFORMED
 from research.paper.episodes.play import EPISODES, Line, can_play, read_results
 from research.paper.episodes.scale import (
     KNEE,

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation import INFORMED, RULES, evaluate
+from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.policies import find_file
 from marsexplorer.terrain import generate
+from research.informed import INFORMED
 from research.paper.claims.results import FOLDER
 from research.paper.episodes.play import FIRST_SEED, can_play, gather, read_lines, read_results
 from research.paper.episodes.quadrants import (

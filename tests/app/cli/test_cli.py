@@ -196,10 +196,6 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
             ["evaluate", "--policy", "random", "--map", "gone.yaml", "--plots", "new"],
             "--map takes no --csv, --plots or --ray",
         ),
-        (
-            ["evaluate", "--policy", "random", "--informed", "--size", "200"],
-            "up to 16384 cells, got 200x200",
-        ),
         (["serve", "--port", "70000"], "--port"),
         (["serve", "nonsense"], "unexpected argument 'nonsense'"),
         (["export"], "--out"),

@@ -18,11 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig, fewest_cells
-from marsexplorer.evaluation.annealing import anneal
-from marsexplorer.evaluation.tours import NO_PATH, fill_distances, fill_views, walk_tour
+from marsexplorer.episode import Episode
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
+from marsexplorer.score import steps_to_target
 from marsexplorer.world import cells_that_count
+from research.informed.annealing import anneal
+from research.informed.tours import NO_PATH, fill_distances, fill_views, walk_tour
+
+INFORMED = "informed"
+"""Its name in results."""
 
 MAX_CELLS = 128 * 128
 """Distances between all pairs of cells are held: half a gigabyte for so many."""
@@ -94,6 +99,14 @@ def informed_actions(
     )
     actions = {-config.cols: 0, 1: 1, config.cols: 2, -1: 3}
     return bytes(actions[int(displacement)] for displacement in displacements)
+
+
+def search(config: EnvConfig, seed: int) -> int:
+    """Return the moves to 99 % of the search on the terrain of a seed, the limit where it does not get there."""
+    episode = Episode.begin(config, seed=seed)
+    for action in informed_actions(config, episode.terrain, seed):
+        episode.step(action)
+    return steps_to_target(config, episode.outcome, episode.steps)
 
 
 def informed_paths(

@@ -17,7 +17,8 @@ from __future__ import annotations
 import numpy as np
 
 from marsexplorer.compiled import kernel
-from marsexplorer.evaluation.tours import (
+from marsexplorer.random_numbers import uniform
+from research.informed.tours import (
     FIRST_ACTION,
     INFINITE,
     change_tour,
@@ -25,7 +26,6 @@ from marsexplorer.evaluation.tours import (
     count_covered,
     step_toward,
 )
-from marsexplorer.random_numbers import uniform
 
 MISSING_CELL_COST = 1.5
 """Cost of a cell short of the target, in moves."""

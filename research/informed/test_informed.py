@@ -4,11 +4,14 @@ from itertools import product
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.informed import AnnealingConfig, informed_actions
+from marsexplorer.evaluation import evaluate
 from marsexplorer.terrain import generate
+from research.informed.__main__ import main
+from research.informed.informed import AnnealingConfig, informed_actions, search
 from tests.support.reference import visible
 
 
@@ -81,3 +84,26 @@ def test_a_budget_too_small_and_a_grid_too_large_are_refused():
         informed_actions(config, generate(config, 0), 0, AnnealingConfig(2, 1))
     with pytest.raises(ValueError, match="up to 16384 cells, got 200x200"):
         informed_actions(EnvConfig.of("random", 200), np.zeros((200, 200), np.bool_), 0)
+
+
+def test_the_search_begins_where_the_rover_does():
+    terrain = np.ones((7, 12), bool)
+    terrain[2:5, 2:7] = False  # a room of 3 x 5 free cells
+    config = EnvConfig.of("map", (7, 12), sensor_radius=2, beta=1.0)
+    episode = Episode.begin(config, terrain=terrain, start=(3, 2))
+    for action in informed_actions(config, terrain, 1, AnnealingConfig(5_000, 1), start=(3, 2)):
+        episode.step(action)
+    assert (episode.outcome, episode.steps) == ("explored", 11)
+
+
+def test_the_command_compares_policies_with_the_search():
+    arguments = ["--policy", "random", "--size", "7x11", "--episodes", "3"]
+    found = CliRunner().invoke(main, arguments, env={"COLUMNS": "140"})
+    assert found.exit_code == 0, found.output
+    table = evaluate(["frontier-cost"], EnvConfig.of("random", (7, 11)), 3, 0)
+    steps = [search(EnvConfig.of("random", (7, 11)), seed) for seed in range(3)]
+    ratio = table.rows[0].steps_mean / np.mean(steps)
+    (line,) = (line for line in found.output.splitlines() if "frontier-cost" in line)
+    assert f"{ratio:.3f} ±" in line
+    refused = CliRunner().invoke(main, ["--size", "200"])
+    assert "up to 16384 cells, got 200x200" in refused.output

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation import convergence
-from marsexplorer.evaluation.annealing import replace_legs, walk_changed_legs
-from marsexplorer.evaluation.informed import (
+from marsexplorer.terrain import generate
+from research.informed import convergence
+from research.informed.annealing import replace_legs, walk_changed_legs
+from research.informed.informed import (
     AnnealingConfig,
     KnownTerrain,
     informed_actions,
     informed_paths,
 )
-from marsexplorer.evaluation.tours import change_tour, copy_tour, walk_tour
-from marsexplorer.terrain import generate
+from research.informed.tours import change_tour, copy_tour, walk_tour
 
 CONFIG = EnvConfig("random", 9, 23, sensor_radius=3)
 

@@ -1,4 +1,4 @@
-"""How far the informed planner has converged: `python -m marsexplorer.evaluation.convergence --size 42 --episodes 8`.
+"""How far the informed planner has converged: `python -m research.informed.convergence --size 42 --episodes 8`.
 
 Each terrain is searched with several budgets, and with several seeds of the search for each. Where doubling the budget changes
 the mean by less than the half interval over terrains, and the seeds agree as closely, more search would change little.
@@ -16,8 +16,8 @@ import numpy as np
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.informed import AnnealingConfig, check_size, informed_paths
 from marsexplorer.evaluation.intervals import t_interval
+from research.informed.informed import AnnealingConfig, check_size, informed_paths
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def row_of(found: Convergence, before: Convergence | None) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each budget as soon as it is measured."""
     parser = argparse.ArgumentParser(
-        prog="python -m marsexplorer.evaluation.convergence", description=__doc__
+        prog="python -m research.informed.convergence", description=__doc__
     )
     parser.add_argument(
         "--level",
