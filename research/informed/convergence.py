@@ -6,12 +6,11 @@ the mean by less than the half interval over terrains, and the seeds agree as cl
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import click
 import numpy as np
 
 from marsexplorer.config import EnvConfig
@@ -55,56 +54,31 @@ def row_of(found: Convergence, before: Convergence | None) -> str:
     return f"| {found.changes:,} | {means} | {best.mean():.1f} ± {(high - low) / 2:.1f} | {change} | {found.cpu_s:.1f} |"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a line for each budget as soon as it is measured."""
-    parser = argparse.ArgumentParser(
-        prog="python -m research.informed.convergence", description=__doc__
-    )
-    parser.add_argument(
-        "--level",
-        default="random",
-        help="random, or t-m-b from 1-1-1 to 3-2-2 (default: %(default)s)",
-    )
-    parser.add_argument("--size", type=int, default=42, help="cells a side (default: %(default)s)")
-    parser.add_argument(
-        "--episodes", type=int, default=8, help="terrains, at least 2 (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=1_000_000_000,
-        help="of the first terrain (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--searches",
-        type=int,
-        default=3,
-        help="seeds of the search for each terrain (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--changes", type=int, nargs="+", default=[300_000, 600_000], help="budgets, one line each"
-    )
-    given = parser.parse_args(arguments)
-    if given.episodes < 2 or given.searches < 1 or min(given.changes) < 1:
-        parser.error("expected at least 2 episodes, 1 search and 1 change")
+@click.command()
+@click.option("--level", default="random", show_default=True)
+@click.option("--size", default=42, show_default=True, help="Cells a side.")
+@click.option("--episodes", type=click.IntRange(min=2), default=8, show_default=True)
+@click.option("--seed", default=1_000_000_000, show_default=True, help="Of the first terrain.")
+@click.option("--searches", type=click.IntRange(min=1), default=3, help="Seeds of the search.")
+@click.option("--changes", multiple=True, type=click.IntRange(min=1), default=(300_000, 600_000))
+def main(
+    level: str, size: int, episodes: int, seed: int, searches: int, changes: tuple[int, ...]
+) -> None:
+    """Print a line for each budget of --changes as soon as it is measured."""
     try:
-        config = EnvConfig.of(given.level, given.size)
+        config = EnvConfig.of(level, size)
         check_size(config)
     except ValueError as error:
-        parser.error(str(error))
-    measure(
-        EnvConfig.of("random", 9), [0], 10, 1
-    )  # compiles the search, which is no part of its time
-    print(
-        "| changes | mean of each search | best search | change of the mean | CPU s a search |\n|---|---|---|---|---|"
+        raise click.UsageError(str(error)) from error
+    measure(EnvConfig.of("random", 9), [0], 10, 1)  # compiles the search: no part of its time
+    click.echo(
+        "| changes | mean of each search | best search | change of the mean | CPU s a search |\n"
+        "|---|---|---|---|---|"
     )
     before = None
-    for changes in given.changes:
-        found = measure(
-            config, range(given.seed, given.seed + given.episodes), changes, given.searches
-        )
-        print(row_of(found, before))
-        sys.stdout.flush()
+    for budget in changes:
+        found = measure(config, range(seed, seed + episodes), budget, searches)
+        click.echo(row_of(found, before))
         before = found
 
 

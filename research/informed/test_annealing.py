@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
@@ -80,37 +81,18 @@ def test_a_terrain_has_the_walk_that_the_published_figures_were_made_with():
     ]
 
 
-def test_the_table_of_convergence_has_a_line_for_each_budget(capsys):
-    convergence.main(
-        [
-            "--size",
-            "9",
-            "--episodes",
-            "2",
-            "--seed",
-            "7",
-            "--searches",
-            "2",
-            "--changes",
-            "400",
-            "3000",
-        ]
-    )
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in capsys.readouterr().out.splitlines()[2:]
-    ]
+def test_the_table_of_convergence_has_a_line_for_each_budget():
+    arguments = "--size 9 --episodes 2 --seed 7 --searches 2 --changes 400 --changes 3000"
+    printed = CliRunner().invoke(convergence.main, arguments.split()).output
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines()[2:]]
     assert [row[0] for row in rows] == ["400", "3,000"]
     config = EnvConfig.of("random", 9)
     for row in rows:
         searched = AnnealingConfig(int(row[0].replace(",", "")), 2)
         found = [informed_paths(config, generate(config, seed), seed, searched) for seed in (7, 8)]
-        means = np.mean([[len(path) - 1 for path in paths] for paths in found], axis=0)
-        assert row[1] == ", ".join(f"{mean:.1f}" for mean in means)
-        assert row[2].startswith(
-            f"{np.mean([min(len(path) - 1 for path in paths) for paths in found]):.1f} ± "
-        )
+        lengths = np.array([[len(path) - 1 for path in paths] for paths in found])
+        assert row[1] == ", ".join(f"{mean:.1f}" for mean in lengths.mean(0))
+        assert row[2].startswith(f"{lengths.min(1).mean():.1f} ± ")
     assert rows[0][3] == ""
-    with pytest.raises(SystemExit):
-        convergence.main(["--size", "200"])
-    assert "up to 16384 cells" in capsys.readouterr().err
+    refused = CliRunner().invoke(convergence.main, ["--size", "200"])
+    assert "up to 16384 cells" in refused.output
