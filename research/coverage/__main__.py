@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict
 
 import click
-from rich.console import Console
-from rich.progress import Progress as ProgressBar
 
+from app.cli.console import progress as progress_bar
 from app.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
 from marsexplorer.evaluation.run import Progress
 from research.coverage.measure import (
@@ -203,11 +201,11 @@ def _further(
 def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
     """Measure the coverage of the report's intervals and print it as a Markdown table."""
     if what:
-        with _progress_bar() as advance:
+        with progress_bar("simulating studies") as advance:
             for row in _further(what, studies, seed, players or PLAYERS, advance):
                 click.echo("| " + " | ".join(row) + " |")
         return
-    with _progress_bar() as advance:
+    with progress_bar("simulating studies") as advance:
         cells = list(measure_cells(studies, seed, players or PLAYERS, advance))
     click.echo(f"{markdown_table(cells)}\n\n{headline_table(cells)}")
     if save:
@@ -215,10 +213,5 @@ def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, sa
         COVERAGE_FILE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-@contextmanager
-def _progress_bar() -> Iterator[Progress]:
-    """Yield a function that moves a bar on stderr; nothing is drawn where stderr is no terminal."""
-    console = Console(stderr=True)
-    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("simulating studies", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+if __name__ == "__main__":
+    main()
