@@ -32,7 +32,10 @@ def play_branches(
     lengths, started = limits.copy(), min(PARALLEL_BRANCHES, num_branches)
     if not num_branches:
         return lengths
-    rollouts, branches = GreedyRollouts(config, started, net.sees_prices), np.arange(started)
+    rollouts, branches = (
+        GreedyRollouts(config, started, net.rules_that_count(config.rows, config.cols)),
+        np.arange(started),
+    )
     rollouts.restore(branches, {name: array[branches] for name, array in worlds.items()})
     next_actions = actions[branches]
     while True:

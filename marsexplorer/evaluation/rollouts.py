@@ -28,7 +28,8 @@ Snapshot = dict[str, NDArray[Any]]
 class ActionScorer(Protocol):
     """A network that scores the actions: `policies.network.model.Net`, or one with the same method."""
 
-    sees_prices: bool
+    def rules_that_count(self, rows: int, cols: int) -> Sequence[int] | None:
+        """Return the `rules` of `FeatureExtractor` that it needs on grids of this size; None: all."""
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
@@ -63,26 +64,19 @@ class GreedyRollouts:
     remaining  int64[num_worlds], moves that the guard still makes
     stuck_at   int64[num_worlds], the cells known when the guard started
 
-    sees_prices  whether the network that is to decide sees prices, see `policies.network.model.Net`
-    rules        the rules whose numbers it needs, see `FeatureExtractor`; None: all
+    rules  the rules whose numbers it needs, see `FeatureExtractor`; None: all
     """
 
     def __init__(
         self,
         config: EnvConfig,
         num_worlds: int,
-        sees_prices: bool = False,
         rules: Sequence[int] | None = None,
     ) -> None:
-        self.config, self.num_worlds, self.sees_prices, self._rules = (
-            config,
-            num_worlds,
-            sees_prices,
-            rules,
-        )
+        self.config, self.num_worlds, self._rules = config, num_worlds, rules
         self.worlds = Worlds(config, num_worlds)
         self._extractor = FeatureExtractor(
-            num_worlds, config.rows, config.cols, config.sensor_radius, sees_prices, rules
+            num_worlds, config.rows, config.cols, config.sensor_radius, rules
         )
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
@@ -159,6 +153,6 @@ class GreedyRollouts:
 
     def subset(self, indices: NDArray[np.intp]) -> GreedyRollouts:
         """Return copies of some of the worlds, to be played on without the others."""
-        fewer = GreedyRollouts(self.config, len(indices), self.sees_prices, self._rules)
+        fewer = GreedyRollouts(self.config, len(indices), self._rules)
         fewer.restore(np.arange(len(indices)), self.snapshot(indices))
         return fewer

@@ -139,7 +139,7 @@ def play_greedily(
     seeds = np.arange(first_seed, first_seed + len(steps))
     refuse_evaluation_seeds(seeds)
     max_moves = int(MAX_MOVES_PER_CELL * config.n)
-    rollouts, episodes = GreedyRollouts(config, len(seeds), net.sees_prices), np.arange(len(seeds))
+    rollouts, episodes = GreedyRollouts(config, len(seeds)), np.arange(len(seeds))
     rollouts.worlds.start(seeds)
     steps[:] = max_moves
     for count in range(1, max_moves + 1):

@@ -12,7 +12,7 @@ from torch import nn
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network import model
-from marsexplorer.training.envs import EncoderFactory, feature_encoder, priced_encoder
+from marsexplorer.training.envs import EncoderFactory, feature_encoder
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
@@ -27,10 +27,10 @@ class TrainConfig:
     """Everything that fixes a run besides its terrains, its length and its seed; the card of the policy lists it.
 
     name                                what `--recipe` calls it
-    sees_prices                         whether the network is given the prices of unknown cells too, and begins as the priced rules
-    prior_scale                         of such a network, factor of the logits that it begins with: as they are, the rules are
-                                        almost certain of every move, so that no other is tried
-    rule_coef                           of such a network, coefficient of its cross-entropy to the rules, on 21x21, 42x42, 84x84
+    prior_scale                         factor of the priced rules' logits that the network begins with; 0: it learns from
+                                        nothing. As they are, the rules are almost certain of every move, so that no other is
+                                        tried
+    rule_coef                           coefficient of the network's cross-entropy to the rules, on 21x21, 42x42, 84x84
     reward_per_cell                     rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus                           whether eq. 8 pays +-n where an episode ends, on the levels that have it
     num_envs, num_steps                 environments stepped together; steps of each between updates
@@ -51,8 +51,7 @@ class TrainConfig:
     """
 
     name: str = "best"
-    sees_prices: bool = False
-    prior_scale: float = 1.0
+    prior_scale: float = 0.0
     rule_coef: tuple[float, float, float] = (0.0, 0.0, 0.0)
     reward_per_cell: float = 0.18
     has_bonus: bool = True
@@ -83,20 +82,19 @@ class TrainConfig:
     @property
     def make_encoder(self) -> EncoderFactory:
         """What makes the network's observation of an environment."""
-        return priced_encoder if self.sees_prices else feature_encoder
+        return feature_encoder
 
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network, which serves all environments."""
         del env_configs
-        net = model.Net(self.sees_prices)
-        if self.sees_prices:
-            net.prior.data *= self.prior_scale
+        net = model.Net()
+        net.prior.data *= self.prior_scale
         return net
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
         """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
         assert isinstance(net, model.Net)
-        save_network(net, path, {"limits": LIMITS, **card}, model.format_of(net))
+        save_network(net, path, {"limits": LIMITS, **card})
 
     @classmethod
     def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
@@ -123,7 +121,6 @@ RECIPES = {
     "best": TrainConfig(),
     "priced": TrainConfig(
         name="priced",
-        sees_prices=True,
         prior_scale=0.2,
         rule_coef=(0.02, 0.5, 5.0),  # few of the moves are made on 84x84
         learning_rate=1e-3,

@@ -36,22 +36,15 @@ EncoderFactory = Callable[[EnvConfig, int], Encoder]
 """(configuration, number of environments) -> an encoder for them."""
 
 
-def feature_encoder(config: EnvConfig, num_envs: int, sees_prices: bool = False) -> Encoder:
+def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
     """Return the encoder for `policies.network.model.Net`: planes, and numbers for each move."""
-    extractor = FeatureExtractor(
-        num_envs, config.rows, config.cols, config.sensor_radius, sees_prices
-    )
+    extractor = FeatureExtractor(num_envs, config.rows, config.cols, config.sensor_radius)
 
     def encode(*arrays: NDArray[Any]) -> Observation:
         planes, moves = extractor(*arrays)
         return torch.from_numpy(planes), torch.from_numpy(moves)
 
     return encode
-
-
-def priced_encoder(config: EnvConfig, num_envs: int) -> Encoder:
-    """Return the encoder for such a network that sees the prices of unknown cells."""
-    return feature_encoder(config, num_envs, sees_prices=True)
 
 
 STATE_ARRAYS = ("visited", "headings", "steps", "returns", "cells")

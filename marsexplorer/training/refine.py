@@ -399,7 +399,7 @@ def play_task(
     """Play a task with the network of the given weights; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
-    net = _Bfloat16Net(sees_prices="prior" in weights).eval()
+    net = _Bfloat16Net().eval()
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
     config = EnvConfig.of(task.level, task.size)
     if task.pairs_per_episode:

@@ -42,7 +42,7 @@ def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
         return None
     net = policy.net
     rules = net.rules_that_count(config.rows, config.cols) if isinstance(net, Net) else None
-    rollouts, spent, rounds = GreedyRollouts(config, STACK, net.sees_prices, rules), 0.0, 0
+    rollouts, spent, rounds = GreedyRollouts(config, STACK, rules), 0.0, 0
     rollouts.worlds.start(np.arange(seed, seed + STACK))
     rollouts.step(rollouts.decide(net).actions)
     while rollouts.running.all():

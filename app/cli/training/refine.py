@@ -15,15 +15,10 @@ from app.cli.training.refining import RefineOutput, refine_policy
 @click.argument("policy", default="ppo")
 @click.option(
     "--rounds",
-    type=click.IntRange(min=0),
+    type=click.IntRange(min=1),
     default=30,
     show_default=True,
-    help="Rounds of playing and learning; the first takes longest. With --prices, 0 adds them and learns nothing.",
-)
-@click.option(
-    "--prices",
-    is_flag=True,
-    help="First give the network what follows from the prices of unknown cells; on large grids it then begins by their rules.",
+    help="Rounds of playing and learning; the first takes longest.",
 )
 @click.option(
     "--size",
@@ -44,31 +39,29 @@ from app.cli.training.refining import RefineOutput, refine_policy
 def refine(
     policy: str,
     rounds: int,
-    prices: bool,
     sizes: tuple[int, ...],
     seed: int,
     out: Path | None,
     workers: int | None,
 ) -> None:
-    """Improve a policy that `train --recipe best` made, POLICY being its name or file.
+    """Improve a policy that `train` made, POLICY being its name or file.
 
     Its episodes are branched: at some steps another move is made and the episode is played to its end, so that the network
-    learns which moves would have been better. On grids that are not branched the network is kept close to what it was, or to
-    the rules that --prices brings. The folder --out gets the policy with its card and a log after every round; Ctrl-C
+    learns which moves would have been better. On grids that are not branched the network is kept close to what it
+    was. The folder --out gets the policy with its card and a log after every round; Ctrl-C
     loses only the round under way. Refining takes about 3 GiB of memory, and 1 GiB more for each process.
 
     \b
     Examples:
       marsexplorer refine                                           the shipped policy, 30 rounds
       marsexplorer refine runs/mine/mine.safetensors --rounds 10
-      marsexplorer refine ppo --prices --rounds 0 --out runs/priced    some seconds: better on large grids, else the same
       marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
     """
     from app.jobs import cores
     from marsexplorer.config import EnvConfig
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
-    from marsexplorer.policies.network.model import load_net, with_prices
+    from marsexplorer.policies.network.model import load_net
     from marsexplorer.training.refine import RefineRun, config_for
 
     path = shipped().get(policy, Path(policy))
@@ -76,22 +69,13 @@ def refine(
         net, card = load_net(path), read_card(path)
     except PolicyFileError as error:
         raise click.UsageError(str(error)) from error
-    if prices and net.sees_prices:
-        raise click.UsageError(f"{policy} sees prices already; leave --prices out")
-    if not prices and not rounds:
-        raise click.UsageError(
-            "--rounds 0 changes nothing without --prices; give more rounds, or --prices"
-        )
-    net = with_prices(net) if prices else net
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.safetensors"
     if file.exists():
         raise click.UsageError(
             f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out"
         )
-    options = "".join(
-        [" --prices" * prices, *(f" --size {size}" for size in sizes if sizes != (21,))]
-    )
+    options = "".join(f" --size {size}" for size in sizes if sizes != (21,))
     command = (
         f"marsexplorer refine {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
     )
@@ -100,7 +84,7 @@ def refine(
         net, seed, config_for(rounds, sizes, was_refined="pairs" in card.get("training", {}))
     )
     own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
-    output = RefineOutput(file, run, rounds, card, own_card, prices, folder / "log.jsonl")
+    output = RefineOutput(file, run, rounds, card, own_card, folder / "log.jsonl")
     try:
         refine_policy(output, processes)
     except OSError as error:

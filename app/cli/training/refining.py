@@ -62,7 +62,6 @@ class RefineOutput:
     file        of the policy
     run, rounds how many rounds it has in all
     card        of the policy that the run began with; own_card: what replaces parts of it
-    adds_prices whether the network that the run began with was given prices by it
     log         file of the log, a line for each round
     checkpoint  what `resume` goes on from; None: no such file
     """
@@ -72,7 +71,6 @@ class RefineOutput:
     rounds: int
     card: dict[str, Any]
     own_card: dict[str, Any]
-    adds_prices: bool
     log: Path
     checkpoint: Path | None = None
     _lines: list[dict[str, Any]] = field(default_factory=list)
@@ -130,7 +128,6 @@ class RefineOutput:
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         from marsexplorer.policies.files.weights import save_network
-        from marsexplorer.policies.network.model import format_of
 
         run, card = self.run, self.card
         seconds = self._lines[-1]["seconds"] if self._lines else 0.0
@@ -151,12 +148,11 @@ class RefineOutput:
         }
         parts = [
             str(card.get("summary", "A network.")),
-            "On larger grids it begins by the prices of unknown cells." * self.adds_prices,
             f"Refined on {run.num_pairs:,} pairs of moves." * (run.rounds_done > 0),
         ]
         summary = " ".join(part for part in parts if part)
         whole = {**card, **self.own_card, "summary": summary, **results, "training": training}
-        save_network(run.net, self.file, whole, format_of(run.net))
+        save_network(run.net, self.file, whole)
 
 
 @contextmanager

@@ -34,7 +34,7 @@ REFINE_CHECKPOINT = "refine.pt"
     type=click.Choice(["best", "priced"]),
     default="best",
     show_default=True,
-    help="best learns from nothing; priced sees the prices of unknown cells and begins as their rules.",
+    help="best learns from nothing; priced begins as rules by the prices of unknown cells.",
 )
 @levels_option("random")
 @sizes_option("21")
@@ -212,9 +212,7 @@ def _refine(
     file = folder / f"{folder.resolve().name}.safetensors"
     own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
     log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
-    output = RefineOutput(
-        file, refine_run, rounds, read_card(trained), own_card, False, log, checkpoint
-    )
+    output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, log, checkpoint)
     output.resume()
     try:
         refine_policy(output, processes)
@@ -239,7 +237,7 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
         dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
     )
     what = "A network trained by PPO"
-    if run.config.sees_prices:
+    if run.config.prior_scale:
         what = "A network that began as rules by the prices of unknown cells, trained by PPO"
     return {
         "summary": f"{what}: {steps:,} moves on {where}.",

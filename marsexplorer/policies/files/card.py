@@ -13,6 +13,8 @@ from typing import Any
 from marsexplorer.policies.base import PolicyFileError
 
 SUFFIX = ".safetensors"
+FORMAT = "marsexplorer-policy-1"
+"""What every card of ours has under "format"."""
 LARGEST_HEADER = 1 << 20
 """Bytes; a larger header is refused unread."""
 

@@ -3,40 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import nn
 
 from marsexplorer.files import replace_whole
-from marsexplorer.policies.files.card import refuse
-from marsexplorer.policies.files.formats import NETWORK_FORMAT
+from marsexplorer.policies.files.card import FORMAT, refuse
 
 
-def save_network(
-    net: nn.Module, path: Path, card: dict[str, Any], file_format: str = NETWORK_FORMAT
-) -> None:
+def save_network(net: nn.Module, path: Path, card: dict[str, Any]) -> None:
     """Write a policy file, whole or not at all: the weights of a network, and its card with the format added."""
-    save_tensors(net.state_dict(), path, card, file_format)
-
-
-def save_tensors(
-    tensors: Mapping[str, Tensor], path: Path, card: dict[str, Any], file_format: str
-) -> None:
-    """Write a policy file, whole or not at all: weights by name, and their card with the format in the place of its own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     own = {name: value for name, value in card.items() if name != "format"}
-    stored = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
+    metadata = {"card": json.dumps({"format": FORMAT, **own}, indent=1)}
+    tensors = {name: each.detach().contiguous().cpu() for name, each in net.state_dict().items()}
     with replace_whole(path) as unfinished:
-        save_file(
-            stored,
-            unfinished,
-            metadata={"card": json.dumps({"format": file_format, **own}, indent=1)},
-        )
+        save_file(tensors, unfinished, metadata=metadata)
 
 
 def read_weights(net: nn.Module, path: Path) -> None:

@@ -8,13 +8,13 @@ of unknown cells that a scan from a cell is expected to discover (`kernels.visib
     planes   uint8[num, PLANES, PICTURE_CELLS], the pictures row by row, one after the other: share of the block that is
              unknown; share blocked or off the grid; its greatest number of new cells (x 5, at most 255); its nearness,
              255 exp(-0.12 distance), 0 where there is no known path
-    moves    float32[num, 4, num_action_features(sees_prices)], for north, east, south, west: whether the move is valid; the
+    moves    float32[num, 4, MOVE_NUMBERS], for north, east, south, west: whether the move is valid; the
              new cells of the cell it leads to; whether that was visited; distance to the nearest new cells from there; the best
              discounted number of new cells from there at three rates; whether each of three frontier rules would go there
 
              (new / distance^2, new / distance, nearest); whether it is straight on or back; the share of cells unknown and
              the logarithm of their number; the logarithm of the cells still to discover to 99 %; the logarithm of the
-             number of candidates. For networks that see prices, the numbers of `priced_features` follow
+             number of candidates; and the numbers of `priced_features`
 """
 
 from __future__ import annotations
@@ -51,15 +51,12 @@ PICTURE_CELLS = sum(side * side for side, _ in SCALES)
 """Blocks of all the pictures."""
 PLANES = 4
 ACTION_FEATURES = 16
+"""Numbers of a move that come before those of `priced_features`."""
+MOVE_NUMBERS = ACTION_FEATURES + PRICED_FEATURES
 DISCOUNTS = (0.5, 0.75, 0.9)
 """What a new cell is worth a move later, three ways of looking ahead."""
 FARTHEST = 127
 """Distances beyond it look the same (nearness 0)."""
-
-
-def num_action_features(sees_prices: bool) -> int:
-    """Return the numbers of each move that a network is given."""
-    return ACTION_FEATURES + PRICED_FEATURES * sees_prices
 
 
 @kernel
@@ -242,29 +239,27 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
             if rule_actions[rule] >= 0:
                 moves[i, rule_actions[rule], 7 + rule] = 1.0
 
-        # 5. What the prices of unknown cells say of them, for a network that sees prices.
-        if moves.shape[2] > ACTION_FEATURES:
-            size = (rows, cols)
-            if half_sides.shape[0] > 0:
-                value_actions(
-                    candidates,
-                    count,
-                    distance,
-                    first_actions,
-                    new_cells,
-                    size,
-                    kept_board,
-                    rules,
-                    found,
-                )
-            write_priced_features(size, found, columns, moves[i])
+        # 5. What the prices of unknown cells say of them.
+        size = (rows, cols)
+        if half_sides.shape[0] > 0:
+            value_actions(
+                candidates,
+                count,
+                distance,
+                first_actions,
+                new_cells,
+                size,
+                kept_board,
+                rules,
+                found,
+            )
+        write_priced_features(size, found, columns, moves[i])
 
 
 class FeatureExtractor:
     """Extracts the features of `num` boards of one size; the arrays `planes` and `moves` are the same from call to call.
 
-    sees_prices  whether the numbers of each move include those of `priced_features`
-    rules        of these, the rules of RULES whose numbers are written; those of the others stay 0. None: all
+    rules  the rules of `priced_features` whose numbers are written; those of the others stay 0. None: all
 
     What it keeps of each board only saves time: boards may be given in any order, and others than before.
     """
@@ -275,18 +270,15 @@ class FeatureExtractor:
         rows: int,
         cols: int,
         radius: int,
-        sees_prices: bool = False,
         rules: Sequence[int] | None = None,
     ) -> None:
         self.size = (rows, cols)
         tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))
-        has_prices = sees_prices and (rules is None or len(rules) > 0)
-        half_sides = tables.half_sides if has_prices else tables.half_sides[:0]
+        are_some_priced = rules is None or len(rules) > 0
+        half_sides = tables.half_sides if are_some_priced else tables.half_sides[:0]
         self._priced = (half_sides, tables.arrays, tables.found, tables.columns)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
-        self.moves: NDArray[np.float32] = np.zeros(
-            (num, 4, num_action_features(sees_prices)), np.float32
-        )
+        self.moves: NDArray[np.float32] = np.zeros((num, 4, MOVE_NUMBERS), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
         self._lidar = sight, row_words(cols, radius), radius
         self._kept = (
@@ -338,27 +330,23 @@ class FeatureExtractor:
 class RememberedFeatures:
     """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells).
 
-    sees_prices  see `FeatureExtractor`
-    find_rules   (rows, cols) -> its `rules` for boards of that size
+    find_rules  (rows, cols) -> `rules` of `FeatureExtractor` for boards of that size
     """
 
     def __init__(
         self,
         sensor_radius: int,
-        sees_prices: bool = False,
-        find_rules: Callable[[int, int], Sequence[int]] | None = None,
+        find_rules: Callable[[int, int], Sequence[int] | None],
     ) -> None:
-        self._radius, self._sees_prices, self._find_rules = sensor_radius, sees_prices, find_rules
+        self._radius, self._find_rules = sensor_radius, find_rules
         self._extractor: FeatureExtractor | None = None
 
     def __call__(self, memory: Memory) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (planes, moves) of the newest observation, [1, ...]; the arrays change with the next call."""
         rows, cols = memory.codes.shape
         if self._extractor is None or self._extractor.size != (rows, cols):
-            rules = self._find_rules(rows, cols) if self._find_rules else None
-            self._extractor = FeatureExtractor(
-                1, rows, cols, self._radius, self._sees_prices, rules
-            )
+            rules = self._find_rules(rows, cols)
+            self._extractor = FeatureExtractor(1, rows, cols, self._radius, rules)
         cell = np.array([memory.position[0] * cols + memory.position[1]])
         visited, heading = memory.visited.reshape(1, -1), np.array([memory.heading])
         return self._extractor(memory.codes[None], cell, visited, heading)

@@ -7,7 +7,7 @@ Files are checked before a weight is used, and whatever is not as expected is re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 from weakref import WeakValueDictionary
@@ -19,24 +19,18 @@ from torch import Tensor, nn
 
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import INVALID_LOGIT, Memory, Policy, begin_draws, draw_action
-from marsexplorer.policies.files.card import read_card, refuse
-from marsexplorer.policies.files.formats import NETWORK_FORMAT, PRICED_NETWORK_FORMAT
+from marsexplorer.policies.files.card import FORMAT, read_card, refuse
 from marsexplorer.policies.files.weights import read_weights
 from marsexplorer.policies.guard import LoopGuard
 from marsexplorer.policies.network.features import (
     ACTION_FEATURES,
+    MOVE_NUMBERS,
     PICTURE_CELLS,
     PLANES,
     RememberedFeatures,
-    num_action_features,
 )
 from marsexplorer.policies.network.priced_features import NUMBERS_PER_RULE, RULES
-from marsexplorer.policies.network.prior import (
-    add_prices,
-    prior_logits,
-    prior_weights,
-    size_nearness,
-)
+from marsexplorer.policies.network.prior import prior_logits, prior_weights, size_nearness
 
 ACTS = ("greedy with guard", "greedy", "samples")
 """How a network's policy chooses its moves."""
@@ -47,28 +41,26 @@ NEGLIGIBLE_SHARE = 1e-5
 class Net(nn.Module):
     """Give each move a logit by one head shared among them, from a trunk over the pictures and from the move's own features.
 
-    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, num_action_features(sees_prices)])
+    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, MOVE_NUMBERS])
         -> logits float32[b, 4] (INVALID_LOGIT for invalid moves), value float32[b]
 
-    sees_prices  whether it is given what follows from the prices of unknown cells too; then its logits have a `prior`
+    prior  float32[SIDES, MOVE_NUMBERS], the weights that add the logits of priced rules, see `prior`
     """
 
-    def __init__(self, sees_prices: bool = False, wide: int = 384, hidden: int = 128) -> None:
+    def __init__(self, wide: int = 384, hidden: int = 128) -> None:
         super().__init__()
-        self.sees_prices, numbers = sees_prices, num_action_features(sees_prices)
         self.trunk = nn.Sequential(
             nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU()
         )
         self.policy_head = nn.Sequential(
-            nn.Linear(hidden + numbers + 4, 64), nn.ReLU(), nn.Linear(64, 1)
+            nn.Linear(hidden + MOVE_NUMBERS + 4, 64), nn.ReLU(), nn.Linear(64, 1)
         )
         self.value_head = nn.Sequential(
-            nn.Linear(hidden + 4 * numbers, 64), nn.ReLU(), nn.Linear(64, 1)
+            nn.Linear(hidden + 4 * MOVE_NUMBERS, 64), nn.ReLU(), nn.Linear(64, 1)
         )
         initialize_orthogonal(self)
         nn.init.orthogonal_(self.policy_head[-1].weight, 0.01)  # type: ignore[arg-type]
-        if sees_prices:
-            self.prior = nn.Parameter(prior_weights())
+        self.prior = nn.Parameter(prior_weights())
 
     def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
         hidden = self.trunk(planes.flatten(1).to(moves.dtype) * (1 / 255))
@@ -76,8 +68,7 @@ class Net(nn.Module):
         which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
         each = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, which], dim=2)
         logits = self.policy_head(each).squeeze(2).float()
-        if self.sees_prices:
-            logits = logits + prior_logits(moves, self.prior)
+        logits = logits + prior_logits(moves, self.prior)
         value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
 
@@ -88,10 +79,8 @@ class Net(nn.Module):
         the weights for 42 x 42 a share of 1e-7, which is left out too. While a network learns, its weights change: what is
         recorded to learn from has the numbers of all rules.
         """
-        if not self.sees_prices:
-            return ()
         with torch.no_grad():
-            numbers = num_action_features(sees_prices=True)
+            numbers = MOVE_NUMBERS
             state = self.state_dict()
             policy, value = state["policy_head.0.weight"], state["value_head.0.weight"]
             hidden = policy.shape[1] - numbers - 4
@@ -125,7 +114,8 @@ AnyNet = TypeVar("AnyNet", bound=nn.Module)
 class InfersLogits(Protocol):
     """What a NetworkPolicy asks: `Net`, or its like in another runtime."""
 
-    sees_prices: bool
+    def rules_that_count(self, rows: int, cols: int) -> Sequence[int] | None:
+        """Return the `rules` of `FeatureExtractor` that it needs on boards of this size; None: all."""
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
@@ -158,8 +148,7 @@ class NetworkPolicy:
         self.has_value = getattr(net, "has_value", True)
         self._memory, self._samples = Memory(), acts == "samples"
         self._guard = LoopGuard(sensor_radius) if acts == "greedy with guard" else None
-        find_rules = net.rules_that_count if isinstance(net, Net) else None
-        self._features = RememberedFeatures(sensor_radius, net.sees_prices, find_rules)
+        self._features = RememberedFeatures(sensor_radius, net.rules_that_count)
         self._thought: tuple[NDArray[np.float32], float] = (np.full(4, 0.25, np.float32), 0.0)
         self.reset(0)
 
@@ -214,25 +203,11 @@ class NetworkPolicy:
 def load_net(path: Path) -> Net:
     """Return the network in a policy file; PolicyFileError when the file is none of ours."""
     found = read_card(path).get("format")
-    if found not in (NETWORK_FORMAT, PRICED_NETWORK_FORMAT):
-        raise refuse(
-            path, f"the format {PRICED_NETWORK_FORMAT} or {NETWORK_FORMAT}", repr(found)[:60]
-        )
-    net = Net(sees_prices=found == PRICED_NETWORK_FORMAT)
+    if found != FORMAT:
+        raise refuse(path, f"the format {FORMAT}", repr(found)[:60])
+    net = Net()
     read_weights(net, path)
     return net.eval()
-
-
-def format_of(net: Net) -> str:
-    """Return the format of a network's policy file."""
-    return PRICED_NETWORK_FORMAT if net.sees_prices else NETWORK_FORMAT
-
-
-def with_prices(net: Net) -> Net:
-    """Return a network that sees prices, begun with the weights of one that does not; see `prior`."""
-    wider = Net(sees_prices=True)
-    wider.load_state_dict(add_prices(net.state_dict()))
-    return wider.eval()
 
 
 def load_network(path: Path, sensor_radius: int) -> Policy:

@@ -15,7 +15,7 @@ from marsexplorer.config import ROVER
 from marsexplorer.files import replace_whole
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.policies.files.onnx import OnnxModel, check_outputs
-from marsexplorer.policies.network.features import FeatureExtractor, num_action_features
+from marsexplorer.policies.network.features import ACTION_FEATURES, MOVE_NUMBERS, FeatureExtractor
 from marsexplorer.policies.network.model import ACTS, NetworkPolicy, load_net
 
 
@@ -25,16 +25,23 @@ class OnnxNet:
     has_value  whether it gives a value; else values are NaN
     """
 
-    def __init__(self, model: OnnxModel, sees_prices: bool) -> None:
-        self._model, self.sees_prices = model, sees_prices
+    def __init__(self, model: OnnxModel) -> None:
+        self._model, self._numbers = model, model.inputs["moves"][1][-1]
         self.has_value = "value" in model.outputs
+
+    def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...] | None:
+        """Return no rule where it is given the numbers without prices alone, else None: all."""
+        del rows, cols
+        return () if self._numbers == ACTION_FEATURES else None
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (logits float32[num, 4], values float32[num]) of what `FeatureExtractor` gives."""
         outputs = [
-            self._model.run({"planes": planes[i : i + 1], "moves": moves[i : i + 1]})
+            self._model.run(
+                {"planes": planes[i : i + 1], "moves": moves[i : i + 1, :, : self._numbers]}
+            )
             for i in range(len(planes))
         ]
         logits = np.concatenate([each["logits"].reshape(1, 4) for each in outputs])
@@ -45,23 +52,22 @@ class OnnxNet:
 
 def load_onnx_network(model: OnnxModel, sensor_radius: int) -> NetworkPolicy:
     """Return the policy of a model with the inputs planes and moves; PolicyFileError when they are not of our features."""
-    sees_prices = model.inputs["moves"][1][-1] == num_action_features(sees_prices=True)
-    sample = sample_inputs(sees_prices)
+    is_unpriced = model.inputs["moves"][1][-1] == ACTION_FEATURES
+    sample = sample_inputs(ACTION_FEATURES if is_unpriced else MOVE_NUMBERS)
     for name, array in sample.items():
         kind = f"tensor({'uint8' if array.dtype == np.uint8 else 'float'})"
         if model.inputs[name] not in ((kind, array.shape), (kind, (None, *array.shape[1:]))):
             came = f"{model.inputs[name][0]} {list(model.inputs[name][1])}"
             raise model.refuse(f"{name} {kind} {list(array.shape)}", came)
     check_outputs(model, model.try_out({name: array.copy() for name, array in sample.items()}))
-    net = OnnxNet(model, sees_prices)
-    return NetworkPolicy(model.path.stem, net, sensor_radius, model.acts(*ACTS))
+    return NetworkPolicy(model.path.stem, OnnxNet(model), sensor_radius, model.acts(*ACTS))
 
 
 def write_onnx(policy_file: str | Path, path: Path) -> None:
     """Write a policy of our own (name or .safetensors file) as an ONNX file, its card in the metadata; whole or not at all."""
     source = shipped().get(str(policy_file), Path(policy_file))
     net = load_net(source)
-    samples = tuple(torch.from_numpy(each) for each in sample_inputs(net.sees_prices).values())
+    samples = tuple(torch.from_numpy(each) for each in sample_inputs(MOVE_NUMBERS).values())
     names = {"input_names": ["planes", "moves"], "output_names": ["logits", "value"]}
     with replace_whole(path) as unfinished:
         with warnings.catch_warnings():
@@ -74,11 +80,11 @@ def write_onnx(policy_file: str | Path, path: Path) -> None:
         onnx.save(model, str(unfinished))
 
 
-def sample_inputs(sees_prices: bool) -> dict[str, NDArray[np.uint8] | NDArray[np.float32]]:
-    """Return the inputs for one board of the smallest size: planes uint8[1, ...] and moves float32[1, 4, ...]."""
+def sample_inputs(numbers: int) -> dict[str, NDArray[np.uint8] | NDArray[np.float32]]:
+    """Return the inputs for one board of the smallest size: planes uint8[1, ...] and moves float32[1, 4, numbers]."""
     codes = np.ones((1, 5, 5), np.uint8)
     codes[0, 0, 0] = ROVER
-    planes, moves = FeatureExtractor(1, 5, 5, 1, sees_prices)(
+    planes, moves = FeatureExtractor(1, 5, 5, 1)(
         codes, np.zeros(1, np.int64), np.zeros((1, 25), np.uint8), np.ones(1, np.int64)
     )
-    return {"planes": planes, "moves": moves}
+    return {"planes": planes, "moves": moves[:, :, :numbers].copy()}

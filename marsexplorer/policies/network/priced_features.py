@@ -1,4 +1,4 @@
-"""The numbers of each move that follow from the prices of unknown cells (`kernels.prices`), for networks that see prices.
+"""The numbers of each move that follow from the prices of unknown cells (`kernels.prices`).
 
 Three rules like `policies.priced.FrontierPriced` value the reachable cells that show something new. Their parameters are fixed
 here and not those of the policy `frontier-priced`, which may be tuned again: a network must see what it was trained on. They

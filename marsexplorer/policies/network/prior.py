@@ -1,12 +1,9 @@
-"""What a network that sees prices begins with: logits of priced rules, by the size of the grid.
+"""What a network adds to the logits of its head: those of priced rules, by the size of the grid.
 
 On 42 x 42 and larger, exploring by prices (`policies.priced`) takes a fifth fewer moves than what networks learn from nothing.
-So such a network adds to the logits of its head a weighted sum of each move's numbers, with weights for each side of SIDES and
-linear in the logarithm of the cells between them. At first these weights make the move that the rules would make; training
-changes them like any others.
-
-`add_prices` gives a network that was trained without prices the further inputs: it plays as it did on 21 x 21, and by the
-rules on larger grids.
+So a network adds to the logits of its head a weighted sum of each move's numbers, with weights for each side of SIDES and
+linear in the logarithm of the cells between them. A network may begin with the weights that make the
+move that the rules would make; training changes them like any others.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ import torch
 from torch import Tensor
 
 from marsexplorer.policies.base import INVALID_LOGIT
-from marsexplorer.policies.network.features import ACTION_FEATURES, num_action_features
+from marsexplorer.policies.network.features import ACTION_FEATURES, MOVE_NUMBERS
 from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE
 
 SIDES = (21, 42, 84)
@@ -50,7 +47,7 @@ def prior_logits(moves: Tensor, weights: Tensor) -> Tensor:
 
 def prior_weights() -> Tensor:
     """Return the weights that play by the rules, float32[len(SIDES), numbers of a move]."""
-    weights = torch.zeros(len(SIDES), num_action_features(sees_prices=True))
+    weights = torch.zeros(len(SIDES), MOVE_NUMBERS)
     weights[:, STRAIGHT] = STRAIGHT_WEIGHT
     for side, counts in enumerate(RULE_WEIGHTS):
         for rule, count in enumerate(counts):
@@ -73,28 +70,3 @@ def rule_probabilities(moves: Tensor, scale: float) -> tuple[Tensor, Tensor]:
         moves[:, :, -1].amax(1) / LOG_CELLS_SCALE
     )  # of an invalid move even this number is 0
     return logits.softmax(1), size_nearness(log_cells)
-
-
-def add_prices(state: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return the weights of a network that sees prices, from those of one that does not: the new inputs have weight zero.
-
-    Only the prior tells them apart. It is zero on 21 x 21, where the network plays as it did.
-    """
-    few, all_numbers = ACTION_FEATURES, num_action_features(sees_prices=True)
-    policy, value = state["policy_head.0.weight"], state["value_head.0.weight"]
-    hidden = policy.shape[1] - few - 4
-    wide_policy = policy.new_zeros(len(policy), hidden + all_numbers + 4)
-    wide_policy[:, : hidden + few], wide_policy[:, -4:] = policy[:, : hidden + few], policy[:, -4:]
-    wide_value = value.new_zeros(len(value), hidden + 4 * all_numbers)
-    wide_value[:, :hidden] = value[:, :hidden]
-    for move in range(4):
-        at, was = hidden + move * all_numbers, hidden + move * few
-        wide_value[:, at : at + few] = value[:, was : was + few]
-    prior = prior_weights()
-    prior[0] = 0.0
-    return {
-        **state,
-        "policy_head.0.weight": wide_policy,
-        "value_head.0.weight": wide_value,
-        "prior": prior,
-    }

@@ -7,7 +7,7 @@ import torch
 from marsexplorer.config import EnvConfig
 from marsexplorer.observation import DISPLACEMENTS
 from marsexplorer.policies.base import INVALID_LOGIT
-from marsexplorer.policies.network.features import FeatureExtractor
+from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
 from marsexplorer.training.envs import make_vector_env
 from research.paper.networks import NetworkShape, NoisyLinear, make_network, sample_noise
 
@@ -59,10 +59,11 @@ def observation_of(trunk, codes, positions, radius=6):
         return (torch.from_numpy(codes.copy()),)
     num, rows, cols = codes.shape
     cells, headings = positions[:, 0] * cols + positions[:, 1], np.ones(num, np.int64)
-    arrays = FeatureExtractor(num, rows, cols, radius)(
+    planes, moves = FeatureExtractor(num, rows, cols, radius, rules=())(
         codes, cells, np.zeros((num, rows * cols), np.uint8), headings
     )
-    return tuple(torch.from_numpy(array) for array in arrays)
+    own = moves[:, :, :ACTION_FEATURES].copy()
+    return torch.from_numpy(planes), torch.from_numpy(own)
 
 
 @pytest.mark.parametrize("trunk", ["authors", "features"])

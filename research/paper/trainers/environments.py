@@ -27,10 +27,9 @@ from marsexplorer.training.envs import (
     EncoderFactory,
     StepResult,
     TrainingEnvs,
-    feature_encoder,
     rewards_in_moves,
 )
-from research.paper.trainers.settings import state_matrix_encoder
+from research.paper.trainers.settings import feature_encoder, state_matrix_encoder
 
 PICTURE_BYTES = PLANES * PICTURE_CELLS
 MOVES_BYTES = 4 * ACTION_FEATURES * 4

@@ -28,8 +28,9 @@ import torch
 from torch import nn
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
 from marsexplorer.training.config import RECIPES, TrainConfig
-from marsexplorer.training.envs import Encoder, EncoderFactory, feature_encoder
+from marsexplorer.training.envs import Encoder, EncoderFactory, Observation
 from research.paper.networks import NetworkShape, PolicyNetwork
 from research.paper.onnx_agents import save_agent
 
@@ -82,6 +83,18 @@ class Variants:
 
     def _together(self, changes: Iterable[str]) -> dict[str, Any]:
         return {name: value for change in changes for name, value in self.changes[change].items()}
+
+
+def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
+    """Return the encoder for the pictures and those numbers of each move that need no prices."""
+    radius = config.sensor_radius
+    extractor = FeatureExtractor(num_envs, config.rows, config.cols, radius, rules=())
+
+    def encode(*arrays: Any) -> Observation:
+        planes, moves = extractor(*arrays)
+        return torch.from_numpy(planes), torch.from_numpy(moves[:, :, :ACTION_FEATURES].copy())
+
+    return encode
 
 
 def state_matrix_encoder(config: EnvConfig, num_envs: int) -> Encoder:

@@ -68,7 +68,8 @@ def test_boards_of_one_file_share_a_network_until_the_file_changes(file):
 class Counting:
     """A network of the test's own: logits given, calls counted."""
 
-    sees_prices = False
+    def rules_that_count(self, rows, cols):
+        del rows, cols
 
     def __init__(self, scores):
         self.scores, self.calls = scores, []

@@ -12,7 +12,7 @@ from safetensors.torch import save_file
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.files.formats import NETWORK_FORMAT
+from marsexplorer.policies.files.card import FORMAT
 from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network.features import PLANES, SCALES, FeatureExtractor
 from marsexplorer.policies.network.model import Net
@@ -168,7 +168,7 @@ def written(path, tensors, card=None):
     save_file(
         tensors,
         path,
-        metadata={"card": json.dumps({"format": NETWORK_FORMAT} if card is None else card)},
+        metadata={"card": json.dumps({"format": FORMAT} if card is None else card)},
     )
     return path
 
@@ -204,7 +204,7 @@ def test_a_network_of_another_format_is_refused_by_name(tmp_path):
     )
     with pytest.raises(
         policies.PolicyFileError,
-        match=rf"expected the format .* or {NETWORK_FORMAT}, got 'marsexplorer-network-0'",
+        match=rf"expected the format {FORMAT}, got 'marsexplorer-network-0'",
     ):
         policies.load(path)
 

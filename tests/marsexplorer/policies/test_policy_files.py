@@ -17,7 +17,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import PolicyFileError
 from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network.model import Net, format_of
+from marsexplorer.policies.network.model import Net
 from marsexplorer.policies.network.onnx_network import write_onnx
 from tests.support import policy_files as files
 
@@ -89,11 +89,9 @@ def test_a_board_of_another_size_is_refused_with_the_size_it_was_made_for(tmp_pa
         policies.load(files.write_onnx(tmp_path / "b.onnx")).act(other)
 
 
-@pytest.mark.parametrize("sees_prices", [False, True], ids=["few numbers", "prices"])
-def test_a_network_written_as_onnx_plays_the_same_episode(sees_prices, tmp_path):
+def test_a_network_written_as_onnx_plays_the_same_episode(tmp_path):
     torch.manual_seed(3)
-    net = Net(sees_prices)
-    save_network(net, tmp_path / "own.safetensors", {"summary": "Wanders."}, format_of(net))
+    save_network(Net(), tmp_path / "own.safetensors", {"summary": "Wanders."})
     write_onnx(tmp_path / "own.safetensors", tmp_path / "twin.onnx")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["own.safetensors", "twin.onnx"]
     assert policies.describe(str(tmp_path / "twin.onnx")) == "Wanders."

@@ -12,7 +12,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies.files.card import shipped
 from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
-from marsexplorer.policies.network.model import Net, load_net, with_prices
+from marsexplorer.policies.network.model import Net, load_net
 from marsexplorer.policies.network.priced_features import LEAST_SHARE, PRICED_FEATURES, RULES
 from marsexplorer.policies.network.prior import size_nearness
 from tests.support import reference_frontier as literal
@@ -38,13 +38,13 @@ def explored(rows, cols, steps):
     return episode
 
 
-def numbers(codes, position, path, sees_prices=True):
+def numbers(codes, position, path):
     """The numbers of each move, float32[4, ...]."""
     rows, cols = codes.shape
     visited = np.zeros((1, rows * cols), np.uint8)
     for row, col in path:
         visited[0, row * cols + col] = 1
-    extractor = FeatureExtractor(1, rows, cols, RADIUS, sees_prices)
+    extractor = FeatureExtractor(1, rows, cols, RADIUS)
     return extractor(
         codes[None], np.array([position[0] * cols + position[1]]), visited, np.array([1])
     )[1][0]
@@ -74,9 +74,6 @@ def test_the_numbers_are_those_of_the_definition(steps):
     episode = explored(rows, cols, steps)
     grid, visited = episode.codes.tolist(), set(episode.path)
     moves = numbers(episode.codes, episode.position, episode.path)
-    assert np.array_equal(
-        moves[:, :ACTION_FEATURES], numbers(episode.codes, episode.position, episode.path, False)
-    )
     for k, rule in enumerate(RULES):
         found = literal_values(grid, visited, episode.position, rule)
         best = max(value for value, _ in found)
@@ -112,38 +109,6 @@ def test_a_transposed_board_has_the_same_numbers_for_the_transposed_moves():
     assert np.array_equal(there[::-1, ACTION_FEATURES:], turned[:, ACTION_FEATURES:])
 
 
-@pytest.fixture(scope="module")
-def nets():
-    """A network of the kind that sees no prices, and the same with prices added."""
-    torch.manual_seed(1)
-    net = Net().eval()
-    torch.nn.init.normal_(net.policy_head[-1].weight)
-    return net, with_prices(net)
-
-
-def test_with_prices_added_a_network_plays_small_grids_as_it_did_and_large_ones_by_the_rule(nets):
-    few, more = nets
-    for side, moves_made in ((15, 40), (84, 25)):
-        rollouts = GreedyRollouts(EnvConfig("random", side, side), 3, sees_prices=True)
-        rollouts.worlds.start(np.arange(3))
-        for _ in range(moves_made):
-            decisions = rollouts.decide(more)
-            numbers_then, chosen = decisions.moves, decisions.actions
-            if side == 15:
-                logits, values = few.infer(
-                    decisions.planes, np.ascontiguousarray(numbers_then[:, :, :ACTION_FEATURES])
-                )
-                both = more.infer(decisions.planes, numbers_then)
-                assert all(
-                    np.allclose(*each, atol=1e-4)
-                    for each in zip((logits, values), both, strict=True)
-                )
-            else:
-                best = numbers_then[np.arange(3), chosen, ACTION_FEATURES + 4]
-                assert (best[~decisions.guarded] == 1).all()
-            rollouts.step(decisions.actions)
-
-
 def test_the_prior_is_linear_between_the_sides_that_it_has_weights_for():
     cells = torch.tensor([5.0 * 5, 21 * 21, 29.698**2, 42 * 42, 84 * 84, 128 * 128])
     expected = [[1, 0, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]
@@ -159,8 +124,8 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
     net, config = load_net(shipped()["ppo"]), EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
     all_rules, few_rules = (
-        GreedyRollouts(config, 2, sees_prices=True),
-        GreedyRollouts(config, 2, True, rules),
+        GreedyRollouts(config, 2),
+        GreedyRollouts(config, 2, rules),
     )
     for rollouts in (all_rules, few_rules):
         rollouts.worlds.start(np.arange(2))
@@ -174,8 +139,14 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
             rollouts.step(decisions[0].actions)
 
 
-def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(nets):
-    net = with_prices(nets[0])
+def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero():
+    net, numbers = Net().eval(), ACTION_FEATURES + PRICED_FEATURES
+    with torch.no_grad():
+        net.prior[0] = 0.0
+        net.policy_head[0].weight[:, 128 + ACTION_FEATURES : 128 + numbers] = 0.0
+        for move in range(4):
+            first = 128 + numbers * move
+            net.value_head[0].weight[:, first + ACTION_FEATURES : first + numbers] = 0.0
     assert net.rules_that_count(21, 21) == ()
     with torch.no_grad():
         net.value_head[0].weight[
@@ -186,4 +157,3 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(nets):
         net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9
     assert net.rules_that_count(21, 21) == (0, 2)
     assert net.rules_that_count(84, 84) == (0, 1, 2)
-    assert nets[0].rules_that_count(84, 84) == ()

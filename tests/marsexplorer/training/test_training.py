@@ -90,7 +90,8 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     assert found == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
     assert [line["moves"] for line in lines] == [1024 * (k + 1) for k in range(14)]
-    assert lines[-1]["greedy"] < lines[1]["greedy"]
+    assert lines[-1]["greedy"] < lines[0]["greedy"]
+    assert lines[-1]["steps"] < lines[3]["steps"]
 
 
 @pytest.mark.parametrize("config", [QUICK, LETTER], ids=["best", "letter"])
@@ -323,7 +324,7 @@ def test_the_priced_recipe_begins_as_the_rules():
     config = EnvConfig("random", 42, 42)
     net, rollouts = (
         RECIPES["priced"].make_network([config]).eval(),
-        GreedyRollouts(config, 3, sees_prices=True),
+        GreedyRollouts(config, 3),
     )
     rollouts.worlds.start(np.arange(3))
     made = 0

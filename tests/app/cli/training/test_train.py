@@ -86,8 +86,8 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, 
         card["training"]["plan"]["sizes"],
         card["training"]["seed"],
     ) == (2, [21, 24], 3)
-    assert (ppo["moves"], ppo["recipe"]["sees_prices"], ppo["recipe"]["rule_coef"], ppo["seed"]) == (
-        256, True, list(TINY.rule_coef), 3,
+    assert (ppo["moves"], ppo["recipe"]["rule_coef"], ppo["seed"]) == (
+        256, list(TINY.rule_coef), 3,
     )  # fmt: skip
     assert (
         "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3"
