@@ -13,7 +13,7 @@ if has apt-get && [ "$(id -u)" = 0 ]; then
     if [ -n "$need" ]; then
         echo "installing$need for the tests"
         apt-get update -qq >/dev/null 2>&1
-        has nginx || add nginx
+        has nginx || add nginx libnginx-mod-stream || add nginx
         has sqlite3 || add sqlite3
         has $shell || has chromium || has google-chrome || add $shell fonts-dejavu-core || add chromium fonts-dejavu-core
     elif ! has $shell && apt-cache show $shell >/dev/null 2>&1; then

@@ -1,4 +1,4 @@
-"""The shipped nginx file before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
+"""The shipped nginx files before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
 
 import re
 import shutil
@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 
@@ -16,11 +17,15 @@ from app.admin.login import ATTEMPTS_PER_MINUTE
 from app.simulate import Socket
 from app.web.listening import uvicorn_config
 from tests.support.browser import free_port
+from tests.support.others import measure, misbehaving
 from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually
 
 CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
-AROUND = """daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
-events {{ worker_connections 256; }}
+STREAM = CONFIG.with_name("marsexplorer-stream.conf")
+MODULE = Path("/usr/lib/nginx/modules/ngx_stream_module.so")
+AROUND = """{module} user root; daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
+events {{ worker_connections 8192; }}
+{stream}
 http {{
   client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
   uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s; access_log {folder}/access.log;
@@ -29,11 +34,18 @@ http {{
 """
 
 
+SPLIT = "\n# -- stream --\n"
+
+
 @pytest.fixture
 def proxied(serve, tmp_path):
-    """A server behind the shipped file; only ports, paths and the name of the host are changed, and `changes` of the test."""
+    """A server behind the shipped files; only ports, paths and the name of the host are changed, and `changes` of the test."""
     if shutil.which("nginx") is None or shutil.which("openssl") is None:
         pytest.skip("NO NGINX OR OPENSSL: install them to run the proxy test")
+    built = subprocess.run(["nginx", "-V"], capture_output=True, text=True, check=True).stderr
+    if "--with-stream=dynamic" in built and not MODULE.exists():
+        pytest.skip("NGINX WITHOUT STREAM: install libnginx-mod-stream to run the proxy test")
+    module = f"load_module {MODULE};" if MODULE.exists() else ""
     running = []
 
     def start(*changes):
@@ -56,21 +68,23 @@ def proxied(serve, tmp_path):
         ]
         files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
         subprocess.run(["openssl", "req", *certificate, *files], check=True, capture_output=True)
-        site = CONFIG.read_text()
+        both = f"{CONFIG.read_text()}{SPLIT}{STREAM.read_text()}"
         for was, now in (
             ("/etc/letsencrypt/live/mars.example/fullchain.pem", f"{folder}/certificate.pem"),
             ("/etc/letsencrypt/live/mars.example/privkey.pem", f"{folder}/key.pem"),
             ("/var/log/nginx/marsexplorer.log", f"{folder}/site.log"),
+            ("/run/marsexplorer-front.sock", f"{folder}/front.sock"),
             ("listen 443 ssl", f"listen 127.0.0.1:{port} ssl"),
             ("listen 80", f"listen 127.0.0.1:{plain}"),
             ("server 127.0.0.1:8000", f"server 127.0.0.1:{server.port}"),
             ("server_name mars.example", "server_name localhost"),
             *changes,
         ):
-            assert was in site, was
-            site = site.replace(was, now)
-        site = re.sub(r"listen \[::\].*", "", site)
-        (folder / "nginx.conf").write_text(AROUND.format(folder=folder, site=site))
+            assert was in both, was
+            both = both.replace(was, now)
+        site, stream = re.sub(r"listen \[::\].*", "", both).split(SPLIT)
+        around = AROUND.format(folder=folder, site=site, stream=stream, module=module)
+        (folder / "nginx.conf").write_text(around)
         running.append(
             subprocess.Popen(
                 ["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL
@@ -201,3 +215,55 @@ def test_connections_of_one_address_are_limited(proxied):
     for each in sockets:
         if not isinstance(each, Exception):
             each.close()
+
+
+MISBEHAVING = """
+import socket, ssl, sys, threading, time
+port, path, kind = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+def connect():
+    return socket.create_connection(("127.0.0.1", port), source_address=("127.0.0.2", 0))
+def flood():
+    ask = f"GET {path} HTTP/1.1\\r\\nHost: localhost:{port}\\r\\nUpgrade: websocket\\r\\n"
+    ask += "Connection: Upgrade\\r\\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\\r\\n"
+    ask += "Sec-WebSocket-Version: 13\\r\\n\\r\\n"
+    while True:
+        try:
+            with trusting.wrap_socket(connect(), server_hostname="localhost") as each:
+                each.sendall(ask.encode())
+                each.recv(4096)
+                while True:
+                    each.sendall((bytes([137, 128]) + bytes(4)) * 500)
+        except OSError:
+            time.sleep(0.1)
+if kind == "silent":
+    held = [connect() for _ in range(900)]
+else:
+    for _ in range(4):
+        threading.Thread(target=flood).start()
+time.sleep(600)
+"""
+"""Holds silent connections, or floods four websockets with pings, as fast as it is let."""
+
+ROUNDS = 3
+
+
+@pytest.mark.parametrize("kind", ["pings", "silent"])
+def test_others_moves_take_at_most_twice_as_long_while_one_client_misbehaves(proxied, kind):
+    """Quiet times and floods take turns, since the machine has other work that comes and goes."""
+    server = proxied()
+    with server.client() as client:
+        session = client.post("/api/sessions", json={"size": 21}).json()["session"]
+    measure(server, 1)  # the first moves of a process take longer
+    port, path = server.public.rpartition(":")[2], f"/ws/sessions/{session}"
+    quiet, flooded = [], []
+    for _ in range(ROUNDS):
+        quiet += measure(server, 2)
+        with misbehaving(MISBEHAVING, port, path, kind):
+            time.sleep(0.5)
+            flooded += measure(server, 2)
+        time.sleep(0.3)
+    (quiet_ms, flooded_ms) = (np.percentile(each, 99) for each in (quiet, flooded))
+    print(f"\n{kind}: p99 of the others {quiet_ms:.1f} ms quiet, {flooded_ms:.1f} ms")
+    assert flooded_ms <= 2 * quiet_ms
