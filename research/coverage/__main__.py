@@ -42,15 +42,7 @@ def measure_cells(
 
 def markdown_table(cells: Sequence[Cell]) -> str:
     """Return the table as README.md shows it."""
-    heads = (
-        "population",
-        "ICC",
-        "players",
-        "**printed**",
-        "missed low / high",
-        "width / t",
-        "t",
-    )
+    heads = ("population", "ICC", "players", "**printed**", "missed low / high", "width / t", "t")
     lines: list[tuple[str, ...]] = [
         (*heads, "guaranteed", "new terrains", "pooled"),
         ("---",) * 3 + ("---:",) * 7,

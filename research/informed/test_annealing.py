@@ -75,10 +75,7 @@ def test_a_terrain_has_the_walk_that_the_published_figures_were_made_with():
     assert [
         len(informed_actions(config, generate(config, seed), seed, AnnealingConfig(60_000, 1)))
         for seed in (5, 6)
-    ] == [
-        57,
-        53,
-    ]
+    ] == [57, 53]
 
 
 def test_the_table_of_convergence_has_a_line_for_each_budget():

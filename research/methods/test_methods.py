@@ -10,11 +10,7 @@ from marsexplorer.world import Worlds, positions
 from research.methods.effort_rates import effort_rate
 from research.methods.flat_power import simulate_flat_power
 from research.methods.regret_validation import SLIP_RATES, SlipPool, measure_slips
-from research.methods.simulated_players import (
-    RANDOM_MOVES,
-    SIMULATED_POPULATIONS,
-    DecisionKernel,
-)
+from research.methods.simulated_players import RANDOM_MOVES, SIMULATED_POPULATIONS, DecisionKernel
 
 
 def test_who_slips_more_regrets_more():

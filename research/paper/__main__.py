@@ -275,11 +275,7 @@ def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) 
 
 
 def _show_trials(
-    figure: str,
-    own: Sequence[Record],
-    source: Path,
-    folder: Path,
-    human: figure4.HumanLevel | None,
+    figure: str, own: Sequence[Record], source: Path, folder: Path, human: figure4.HumanLevel | None
 ) -> None:
     """Draw figure 4 or 5 into `folder` and print and write its table; `source` has what was measured without training."""
     if not own:

@@ -160,11 +160,7 @@ def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
 def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) -> dict[str, Any]:
     """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
     table = evaluate(
-        [str(policy), *RULES],
-        trial.config,
-        trial.terrains,
-        EVALUATION_SEEDS.start,
-        on_episode,
+        [str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, on_episode
     )
     own, *rules = table.rows
     outcomes = [result.outcome for result in table.results if result.policy == own.policy]

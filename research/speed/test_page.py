@@ -32,8 +32,7 @@ WATCH = """(() => {
 
 
 @pytest.mark.parametrize(
-    ("drawn", "flags"),
-    [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)],
+    ("drawn", "flags"), [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)]
 )
 def test_first_picture(spawn, drawn, flags):
     from playwright.sync_api import sync_playwright
@@ -75,8 +74,7 @@ def test_first_picture(spawn, drawn, flags):
 
 @pytest.mark.parametrize("side", MOST_MS)
 @pytest.mark.parametrize(
-    ("drawn", "flags"),
-    [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)],
+    ("drawn", "flags"), [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)]
 )
 def test_keydown_to_repaint(spawn, drawn, flags, side):
     from playwright.sync_api import sync_playwright

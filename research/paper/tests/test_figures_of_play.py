@@ -23,13 +23,7 @@ from research.paper.episodes.quadrants import (
     obstacles_of,
     quadrant_map,
 )
-from research.paper.episodes.scale import (
-    PER_CENT,
-    compare,
-    last_shares,
-    scale_rows,
-    steps_of,
-)
+from research.paper.episodes.scale import PER_CENT, compare, last_shares, scale_rows, steps_of
 from research.paper.episodes.walks import NULLS
 from research.paper.figures import figure6, figure7
 from research.paper.figures.drawing import ORDER, colours_of, save

@@ -23,12 +23,7 @@ from torch import Tensor
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES
-from marsexplorer.training.envs import (
-    EncoderFactory,
-    StepResult,
-    TrainingEnvs,
-    rewards_in_moves,
-)
+from marsexplorer.training.envs import EncoderFactory, StepResult, TrainingEnvs, rewards_in_moves
 from research.paper.trainers.settings import feature_encoder, state_matrix_encoder
 
 PICTURE_BYTES = PLANES * PICTURE_CELLS
