@@ -17,7 +17,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
@@ -173,7 +173,12 @@ _EPISODE = """e.*, (e.ended_ms IS NOT NULL) AS ended, d.day AS daily_day, d.comm
 _LATEST = f"""SELECT {_EPISODE} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
     LEFT JOIN daily_attempts d ON d.episode_id = e.id
-    WHERE s.id = :id AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > :since OR s.id = :participants)"""
+    WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
+        OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
+
+
+_AS_STORED = ("id", "session_id", "number", "seed", "terrain", "policy_seed", "driver", "started_ms")  # fmt: skip
+"""Columns of an episode that hold a field of `EpisodeRow` as it is."""
 
 
 class Store(Reader):
@@ -415,19 +420,7 @@ class Store(Reader):
     def add_session(self, row: SessionRow) -> None:
         """Add a session; a rival's session belongs to the player whose rival it is."""
         with self.transaction():
-            self._conn.execute(
-                _ADD_SESSION,
-                (
-                    row.id,
-                    row.player_id,
-                    row.driver_name,
-                    row.rival_of,
-                    row.pace_mode,
-                    row.moves_per_second,
-                    row.created_ms,
-                    row.control,
-                ),
-            )
+            self._conn.execute(_ADD_SESSION, astuple(row))
 
     def set_pace(self, session_id: str, mode: PaceMode, moves_per_second: float) -> None:
         """Store a session's pace for the next start of the server."""
@@ -503,47 +496,33 @@ class Store(Reader):
 
         A participant's is returned at any age.
         """
-        board = self.connection.execute(
-            "SELECT session_id FROM participants WHERE session_id = ?", [session_id]
-        ).fetchone()
         now = int(time.time() * 1000) if now_ms is None else now_ms
-        values = {"id": session_id, "participants": board and board[0], "since": now - DAY_MS}
-        return next((self._resumable(row) for row in list(self._db.query(_LATEST, values))), None)
+        found = self.query(_LATEST, [session_id, now - DAY_MS])
+        return self._resumable(found[0]) if found else None
 
     def rival_of(self, session_id: str) -> str | None:
         """Return the id of the session of a player's rival; None without one."""
-        found = self.connection.execute(
-            "SELECT id FROM sessions WHERE rival_of = ?", [session_id]
-        ).fetchone()
+        sql = "SELECT id FROM sessions WHERE rival_of = ?"
+        found = self.connection.execute(sql, [session_id]).fetchone()
         return None if found is None else str(found[0])
 
     def find_episode(self, episode_id: str) -> Resumable | None:
         """Return an episode as it stands now, open or ended, and its session; None when there is none."""
         sql = f"SELECT {_EPISODE} FROM episodes e LEFT JOIN daily_attempts d ON d.episode_id = e.id WHERE e.id = ?"
-        return next((self._resumable(row) for row in list(self._db.query(sql, [episode_id]))), None)
+        found = self.query(sql, [episode_id])
+        return self._resumable(found[0]) if found else None
 
     def _resumable(self, row: dict[str, Any]) -> Resumable:
-        session = dict(self._db.table("sessions").get(row["session_id"]))
+        (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
-        kept = (
-            "id",
-            "session_id",
-            "number",
-            "seed",
-            "terrain",
-            "policy_seed",
-            "driver",
-            "started_ms",
-        )
+        day, commitment = row["daily_day"], row["daily_commitment"]
         episode = EpisodeRow(
             config=config_of(row),
             start=(row["start_row"], row["start_col"]),
             seed_chosen=bool(row["seed_chosen"]),
             assisted=bool(row["assisted"]),
-            daily=None
-            if row["daily_day"] is None
-            else DailyDay(row["daily_day"], row["daily_commitment"]),
-            **{name: row[name] for name in kept},
+            daily=None if day is None else DailyDay(day, commitment),
+            **{name: row[name] for name in _AS_STORED},
         )
         actions = bytes(step["action"] for step in self.steps(row["id"]))
         return Resumable(SessionRow(**session), episode, actions, bool(row["ended"]))
@@ -552,50 +531,29 @@ class Store(Reader):
         return bool(self._conn.execute(_MET, (terrain_hash(row), row.session_id)).fetchone()[0])
 
     def _open(self, row: EpisodeRow, met_before: bool) -> None:
-        config = json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":"))
-        self._db.table("episodes").insert(
-            {
-                **{
-                    name: getattr(row, name)
-                    for name in ("id", "session_id", "number", "seed", "terrain", "policy_seed")
-                },
-                **{
-                    name: getattr(row, name)
-                    for name in ("driver", "started_ms", "seed_chosen", "assisted")
-                },
-                "level": row.config.level,
-                "config": config,
-                "config_hash": row.config.hash,
-                "terrain_hash": terrain_hash(row),
-                "terrain_met_before": met_before,
-                "start_row": row.start[0],
-                "start_col": row.start[1],
-                "core_version": CORE_VERSION,
-            }
-        )
+        values = {
+            **{name: getattr(row, name) for name in (*_AS_STORED, "seed_chosen", "assisted")},
+            "level": row.config.level,
+            "config": json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":")),
+            "config_hash": row.config.hash,
+            "terrain_hash": terrain_hash(row),
+            "terrain_met_before": met_before,
+            "start_row": row.start[0],
+            "start_col": row.start[1],
+            "core_version": CORE_VERSION,
+        }
+        self._db.table("episodes").insert(values)
         if row.daily is not None:
-            self._conn.execute(
-                _ADD_ATTEMPT, (row.id, row.daily.day, row.daily.commitment, row.session_id)
-            )
+            attempt = (row.id, row.daily.day, row.daily.commitment, row.session_id)
+            self._conn.execute(_ADD_ATTEMPT, attempt)
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing
-        totals = (
-            record.outcome,
-            record.steps,
-            record.discovered,
-            record.total,
-            score(record.config, record.total, record.cells),
-        )
+        points = score(record.config, record.total, record.cells)
         values = (
-            episode_id,
-            at_ms,
-            *totals,
-            record.trajectory_hash,
-            record.core_version,
-            attestation,
-            reason,
-        )
+            episode_id, at_ms, record.outcome, record.steps, record.discovered, record.total, points,
+            record.trajectory_hash, record.core_version, attestation, reason,
+        )  # fmt: skip
         if self._conn.execute(_CLOSE, values).rowcount != 1:
             raise StoreError(
                 f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed"

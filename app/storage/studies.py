@@ -7,6 +7,7 @@ participant or a study appends an entry to the chain in the same transaction (`a
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -36,6 +37,10 @@ class StudyStore:
         self.path = store.path
         self._store = store
 
+    @property
+    def _conn(self) -> sqlite3.Connection:
+        return self._store.connection
+
     def add_study(self, study: StudyRow) -> StudyRow:
         """Add a study, open, unless one of its name is there; return the one that is there now."""
         values = (
@@ -46,14 +51,12 @@ class StudyStore:
             study.frozen_ms,
         )
         with self._store.transaction():
-            if self._store.connection.execute(
+            if self._conn.execute(
                 "INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values
             ).rowcount:
-                chain.append(self._store.connection, "study", study.name)
+                chain.append(self._conn, "study", study.name)
             return StudyRow(
-                *self._store.connection.execute(
-                    "SELECT * FROM studies WHERE name = ?", [study.name]
-                ).fetchone()
+                *self._conn.execute("SELECT * FROM studies WHERE name = ?", [study.name]).fetchone()
             )
 
     def note_closed(self, study: StudyRow) -> None:
@@ -61,17 +64,13 @@ class StudyStore:
         if study.closed_ms is None:
             return
         with self._store.transaction():
-            if self._store.connection.execute(
-                _IS_OPEN, (study.name, study.protocol_hash)
-            ).fetchone():
-                with chain.changing(self._store.connection, "study", study.name):
-                    self._store.connection.execute(
-                        _NOTE_CLOSED, (study.closed_ms, study.secret, study.name)
-                    )
+            if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
+                with chain.changing(self._conn, "study", study.name):
+                    self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
-        found = self._store.connection.execute(
+        found = self._conn.execute(
             "SELECT 1 FROM studies WHERE name = ? AND closed_ms IS NOT NULL", [name]
         ).fetchone()
         return found is not None
@@ -80,7 +79,7 @@ class StudyStore:
         """Return the names of studies that the database does not know to be closed."""
         return [
             row[0]
-            for row in self._store.connection.execute(
+            for row in self._conn.execute(
                 "SELECT name FROM studies WHERE closed_ms IS NULL"
             ).fetchall()
         ]
@@ -111,7 +110,7 @@ class StudyStore:
             WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
         return [
             (Participant(*row[1:]), str(row[0]))
-            for row in self._store.connection.execute(sql, (name, study)).fetchall()
+            for row in self._conn.execute(sql, (name, study)).fetchall()
         ]
 
     def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
@@ -122,7 +121,7 @@ class StudyStore:
 
     def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
         """Return whether an invitation was used by somebody who was erased since."""
-        found = self._store.connection.execute(
+        found = self._conn.execute(
             "SELECT 1 FROM forgotten_people WHERE id_hash = ?", [invitation_hash(study, invitation)]
         )
         return found.fetchone() is not None
@@ -130,12 +129,12 @@ class StudyStore:
     def count_stage_events(self, participant_id: str, kind: str) -> int:
         """Return how many events of a kind a participant has."""
         sql = "SELECT count(*) FROM stage_events WHERE participant_id = ? AND kind = ?"
-        return int(self._store.connection.execute(sql, (participant_id, kind)).fetchone()[0])
+        return int(self._conn.execute(sql, (participant_id, kind)).fetchone()[0])
 
     def identity(self, participant_id: str, name: str) -> str | None:
         """Return the outside id a participant came with; None without one."""
         sql = "SELECT value FROM identities WHERE participant_id = ? AND name = ?"
-        found = self._store.connection.execute(sql, (participant_id, name)).fetchone()
+        found = self._conn.execute(sql, (participant_id, name)).fetchone()
         return None if found is None else str(found[0])
 
     def add_participant(
@@ -147,12 +146,12 @@ class StudyStore:
         """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
-            self._store.connection.execute(
+            self._conn.execute(
                 f"INSERT INTO participants VALUES ({', '.join('?' * 15)})",
                 tuple(vars(participant).values()),
             )
             for name, value in identities.items():
-                self._store.connection.execute(
+                self._conn.execute(
                     "INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value)
                 )
             detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
@@ -175,7 +174,7 @@ class StudyStore:
         """Withdraw a participant; one who never agreed leaves no outside id behind."""
         with self._changing(participant.id):
             if participant.consent_ms is None:
-                self._store.connection.execute(
+                self._conn.execute(
                     "DELETE FROM identities WHERE participant_id = ?", [participant.id]
                 )
             self._set(participant.id, {"stage": "withdrawn"})
@@ -201,16 +200,13 @@ class StudyStore:
     def supervised_ms(self, participant_id: str) -> tuple[int, ...]:
         """Return when the operator's code was typed for a participant, each time."""
         sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
-        return tuple(
-            at_ms for (at_ms,) in self._store.connection.execute(sql, [participant_id]).fetchall()
-        )
+        return tuple(at_ms for (at_ms,) in self._conn.execute(sql, [participant_id]).fetchall())
 
     def settings(self, participant_id: str) -> list[dict[str, Any]]:
         """Return what a participant has chosen, every version so far."""
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
         return [
-            json.loads(detail)
-            for (detail,) in self._store.connection.execute(sql, [participant_id]).fetchall()
+            json.loads(detail) for (detail,) in self._conn.execute(sql, [participant_id]).fetchall()
         ]
 
     def set_session(self, participant_id: str, session_id: str) -> None:
@@ -224,9 +220,7 @@ class StudyStore:
         """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
         with self._store.transaction():
             values = (episode_id, participant_id, phase, trial, terrain)
-            self._store.connection.execute(
-                "INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values
-            )
+            self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
 
     def order_number(self, participant: Participant, at_ms: int) -> int:
         """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
@@ -235,10 +229,10 @@ class StudyStore:
         """
         with self._store.transaction():
             if (
-                known := self._store.connection.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+                known := self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
             ) is not None:
                 return int(known[0])
-            (number,) = self._store.connection.execute(
+            (number,) = self._conn.execute(
                 _NEXT_ORDER_NUMBER, (participant.study, participant.kind)
             ).fetchone()
             self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
@@ -246,44 +240,37 @@ class StudyStore:
 
     def trials(self, participant_id: str) -> list[TrialRow]:
         """Return a participant's episodes in the order played."""
-        return [
-            TrialRow(*row)
-            for row in self._store.connection.execute(_TRIALS, [participant_id]).fetchall()
-        ]
+        return [TrialRow(*row) for row in self._conn.execute(_TRIALS, [participant_id]).fetchall()]
 
     def has_trial(self, participant_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of the participant's."""
         sql = "SELECT 1 FROM study_episodes WHERE episode_id = ? AND participant_id = ?"
-        return (
-            self._store.connection.execute(sql, (episode_id, participant_id)).fetchone() is not None
-        )
+        return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
 
     def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
         """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
-        found = self._store.connection.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
+        found = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
         return None if found is None else (found[0], found[1])
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:
         with (
             self._store.transaction(),
-            chain.changing(self._store.connection, "participant", participant_id),
+            chain.changing(self._conn, "participant", participant_id),
         ):
             yield
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)
-        self._store.connection.execute(
+        self._conn.execute(
             f"UPDATE participants SET {names} WHERE id = ?", (*columns.values(), participant_id)
         )
 
     def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
-        self._store.connection.execute(
+        self._conn.execute(
             _ADD_EVENT, (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
         )
 
     def _find(self, where: str, *values: str) -> Participant | None:
-        row = self._store.connection.execute(
-            f"SELECT * FROM participants WHERE {where}", values
-        ).fetchone()
+        row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
         return None if row is None else Participant(*row)

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -309,10 +310,14 @@ def test_a_merge_makes_nothing_sound_that_was_changed_before(copy, tmp_path, har
     play(other, seed=4)
     other.close()
     conn.close()
-    merge([path, tmp_path / "other.db"], tmp_path / "both.db")
-    assert {
-        finding.where.split()[0] for finding in verify_database(tmp_path / "both.db").findings
-    } == {kind}
+    both = tmp_path / "both.db"
+    merge([path, tmp_path / "other.db"], both)
+    found = verify_database(both).findings
+    assert {finding.where.split()[0] for finding in found} == {kind}
+    with closing(sqlite3.connect(both, isolation_level=None)) as conn:
+        for thing in chain.things(conn):
+            chain.append(conn, thing.kind, thing.id)
+    assert verify_database(both).findings == found, "nor does a later change"
 
 
 def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_path):
