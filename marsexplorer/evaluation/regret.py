@@ -31,7 +31,7 @@ from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_b
 from marsexplorer.evaluation.missed import Missed, find_missed
 from marsexplorer.evaluation.rollouts import ActionScorer, GreedyRollouts, Snapshot
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.extras import check_extra
+from marsexplorer.policies.base import check_extra
 from marsexplorer.policies.loading import find_file
 
 REGRET_VERSION = "1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -64,6 +65,22 @@ class PolicyNotFoundError(LookupError):
 
 class PolicyFileError(ValueError):
     """The file is there but is no policy that can be played."""
+
+
+LIBRARIES = {"networks": ("torch", "safetensors"), "onnx": ("onnx", "onnxruntime")}
+"""Extra of this package -> the libraries that it installs."""
+
+
+def check_extra(extra: str) -> None:
+    """Import the libraries of an extra; PolicyFileError when one is missing, with what to install."""
+    for library in LIBRARIES[extra]:
+        try:
+            import_module(library)
+        except ModuleNotFoundError as error:
+            raise PolicyFileError(
+                f"such policy files need the package {library}, which is not installed; "
+                f"pip install 'marsexplorer-playground[{extra}]'"
+            ) from error
 
 
 class Memory:

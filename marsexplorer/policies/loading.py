@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
-from marsexplorer.policies.base import Policy, PolicyNotFoundError
+from marsexplorer.policies.base import Policy, PolicyNotFoundError, check_extra
 from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
-from marsexplorer.policies.files.extras import check_extra
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced

@@ -17,17 +17,21 @@ from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.policies.network.features import MOVE_NUMBERS, FeatureExtractor
 from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net
-from marsexplorer.training.branching import (
+from marsexplorer.training.envs import EVALUATION_SEEDS
+from marsexplorer.training.refine import (
     MAX_COST,
     MAX_EXTRA_MOVES,
     MAX_MOVES_PER_CELL,
+    TRANSPOSED,
+    EpisodeTask,
+    RefineConfig,
+    RefineRun,
     branch_episodes,
     extra_moves,
     play_greedily,
+    play_task,
     sample_observations,
 )
-from marsexplorer.training.envs import EVALUATION_SEEDS
-from marsexplorer.training.refine import TRANSPOSED, EpisodeTask, RefineConfig, RefineRun, play_task
 
 SMALL = RefineConfig(
     tasks_per_level=(("random", 2), ("1-2-1", 1)),
