@@ -136,7 +136,8 @@ def redraw(text: str, results: Results) -> str:
     def block(match: re.Match[str]) -> str:
         name = match["name"]
         drawn = summary(text, results) if name == "summary" else BLOCKS[name](results)
-        return f"<!-- drawn: {name} -->\n{drawn}\n<!-- end -->"
+        tables = re.sub(r"^\|.*\|$", lambda row: re.sub(r" ?\| ?", "|", row[0]), drawn, flags=re.M)
+        return f"<!-- drawn: {name} -->\n{tables}\n<!-- end -->"
 
     return BLOCK.sub(block, ROW.sub(row, text))
 
@@ -170,7 +171,7 @@ def unchanging(draw: Callable[[], str]) -> Callable[[Results], str]:
 
 
 BLOCKS = training_claims.BLOCKS | {
-    f"settings {name}": unchanging(partial(as_table, name)) for name in ALGORITHMS
+    f"settings {name}": unchanging(partial(as_table, name)) for name in (*ALGORITHMS, "shared")
 }
 BLOCKS |= {
     f"pictures {name}": unchanging(partial(pictures_as_markdown, name, PICTURES)) for name in SHOWN

@@ -122,9 +122,11 @@ def same_family(results: Results) -> Judgement:
         common = max(set(every), key=every.count)
         shares = [each.count(common) / len(each) for each in orders]
         held[policy] = [share > 0.9 for share in shares]
-        parts.append(
-            f"`{policy}` enters the quadrants in one order in {span(shares)} of the episodes of a level"
-        )
+        parts.append(f"`{policy}` {span(shares)}")
+    parts[:1] = [
+        f"share of a level's episodes in the commonest order of quadrants: {part}"
+        for part in parts[:1]
+    ]
     return decided(parts, held) if own else NOTHING
 
 
@@ -139,9 +141,11 @@ def dexterous(results: Results) -> Judgement:
         held[policy] = [
             crash < 0.05 and done > 0.9 for crash, done in zip(crashed, explored, strict=True)
         ]
-        parts.append(
-            f"`{policy}` collided in {span(crashed)} and completed {span(explored)} of the episodes there"
-        )
+        parts.append(f"`{policy}` {span(crashed)} and {span(explored)}")
+    parts[:1] = [
+        f"shares of the episodes there that collided and were completed: {part}"
+        for part in parts[:1]
+    ]
     return decided(parts, held) if own else NOTHING
 
 
@@ -157,10 +161,12 @@ def discovered(results: Results) -> Judgement:
         ]
         held[policy] = [not each.blind_spots for each in found]
         correlations = span([each.correlation for each in found])
-        parts.append(
-            f"`{policy}`: correlation {correlations}, no blind spot on {sum(held[policy])} of 12 levels"
-        )
-    return decided(parts, held) if own else Judgement("; ".join(parts), NOT_YET)
+        parts.append(f"`{policy}` {correlations} and {sum(held[policy])}")
+    if own:
+        first = 1 if check else 0
+        parts[first] = f"correlation, and levels of 12 without blind spots: {parts[first]}"
+        return decided(parts, held)
+    return Judgement("; ".join(parts), NOT_YET)
 
 
 def scaled(results: Results) -> tuple[dict[str, list[ScaleRow]], dict[str, list[ScaleRow]]]:
@@ -191,11 +197,11 @@ def less_distance(results: Results) -> Judgement:
             " ".join(f"{ratio.mean:.2f}" if ratio else "none" for ratio in each) for each in ratios
         ]
         parts.append(
-            f"`{policy}` {texts[0]} at 42x42 and {texts[1]} at 84x84, less with certainty at {sum(held[policy])} of 10"
+            f"`{policy}` {texts[0]} and {texts[1]}, less with certainty at {sum(held[policy])} of 10"
         )
     return decided(
         [
-            f"moves over the better rule's to {', '.join(map(str, PER_CENT))} %: {parts[0]}",
+            f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84: {parts[0]}",
             *parts[1:],
         ],
         held,
@@ -266,9 +272,8 @@ def scales(results: Results) -> Judgement:
         ]
         ratios = [f"{row.to_rule.mean:.2f}" if row.to_rule else "no" for row in rows]
         pairs = zip(rows, ratios, strict=True)
-        texts = [
-            f"{row.completion:.0%} of the terrains in {ratio} of the better rule's moves"
-            for row, ratio in pairs
-        ]
-        parts.append(f"`{policy}` completes {' and '.join(texts)} at 42x42 and 84x84")
+        texts = [f"{row.completion:.0%} in {ratio}" for row, ratio in pairs]
+        parts.append(f"`{policy}` {' and '.join(texts)}")
+    words = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84: "
+    parts[:1] = [words + part for part in parts[:1]]
     return decided(parts, held) if own and rules else NOTHING

@@ -19,6 +19,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from research.paper.algorithms import ALGORITHMS
+
 COLUMNS = {"paper": "ours", "works": "works", "tuned": "tuned"}
 """Variant -> the column that has its values."""
 
@@ -62,14 +64,22 @@ def words(value: Any) -> str:
     return "none" if value is None or value == [] else str(value)
 
 
-def as_table(algorithm: str) -> str:
-    """Return the rows of an algorithm as a table in Markdown."""
-    lines = [
-        "| setting | paper | repository | ours: paper | ours: works | ours: tuned | why |",
-        "|---" * 7 + "|",
-    ]
-    for row in rows_of(algorithm):
-        values = [words(json.loads(row[name])) for name in COLUMNS.values()]
-        cells = (row["parameter"], row["paper"], row["repository"], *values, row["reason"])
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+def as_table(name: str) -> str:
+    """Return the rows of an algorithm as a table in Markdown; "shared" has those that are the same for all."""
+    every = {algorithm: rows_of(algorithm) for algorithm in ALGORITHMS}
+    of_all = [_cells(row) for row in every["ppo"]]
+    shared = [each for each in of_all if all(each in map(_cells, rows) for rows in every.values())]
+    found = shared if name == "shared" else [_cells(row) for row in every[name]]
+    lines = ["| setting | paper | repository | ours | why |", "|---|---|---|---|---|"]
+    rows = [each for each in found if name == "shared" or each not in shared]
+    return "\n".join([*lines, *("| " + " | ".join(each) + " |" for each in rows)])
+
+
+def _cells(row: dict[str, str]) -> tuple[str, ...]:
+    paper, works, tuned = (words(json.loads(row[name])) for name in COLUMNS.values())
+    ours = paper
+    if works != paper:
+        ours += f"; works: {works}"
+    if tuned != works:
+        ours += f"; tuned: {tuned}"
+    return (row["parameter"], row["paper"], row["repository"], ours, row["reason"])

@@ -305,8 +305,9 @@ def bonus_little(results: Results) -> Judgement:
     """d_b does not affect the overall performance much."""
 
     def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
-        found, words = effects(finals)
-        return words, all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
+        found, _ = effects(finals)
+        holds = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
+        return "the spreads of `morphology-first`", holds
 
     return on_levels(results, measure)
 
@@ -338,6 +339,18 @@ def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|---" * len(columns) + "|", *lines[1:]]) if rows else NONE_YET
 
 
+def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table without the columns that have one value, which a line above it has."""
+    values = list(zip(*rows, strict=True))
+    constant = [number for number, each in enumerate(values) if len(set(each)) == 1]
+    common = ", ".join(f"{columns[number]} {values[number][0]}" for number in constant)
+    kept = [number for number in range(len(columns)) if number not in constant]
+    table = as_table(
+        [columns[number] for number in kept], [[row[number] for number in kept] for row in rows]
+    )
+    return f"In all rows: {common}.\n\n{table}" if rows and common else table
+
+
 def trained(results: Results) -> str:
     """Return the table of the policies of figure 4: all four algorithms, by the letter, as they work, and tuned."""
     found = [
@@ -346,7 +359,7 @@ def trained(results: Results) -> str:
         for variant in TITLES
         for each in of_figure_4(results, name, variant)
     ]
-    return as_table(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
+    return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
 
 
 def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
@@ -365,7 +378,7 @@ def levels(results: Results) -> str:
     ]
     rule = {record.trial.level: f"{record.result['best_rule_steps']:.0f}" for record in found}
     rows = [[*cells_of(row), rule[row.level]] for row in rows_of(found)]
-    return as_table((*TABLE_COLUMNS, "steps of the better rule"), rows)
+    return without_constants((*TABLE_COLUMNS, "steps of the better rule"), rows)
 
 
 def aims(results: Results) -> str:
