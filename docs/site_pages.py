@@ -23,7 +23,7 @@ WIDE_PAGES = {"paper.md"}
 
 REFERENCE = (
     "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector", "marsexplorer.score",
-    "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.run",
+    "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.table",
 )  # fmt: skip
 """Modules whose docstrings make the reference."""
 

@@ -26,7 +26,7 @@ from app.statistics.study_figures import primary_set
 from app.storage.reader import Reader
 from app.study.data import StudyData
 from marsexplorer.evaluation.regret import RegretEstimator
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]
 """Opens a progress bar of a name."""

@@ -22,7 +22,7 @@ from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 from marsexplorer.policies import load
 
 EXACT = 0.995

@@ -25,7 +25,7 @@ from marsexplorer.episode import Record
 from marsexplorer.evaluation.episodes import play_terrain
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import MAX_CELLS, EpisodeRegret, RegretEstimator
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 from marsexplorer.policies import load
 
 POLICY = REGRET_POLICY

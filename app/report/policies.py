@@ -12,7 +12,7 @@ from app.statistics.summaries import coverage_curve, summary_of, visit_counts
 from app.study.policy_episodes import PolicyEpisode, play_policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import Floats
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 
 
 @dataclass(frozen=True)

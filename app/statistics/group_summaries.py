@@ -11,7 +11,7 @@ from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.episode import replay
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 
 
 def summarize_groups(

@@ -5,8 +5,13 @@ and `plots` the figures.
 """
 
 from marsexplorer.evaluation.episodes import EpisodeTrace, Result, horizon
-from marsexplorer.evaluation.run import evaluate
-from marsexplorer.evaluation.table import RULES, Comparison, EvaluationRow, EvaluationTable
+from marsexplorer.evaluation.table import (
+    RULES,
+    Comparison,
+    EvaluationRow,
+    EvaluationTable,
+    evaluate,
+)
 
 __all__ = [
     "RULES",

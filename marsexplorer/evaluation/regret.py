@@ -26,10 +26,15 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
-from marsexplorer.evaluation.branches import concatenate, play_branches
 from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_blocked, moved
 from marsexplorer.evaluation.missed import Missed, find_missed
-from marsexplorer.evaluation.rollouts import ActionScorer, GreedyRollouts, Snapshot
+from marsexplorer.evaluation.rollouts import (
+    ActionScorer,
+    GreedyRollouts,
+    Snapshot,
+    concatenate,
+    play_branches,
+)
 from marsexplorer.files import write_whole
 from marsexplorer.policies.base import check_extra
 from marsexplorer.policies.loading import find_file

@@ -33,8 +33,15 @@ from torch import Tensor
 from torch.nn import functional
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.branches import MIN_RUNNING_SHARE, concatenate, play_branches
-from marsexplorer.evaluation.rollouts import ActionScorer, Decisions, GreedyRollouts, Snapshot
+from marsexplorer.evaluation.rollouts import (
+    MIN_RUNNING_SHARE,
+    ActionScorer,
+    Decisions,
+    GreedyRollouts,
+    Snapshot,
+    concatenate,
+    play_branches,
+)
 from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.model import Net
 from marsexplorer.training.envs import refuse_evaluation_seeds

@@ -10,7 +10,7 @@ import click
 
 from app.cli.console import progress as progress_bar
 from app.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell, ScorePopulation
-from marsexplorer.evaluation.run import Progress
+from marsexplorer.evaluation.table import Progress
 from research.coverage.measure import (
     PAIRED_ICCS,
     measure_cell,

@@ -12,7 +12,7 @@ import click
 
 from app.cli.console import PATH, configs_of, levels_option, reason, seed_option, sizes_option
 from app.cli.training.cards import commit, hardware, measure_policy
-from app.cli.training.refining import RefineOutput, refine_policy
+from app.cli.training.refine import RefineOutput, refine_policy
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
