@@ -23,7 +23,7 @@ from tests.app.protection.test_limits import masked, why_closed
 from tests.support.others import misbehaving
 from tests.support.servers import eventually
 
-MOST_GROWTH_MB = 200
+MOST_GROWTH_MB = 100
 """How much more memory a server may come to while it is flooded; it has some 400 MB at the start."""
 
 MISBEHAVING = """
@@ -216,3 +216,23 @@ def test_a_websocket_that_is_refused_is_told_why_and_closed(serve):
     assert head.startswith(b"HTTP/1.1 503 ")
     assert b"retry-after: 30" in head.lower()
     assert json.loads(body)["detail"].startswith("too many sockets are open")
+
+
+def ping_until_closed(connection, seconds):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        connection.sendall(masked(9, bytes(125)) * 500)
+
+
+def test_a_client_that_pings_and_takes_no_answers_is_disconnected(serve, monkeypatch):
+    """Uvicorn writes an answer to each; they would wait in memory until the system gives up."""
+    monkeypatch.setattr("app.web.listening.MOST_UNREAD_BYTES", 2**19)
+    server = serve()
+    session = server.client().post("/api/sessions", json={"size": 9}).json()["session"]
+    with socket.socket() as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.settimeout(15)
+        deaf.connect(("127.0.0.1", server.port))
+        deaf.sendall(HANDSHAKE.replace(b"sessions/x", f"sessions/{session}".encode()) + b"\r\n")
+        with pytest.raises(ConnectionError):
+            ping_until_closed(deaf, 15)
