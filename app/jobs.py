@@ -379,7 +379,8 @@ class _Process:
 
 
 class _Cluster:
-    """A connection to a Ray cluster, on which each thread of the runner has one job at a time; one that exists is used and kept.
+    """A connection to a Ray cluster, on which each thread of the runner has one job at a time; one that exists is used and
+    kept.
 
     Nothing but the arguments of a job travels: bytes among them, such as policies' files, are sent to the cluster once.
     """

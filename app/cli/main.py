@@ -46,8 +46,8 @@ COMMANDS = {
     "restore": "Put a backup in the place of the database.",
     "operator": "Let operators log in at /admin by name.",
 }
-"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module; `import`, which
-Python keeps for itself, is `import_release`."""
+"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module; `import`,
+which Python keeps for itself, is `import_release`."""
 
 _MODULES = {
     "export": "database",

@@ -1,20 +1,22 @@
 """The database as a file among files: who holds it, whether it still stands where it was opened, and what it held last.
 
-**Who has it open.** SQLite locks a file with POSIX locks, and a process that closes any handle on the file loses all of them. So
-a file that is in use here is not opened and closed by anything else, and a handle of our own is closed when SQLite has none left.
+**Who has it open.** SQLite locks a file with POSIX locks, and a process that closes any handle on the file loses all of them.
+So a file that is in use here is not opened and closed by anything else, and a handle of our own is closed when SQLite has none
+left.
 
-**Where it stands.** A file that is deleted, moved or replaced while SQLite has it open still takes every write: into nothing that
-anybody will read again. SQLite does not notice; a look at device and inode does, without opening anything.
+**Where it stands.** A file that is deleted, moved or replaced while SQLite has it open still takes every write: into nothing
+that anybody will read again. SQLite does not notice; a look at device and inode does, without opening anything.
 
-**Who may serve it.** Two locks of the operating system keep two servers from one database, by whatever name they know it; they are
-gone when the process is, however that ends. One is on the file NAME-lock beside the database, which can be taken before there is a
-database. On Linux the other one is on the database itself, so that a second server is refused through a symbolic link, through a
-hard link, and after NAME-lock was deleted. Linux keeps such locks (flock) apart from those of SQLite (POSIX); other systems do not,
-and have the first lock alone.
+**Who may serve it.** Two locks of the operating system keep two servers from one database, by whatever name they know it; they
+are gone when the process is, however that ends. One is on the file NAME-lock beside the database, which can be taken before
+there is a database. On Linux the other one is on the database itself, so that a second server is refused through a symbolic
+link, through a hard link, and after NAME-lock was deleted. Linux keeps such locks (flock) apart from those of SQLite (POSIX);
+other systems do not, and have the first lock alone.
 
-**What it held last.** A server that is killed leaves its newest steps in the write-ahead log. If that log is gone at the next start,
-the database is whole and simply older, and SQLite cannot tell; a note of the last step in the lock file can. It is written after
-each step into the page cache, which a kill does not take away, and stands as long as a server has not ended by itself.
+**What it held last.** A server that is killed leaves its newest steps in the write-ahead log. If that log is gone at the next
+start, the database is whole and simply older, and SQLite cannot tell; a note of the last step in the lock file can. It is
+written after each step into the page cache, which a kill does not take away, and stands as long as a server has not ended by
+itself.
 """
 
 from __future__ import annotations

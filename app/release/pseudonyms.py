@@ -36,7 +36,10 @@ _PEOPLE = (
     "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
 )
 _OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
-_EPISODE_IDS = f"SELECT episode_id FROM study_episodes WHERE {_OF} AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+_EPISODE_IDS = (
+    f"SELECT episode_id FROM study_episodes WHERE {_OF}"
+    " AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
+)
 _SELECTS = {
     "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
     "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",

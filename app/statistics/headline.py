@@ -2,8 +2,8 @@
 
 A failure is a ranked episode that ends short of 99 %: it costs far more than players differ otherwise. Where nearly all
 failures are a few players', the sample's spread depends on how many of these players it happens to hold, and every interval
-made from that spread misses too often. The rule, fixed before any data, then makes the guaranteed interval the headline. It looks
-at the failures alone, never at the figure. No rule can see a kind of player who is not in the sample: `research.coverage`
+made from that spread misses too often. The rule, fixed before any data, then makes the guaranteed interval the headline. It
+looks at the failures alone, never at the figure. No rule can see a kind of player who is not in the sample: `research.coverage`
 measures how often the headline misses (docs/report.md).
 """
 

@@ -2,7 +2,8 @@
 
 A player's mean over m ranked episodes has the variance player_sd^2 + episode_sd^2 / m, so more episodes cannot make up for few
 players. The t interval's half-width is itself random; `expected` is its mean for normal player means, `assured` is not exceeded
-in the share of studies asked for. Skewed scores widen the printed interval beyond t (research/coverage/README.md: column "width / t").
+in the share of studies asked for. Skewed scores widen the printed interval beyond t (research/coverage/README.md: column "width
+/ t").
 """
 
 from __future__ import annotations

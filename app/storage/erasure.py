@@ -1,8 +1,8 @@
 """A participant erased for good: nothing of theirs remains in the database or in its log.
 
 What is kept are hashes of the person and of the erased trajectories, so that a merge or an import cannot bring them back: the
-table `forgotten` holds an episode's trajectory at its time, `forgotten_people` a participant's id and, under any pseudonym, the time
-when they came. Kept, too, are their entries in the chain, which nobody can read any longer: the salts are deleted.
+table `forgotten` holds an episode's trajectory at its time, `forgotten_people` a participant's id and, under any pseudonym, the
+time when they came. Kept, too, are their entries in the chain, which nobody can read any longer: the salts are deleted.
 """
 
 from __future__ import annotations

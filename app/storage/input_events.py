@@ -47,8 +47,8 @@ def add_input_events(
 ) -> bool:
     """Keep a batch of input events of an episode once, however often it comes; return False when there are too many.
 
-    `batch` is its id, which its page drew. A batch that was being sent when the connection broke can arrive after its repetition
-    and after later batches.
+    `batch` is its id, which its page drew. A batch that was being sent when the connection broke can arrive after its
+    repetition and after later batches.
 
     An episode keeps at most MAX_EVENTS_PER_EPISODE; of a batch that goes beyond it nothing is kept. What comes after the end
     of the episode is stored with a later time than the end, so that the rows say what was there when it ended.

@@ -1,8 +1,8 @@
 """The named operators of a database, and the log of what they did.
 
-Operators are added on the command line and checked by the server at the login. A password is stored as an argon2id hash. The log
-has a row for each action that changes something or takes a file, written before the action begins; no address and no identity
-of anybody else is in it.
+Operators are added on the command line and checked by the server at the login. A password is stored as an argon2id hash. The
+log has a row for each action that changes something or takes a file, written before the action begins; no address and no
+identity of anybody else is in it.
 """
 
 from __future__ import annotations

@@ -187,7 +187,8 @@ _RESULTS = """SELECT a.episode_id, a.player_id, e.outcome, e.steps, e.discovered
     WHERE a.commitment = ?1 AND e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0
     AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
 _CAUSES = """SELECT a.episode_id, a.day, a.player_id, a.commitment, t.day AS terrain_day, t.key, t.config AS terrain_config,
-    e.seed, e.config, e.seed_chosen, e.assisted, e.started_ms, s.owner_id FROM daily_attempts a JOIN daily_terrains t ON t.commitment = a.commitment JOIN episodes e ON e.id = a.episode_id
+    e.seed, e.config, e.seed_chosen, e.assisted, e.started_ms, s.owner_id FROM daily_attempts a
+    JOIN daily_terrains t ON t.commitment = a.commitment JOIN episodes e ON e.id = a.episode_id
     JOIN sessions s ON s.id = e.session_id ORDER BY a.day, a.episode_id"""
 
 

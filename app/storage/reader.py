@@ -129,7 +129,10 @@ class Reader:
 
     def played_by(self, player: str) -> list[dict[str, Any]]:
         """Return the finished episodes that a player drove, newest first, for their own page; no seed among the columns."""
-        columns = "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, ended_ms, "
+        columns = (
+            "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, "
+            "ended_ms, "
+        )
         columns += "attestation_reason, seed_chosen, assisted, terrain_met_before"
         sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
         return list(self._db.query(sql, [player]))

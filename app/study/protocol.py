@@ -217,7 +217,8 @@ def assumed_sds(config: EnvConfig) -> tuple[float, float]:
     """Return the standard deviations (players, episodes) of steps to 99 % that a new study assumes, for its number of cells.
 
     They are no measurement of people, of whom none has played yet: synthetic players of the population `mixed`
-    (`research.methods.simulated_players`) give them on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by cells.
+    (`research.methods.simulated_players`) give them on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by
+    cells.
     """
     scale = config.n / 441
     return round(ASSUMED_PLAYER_SD * scale, 1), round(ASSUMED_EPISODE_SD * scale, 1)

@@ -33,7 +33,10 @@ PLACEHOLDERS = {
 }
 """What a text may name in braces, and what it stands for. `{{` and `}}` are braces themselves."""
 
-_SMALL = "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen nineteen"
+_SMALL = (
+    "two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen eighteen "
+    "nineteen"
+)
 _TENS = "twenty thirty forty fifty sixty seventy eighty ninety"
 _WORDS = "|".join(
     (

@@ -1,4 +1,6 @@
-"""How often the label `no effort` is given to random movers and to people who slip: `python -m research.methods.effort_rates`."""
+"""How often the label `no effort` is given to random movers and to people who slip:
+`python -m research.methods.effort_rates`.
+"""
 
 from __future__ import annotations
 

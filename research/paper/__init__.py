@@ -1,1 +1,3 @@
-"""The paper's experiments, measured again: its four algorithms, its figures, its claims (Koutras et al. 2021, sections 3 to 5)."""
+"""The paper's experiments, measured again: its four algorithms, its figures, its claims (Koutras et al. 2021, sections 3 to
+5).
+"""

@@ -290,10 +290,12 @@ def _show_trials(
     for row in rows:
         table.add_row(*cells_of(row))
     Console(width=140).print(table)
-    if figure == "4":
-        pictures = figure4.draw(own, folder, human)
-    else:
-        pictures = figure5.draw(own, figure5.read_difficulty(source), folder)
+    difficulty = None if figure == "4" else figure5.read_difficulty(source)
+    pictures = (
+        figure4.draw(own, folder, human)
+        if difficulty is None
+        else figure5.draw(own, difficulty, folder)
+    )
     for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
         click.echo(path)
     if figure == "4" and human is None:

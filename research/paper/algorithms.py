@@ -35,7 +35,9 @@ class Trainer(Protocol):
         """Play and learn for one round, at most some seconds; return its numbers by name (entropy, losses, ...)."""
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
-        """Write the policy as it is now, an ONNX file with a card; `marsexplorer.policies.load` plays it without the training library."""
+        """Write the policy as it is now, an ONNX file with a card; `marsexplorer.policies.load` plays it without the training
+        library.
+        """
 
 
 def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:

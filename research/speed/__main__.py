@@ -1,4 +1,6 @@
-"""The command `python -m research.speed`: measure how fast the environment is on this machine, and others that are installed."""
+"""The command `python -m research.speed`: measure how fast the environment is on this machine, and others that are
+installed.
+"""
 
 from __future__ import annotations
 

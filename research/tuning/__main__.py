@@ -1,4 +1,6 @@
-"""The command `python -m research.tuning`: the parameters of frontier-priced by CMA-ES, and what each of its terms is good for."""
+"""The command `python -m research.tuning`: the parameters of frontier-priced by CMA-ES, and what each of its terms is good
+for.
+"""
 
 from __future__ import annotations
 
@@ -95,8 +97,9 @@ def tune(
 
     A point is as good as its moves to 99 % divided by those of the first parameters on the same terrains, in the mean over
     levels and sizes. Every generation has new terrains, of seeds from 3,000,000,000 on, which evaluation never uses. After each
-    one --out gets the parameters (parameters.json, the mean of the search), so Ctrl-C loses only the generation under way. At the end both sets of parameters play further terrains. The default run takes about 15 minutes of one
-    core; all cores are used.
+    one --out gets the parameters (parameters.json, the mean of the search), so Ctrl-C loses only the generation under way. At
+    the end both sets of parameters play further terrains. The default run takes about 15 minutes of one core; all cores are
+    used.
 
     \b
     Examples:

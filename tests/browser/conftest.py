@@ -14,7 +14,10 @@ def pytest_collection_modifyitems(items):
         if "browser" in Path(item.fspath).parts:
             item.add_marker(pytest.mark.browser)
             if chromium_path() is None:
-                why = "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser tests"
+                why = (
+                    "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser "
+                    "tests"
+                )
                 item.add_marker(pytest.mark.skip(reason=why))
 
 

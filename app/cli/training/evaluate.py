@@ -108,8 +108,8 @@ def evaluate(
     """Play policies on the same terrains and print steps to 99 %, completion, coverage and score.
 
     The two frontier rules are always evaluated too. `to rule` is the ratio of the mean steps to those of the better rule.
-    Episodes are played on all cores; the table is the same for any number of them. The score hardly differs between good policies: ten steps change it by 0.004.
-    docs/evaluation.md defines every figure.
+    Episodes are played on all cores; the table is the same for any number of them. The score hardly differs between good
+    policies: ten steps change it by 0.004. docs/evaluation.md defines every figure.
 
     With --map each policy plays one episode on each map, from the free cell nearest to the origin. What can be discovered from
     there counts, and there are no intervals.

@@ -189,7 +189,10 @@ def table_1() -> Finding:
     """Grid 21x21, radius 6, done at 99 %."""
     config = EnvConfig()
     holds = (config.rows, config.cols, config.sensor_radius, config.beta) == (21, 21, 6, 0.99)
-    measured = f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} ({config.target} cells)"
+    measured = (
+        f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%}"
+    )
+    measured += f" ({config.target} cells)"
     return Finding(
         holds, f"{measured}; cut off after {config.limit} moves, of which the paper says nothing"
     )
@@ -245,7 +248,10 @@ def topology() -> Finding:
         f"{t}-1-1": (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20)) for t in (1, 2, 3)
     }
     text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in found.items())
-    measured = f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block rows "
+    measured = (
+        f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block "
+        "rows "
+    )
     return Finding(found == wanted, f"{measured}{text} ({TERRAINS:,} terrains each)")
 
 

@@ -1,4 +1,6 @@
-"""A2C, Rainbow and discrete SAC through tianshou: the same training gives the same weights, and does what their settings say."""
+"""A2C, Rainbow and discrete SAC through tianshou: the same training gives the same weights, and does what their settings
+say.
+"""
 
 import json
 import subprocess

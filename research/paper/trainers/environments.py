@@ -1,4 +1,5 @@
-"""The training environments as tianshou's algorithms need them: rewards of the variant, observations as bytes, what follows a move.
+"""The training environments as tianshou's algorithms need them: rewards of the variant, observations as bytes, what follows a
+move.
 
 Environments reset themselves, so what follows the last move of an episode is not what they show next. Where an episode was
 truncated the last observation of it is returned: a time limit is no terminal state, and its value counts. Where it terminated

@@ -1,4 +1,6 @@
-"""Synthetic participants go through whole studies, survive kills and leave, and nothing of them enters a figure about people."""
+"""Synthetic participants go through whole studies, survive kills and leave, and nothing of them enters a figure about
+people.
+"""
 
 import sqlite3
 import threading

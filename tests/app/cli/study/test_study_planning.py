@@ -119,7 +119,8 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     text = (tmp_path / "mine.md").read_text()
     for said in (
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
-        "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method", "rows of a balanced Latin square",
+        "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method",
+        "rows of a balanced Latin square",
         "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
     ):  # fmt: skip
         assert said in text, said

@@ -1,4 +1,6 @@
-"""Sweeps: each run gives what training gives with the same seed, a failure stays alone; on Ray the same, and policy files travel."""
+"""Sweeps: each run gives what training gives with the same seed, a failure stays alone; on Ray the same, and policy files
+travel.
+"""
 
 import importlib.util
 from dataclasses import replace
