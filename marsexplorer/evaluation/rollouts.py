@@ -1,8 +1,8 @@
 """Worlds played together and greedily by a network, as its policy plays: with the loop guard, from the observation alone.
 
 Worlds can be copied with all that is remembered of them and put back, also among other worlds, so an episode can be continued
-from any of its steps more than once: branches from many steps of many episodes are played together, so that the network is asked
-for all of them at once.
+from any of its steps more than once: branches from many steps of many episodes are played together, so that the network is
+asked for all of them at once.
 """
 
 from __future__ import annotations
