@@ -16,7 +16,6 @@ import click
 from app.cli.console import PATH, pins_file, print_table, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.storage.export import ExportFormat
     from app.storage.reader import Who
     from app.study.verification import Verification
 
@@ -41,20 +40,15 @@ def _errors(what: str = "cannot read the database") -> Iterator[None]:
         raise click.ClickException(f"{what}: {reason(error)}") from error
 
 
-@click.command(short_help="Write what was played as CSV or JSON Lines.")
+@click.command(short_help="Write what was played as CSV.")
 @click.option(
     "--database", type=PATH, help="The database to read; a running server may go on writing."
 )
 @click.option(
-    "--format",
-    "fmt",
-    type=click.Choice(["csv", "jsonl"]),
-    default="csv",
-    show_default=True,
-    help="CSV or JSON Lines.",
-)
-@click.option(
-    "--out", type=PATH, required=True, help="Folder for episodes.* and steps.*; made when absent."
+    "--out",
+    type=PATH,
+    required=True,
+    help="Folder for episodes.csv and steps.csv; made when absent.",
 )
 @click.option(
     "--who",
@@ -63,7 +57,7 @@ def _errors(what: str = "cannot read the database") -> Iterator[None]:
     show_default=True,
     help="human: the counted ones.",
 )
-def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> None:
+def export(database: Path | None, out: Path, who: Who) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
     Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
@@ -73,13 +67,13 @@ def export(database: Path | None, fmt: ExportFormat, out: Path, who: Who) -> Non
     \b
     Examples:
       marsexplorer export --out results
-      marsexplorer export --database lab.db --format jsonl --out results --who human
+      marsexplorer export --database lab.db --out results --who human
     """
     from app.storage.export import export_to
 
     path = database or settings_of().database
     with _errors(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
-        summary = export_to(path, out, fmt, who, advance)
+        summary = export_to(path, out, who, advance)
     click.echo(summary)
 
 

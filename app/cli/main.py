@@ -24,7 +24,7 @@ except ModuleNotFoundError as error:  # the environment can be installed without
 
 COMMANDS = {
     "serve": "Play and watch in a browser; every move is recorded.",
-    "export": "Write the recorded episodes as CSV or JSON Lines.",
+    "export": "Write the recorded episodes as CSV.",
     "replay": "Write an episode as a page in one file, a GIF or an MP4.",
     "evaluate": "Score policies on the same terrains.",
     "leaderboard": "Make the leaderboard's figures of the shipped policies.",

@@ -1,13 +1,6 @@
-"""Policy likeness: how often each player's moves are those of a policy, compared with how often the other players' are.
+"""How much each player moves like each policy: the share of ranked moves that the policy would have made too.
 
-A player who follows a program makes its moves nearly always, while people differ from it, and from one another, in many. For
-each player and policy the agreement is the share of ranked moves that the policy, shown what the rover saw, would have made
-too. Over FEWEST_MOVES or more, it stands out when it is at least EXACT, or when its logit lies THRESHOLD robust deviations
-above the median of the other players' (1.4826 x their median absolute deviation, at least LEAST_DEVIATION), of whom there are
-FEWEST_OTHERS or more.
-
-That is a caution for the researcher and never an exclusion. A program that slips often enough does not stand out, and a person
-who plays like a rule may.
+The policy is shown what the rover saw before each move. The share is a description, and leaves nobody out.
 """
 
 from __future__ import annotations
@@ -25,14 +18,6 @@ from marsexplorer.evaluation.agreement import Agreement, agreement_with
 from marsexplorer.evaluation.table import Progress
 from marsexplorer.policies import load
 
-EXACT = 0.995
-"""Nobody agrees with a program in so many of hundreds of moves by chance."""
-FEWEST_MOVES = 200
-"""Fewer moves than these never stand out."""
-THRESHOLD = 8.0
-LEAST_DEVIATION = 0.3
-"""In logits: players who hardly differ are not told apart by less."""
-FEWEST_OTHERS = 7
 SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
 NO_PLAN = "random"
 """The policy whose moves are drawn: agreement with it says nothing."""
@@ -45,23 +30,12 @@ EpisodeAgreements = Mapping[tuple[str, str], Agreement]
 
 @dataclass(frozen=True)
 class Likeness:
-    """One player's agreement with one policy.
-
-    share      of the moves that agree, 0..1
-    deviation  robust deviations above the other players' median; None below FEWEST_OTHERS of them
-    """
+    """One player's agreement with one policy: share of their moves, 0..1."""
 
     participant: str
     policy: str
     moves: int
     share: float
-    deviation: float | None
-
-    @property
-    def stands_out(self) -> bool:
-        """Whether the agreement is what a program's would be."""
-        is_far = self.deviation is not None and self.deviation >= THRESHOLD
-        return self.moves >= FEWEST_MOVES and (self.share >= EXACT or is_far)
 
 
 def episode_agreements(
@@ -147,18 +121,12 @@ def human_likeness(
 
 def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
     """Return every player's likeness to every policy, in the order given; players without a move are left out."""
-    found = []
-    for player, own in agreements.items():
-        for policy, agreement in own.items():
-            if agreement.moves:
-                others = [
-                    each[policy]
-                    for name, each in agreements.items()
-                    if name != player and each[policy].moves
-                ]
-                deviation = _deviation(agreement, others)
-                found.append(Likeness(player, policy, agreement.moves, agreement.share, deviation))
-    return tuple(found)
+    return tuple(
+        Likeness(player, policy, agreement.moves, agreement.share)
+        for player, own in agreements.items()
+        for policy, agreement in own.items()
+        if agreement.moves
+    )
 
 
 def mean_agreement(agreements: PlayerAgreements, policy: str) -> float | None:
@@ -167,17 +135,3 @@ def mean_agreement(agreements: PlayerAgreements, policy: str) -> float | None:
         own[policy].share for own in agreements.values() if policy in own and own[policy].moves
     ]
     return float(np.mean(shares)) if shares else None
-
-
-def _deviation(agreement: Agreement, others: Sequence[Agreement]) -> float | None:
-    if len(others) < FEWEST_OTHERS:
-        return None
-    logits = np.array([_logit(each) for each in others])
-    median = float(np.median(logits))
-    spread = 1.4826 * float(np.median(np.abs(logits - median)))
-    return (_logit(agreement) - median) / max(spread, LEAST_DEVIATION)
-
-
-def _logit(agreement: Agreement) -> float:
-    """Return the logit of the share, half a move added to either side so that it is finite."""
-    return float(np.log((agreement.agreed + 0.5) / (agreement.moves - agreement.agreed + 0.5)))

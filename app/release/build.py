@@ -19,15 +19,14 @@ from app.release import signing
 from app.release.arrivals import count_arrivals
 from app.release.croissant import write_croissant
 from app.release.derived import write_derived
-from app.release.descriptions import write_descriptions
-from app.release.documents import citation, licence_title, licence_url, write_documents
+from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_pseudonymized
 from app.release.queries import QUERIES
-from app.release.tables import JsonLines, released_episodes, write_tables
+from app.release.tables import released_episodes, write_tables
 from app.storage import chain
 from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release
@@ -253,18 +252,16 @@ def _write_files(
     )
     outcomes: dict[str, int] = {}
     with reading(folder / BUNDLE_DATABASE) as conn:
-        with JsonLines(folder / "episodes.jsonl") as lines:
-            for done, each in enumerate(released_episodes(conn), 1):
-                lines.add({**each.header, "actions": each.actions})
-                minari(each)
-                outcome = each.header["outcome"]
-                outcomes[outcome] = outcomes.get(outcome, 0) + 1
-                advance(done)
+        for done, each in enumerate(released_episodes(conn), 1):
+            minari(each)
+            outcome = each.header["outcome"]
+            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+            advance(done)
         counts = {
             table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
             for table in COUNTED_TABLES
         }
-        written = {**write_tables(folder, header.study, conn), "episodes.jsonl": counts["episodes"]}
+        written = write_tables(folder, conn)
         people = _counted_people(conn)
     minari.close()
     header = replace(header, rows=counts, outcomes=outcomes, **people)
@@ -275,9 +272,6 @@ def _write_files(
     write_documents(folder, header, named, minari.without_moves)
     licence = header.protocol.data_licence
     write_croissant(folder, header, citation(header), licence_url(licence))
-    write_descriptions(
-        folder, header, citation(header), (licence_title(licence), licence_url(licence))
-    )
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
 

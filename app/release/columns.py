@@ -1,4 +1,4 @@
-"""The columns of a release's tables, from which Parquet types, JSON Schema, Croissant fields and the dictionary are made."""
+"""The columns of a release's tables, from which Parquet types, Croissant fields and the dictionary are made."""
 
 from __future__ import annotations
 
@@ -244,9 +244,6 @@ FOREIGN_KEYS: dict[str, dict[str, str]] = {
 }
 """Table -> column -> the table whose column of that name, its primary key, holds the same values."""
 
-JSON_TYPES = {"text": "string", "integer": "integer", "real": "number", "boolean": "boolean"}
-"""Type of a column -> that of JSON Schema, and of Table Schema."""
-
 
 def dictionary() -> dict[str, Any]:
     """Return the column dictionary, JSON-ready: table -> its columns with type, meaning, optional."""
@@ -264,29 +261,6 @@ def dictionary() -> dict[str, Any]:
             ],
         }
         for table, columns in BUNDLE_COLUMNS.items()
-    }
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of one line of episodes.jsonl: the columns of an episode, and its actions."""
-    properties: dict[str, Any] = {}
-    for column in EPISODE_TABLE:
-        types: Any = (
-            [JSON_TYPES[column.type], "null"] if column.optional else JSON_TYPES[column.type]
-        )
-        properties[column.name] = {"type": types, "description": column.meaning}
-    actions = {
-        "type": "array",
-        "items": {"enum": ["north", "east", "south", "west"]},
-        "description": "the moves, in order",
-    }
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "One episode of a MarsExplorer study",
-        "type": "object",
-        "properties": {**properties, "actions": actions},
-        "required": [*properties, "actions"],
-        "additionalProperties": False,
     }
 
 

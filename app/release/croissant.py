@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS, SUMMARIES, Column
-from app.release.descriptions import KEYWORDS
 from app.release.errors import ReleaseError, library
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import sha256
@@ -22,8 +21,7 @@ from app.release.tables import PARQUET
 
 ENCODING_FORMATS = {
     **{f"parquet/{table}.parquet": "application/x-parquet" for table in PARQUET},
-    "episodes.jsonl": "application/jsonlines",
-    "scores.csv": "text/csv",
+    "csv/scores.csv": "text/csv",
     BUNDLE_DATABASE: "application/vnd.sqlite3",
 }
 """File -> its media type."""
@@ -56,13 +54,13 @@ def croissant(
             creators=[
                 mlc.Organization(ctx=build.context, name=author) for author in header.authors
             ],
-            keywords=list(KEYWORDS),
+            keywords=["reinforcement learning", "human baseline", "exploration", "MarsExplorer"],
             distribution=[
                 build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()
             ],
             record_sets=[
                 *(build.record_set(name, f"parquet/{name}.parquet") for name in PARQUET),
-                build.record_set("scores", "scores.csv"),
+                build.record_set("scores", "csv/scores.csv"),
             ],
         )
         found: dict[str, Any] = metadata.to_json()

@@ -1,4 +1,4 @@
-"""The documents of a release: datasheet, citation, licence, protocol, schema and column dictionary.
+"""The documents of a release: datasheet, citation, licence, protocol and column dictionary.
 
 The first three come from the templates in `templates/`. They are Markdown, YAML and plain text, so nothing is escaped as
 HTML; strings in the YAML are quoted as JSON. The datasheet follows Gebru et al. (2021), "Datasheets for Datasets".
@@ -14,7 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.release.columns import SUMMARIES, dictionary, json_schema, markdown
+from app.release.columns import SUMMARIES, dictionary, markdown
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.study.protocol import canonical
 
@@ -67,9 +67,7 @@ def write_documents(
     minari         episodes by Minari dataset id
     without_moves  episodes that Minari cannot hold
     """
-    (folder / "schema").mkdir()
-    _write_json(folder / "schema/columns.json", dictionary())
-    _write_json(folder / "schema/episode.schema.json", json_schema())
+    _write_json(folder / "columns.json", dictionary())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
     for name, text in documents(
         header, minari, without_moves, (folder / "report.json").exists()

@@ -1,9 +1,8 @@
-"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet, CSV and JSON Lines."""
+"""The tables of a release, written from its own database by the queries of `queries.sql`: Parquet and CSV."""
 
 from __future__ import annotations
 
 import csv
-import json
 import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +16,6 @@ from app.release.errors import library
 from app.release.queries import select
 from app.storage.database import rows
 from app.storage.reader import record_of
-from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode, replay
 from marsexplorer.files import to_cell
 
@@ -34,12 +32,7 @@ PARQUET = (
     "move_regrets",
     "move_agreements",
 )
-"""The tables that are Parquet files, and CSV files below `data`."""
-
-
-def data_file(study: str, table: str) -> str:
-    """Return the path of a table's CSV file in the bundle, named as Psych-DS wants it: letters and digits after each dash."""
-    return f"data/study-{study.replace('-', '')}_description-{table.replace('_', '')}_data.csv"
+"""The tables that are Parquet files; every table is a CSV file."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +41,6 @@ class ReleasedEpisode:
 
     header: TableRow
     episode: Episode
-
-    @property
-    def actions(self) -> list[str]:
-        """The moves in words."""
-        return [ACTIONS[action] for action in self.episode.actions]
 
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
@@ -65,25 +53,22 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[ReleasedEpisode]:
         yield ReleasedEpisode(header, replay(record_of(row, steps)))
 
 
-def write_tables(folder: Path, study: str, conn: sqlite3.Connection) -> dict[str, int]:
-    """Write every table of a release but `episodes.jsonl`, whose lines hold the moves; return the rows by file."""
+def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:
+    """Write every table of a release, as CSV and all but `scores` as Parquet; return the rows by file."""
     (folder / "parquet").mkdir()
-    (folder / "data").mkdir()
-    names = {table: (f"parquet/{table}.parquet", data_file(study, table)) for table in PARQUET}
-    files = {**names, "scores": ("scores.csv",)}
-    files["participants"] += ("participants.csv", "participants.jsonl")
-    return {
-        name: count
-        for table, names in files.items()
-        for name, count in _write_table(folder, conn, table, names).items()
-    }
+    (folder / "csv").mkdir()
+    found: dict[str, int] = {}
+    for table in BUNDLE_COLUMNS:
+        names = [f"csv/{table}.csv", *([f"parquet/{table}.parquet"] if table in PARQUET else [])]
+        found |= _write_table(folder, conn, table, names)
+    return found
 
 
 def _write_table(
     folder: Path, conn: sqlite3.Connection, table: str, names: Iterable[str]
 ) -> dict[str, int]:
     kinds: dict[str, Callable[[Path, tuple[Column, ...]], TableFile]]
-    kinds = {".parquet": ParquetTable, ".csv": CsvTable, ".jsonl": JsonLines}
+    kinds = {".parquet": ParquetTable, ".csv": CsvTable}
     count = 0
     with ExitStack() as stack:
         opened = (kinds[Path(name).suffix](folder / name, BUNDLE_COLUMNS[table]) for name in names)
@@ -135,22 +120,6 @@ class CsvTable(TableFile):
                 for name, value in row.items()
             }
         )
-
-
-class JsonLines(TableFile):
-    """A file of JSON objects, one a line."""
-
-    def __init__(self, path: Path, columns: tuple[Column, ...] = ()) -> None:
-        del columns
-        self._file = path.open("w", encoding="utf-8")
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def add(self, row: TableRow) -> None:
-        """Write a line."""
-        self._file.write(json.dumps(row, ensure_ascii=False) + "\n")
 
 
 class ParquetTable(TableFile):

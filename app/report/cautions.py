@@ -50,18 +50,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         effect = max(variance.design_effect for variance in variances)
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
-    found += _about_likeness(group)
     return tuple(found)
-
-
-def _about_likeness(group: GroupReport) -> Iterable[str]:
-    """Yield one sentence for each player whose moves are those of a policy as a program's would be."""
-    for each in group.moves.likeness:
-        if each.stands_out and group.kind == "human":
-            yield (
-                f"{each.participant} made {percent(each.share, 1)} of {each.moves} moves as the policy {each.policy} would "
-                "have: a program may have played. Nobody is left out for that alone."
-            )
 
 
 def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:

@@ -81,20 +81,16 @@ def _likeness(rows: tuple[Likeness, ...]) -> PageTable:
     policies = sorted({each.policy for each in rows})
     found = {(each.participant, each.policy): each for each in rows}
     players = sorted({each.participant for each in rows})
-    outstanding = {each.participant for each in rows if each.stands_out}
     cells = [
         (player, *(_share(found.get((player, policy))) for policy in policies))
         for player in players
     ]
     return PageTable(
-        caption="Share of each player\u2019s ranked moves that a policy would have made too; * stands out",
+        caption="Share of each player\u2019s ranked moves that a policy would have made too",
         heads=("player", *policies),
         rows=cells,
-        row_classes=["missing" if player in outstanding else "" for player in players],
     )
 
 
 def _share(likeness: Likeness | None) -> str:
-    if likeness is None:
-        return NONE
-    return percent(likeness.share, 1) + (" *" if likeness.stands_out else "")
+    return NONE if likeness is None else percent(likeness.share, 1)

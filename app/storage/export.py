@@ -1,4 +1,4 @@
-"""Finished episodes as CSV or JSON Lines, one row an episode or one row a step, each episode replayed before it is written.
+"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it is written.
 
 Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
 marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
@@ -10,7 +10,6 @@ import csv
 import hashlib
 import hmac
 import io
-import json
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -24,7 +23,6 @@ from marsexplorer.files import to_cell, write_whole
 from marsexplorer.score import steps_to_target
 
 ExportTable = Literal["episodes", "steps"]
-ExportFormat = Literal["csv", "jsonl"]
 
 EPISODE_COLUMNS = (
     "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
@@ -48,7 +46,6 @@ def new_key() -> bytes:
 def export_table(
     source: Reader | Path | str,
     table: ExportTable,
-    fmt: ExportFormat,
     who: Who = "all",
     key: bytes | None = None,
     public: bool = False,
@@ -61,41 +58,33 @@ def export_table(
     public   True leaves out the episodes of studies that are not closed
     at_ms    when the export is made (None: now): daily terrains whose day is not over are left out
     """
-    _check(table, fmt, who)
+    _check(table, who)
     at_ms = now_ms() if at_ms is None else at_ms
     reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
-    return _stream(reader, lambda: reader.finished(who), table, fmt, key or new_key())
+    return _stream(reader, lambda: reader.finished(who), table, key or new_key())
 
 
-def export_own(
-    database: Path, table: ExportTable, fmt: ExportFormat, player: str
-) -> Iterator[bytes]:
+def export_own(database: Path, table: ExportTable, player: str) -> Iterator[bytes]:
     """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
-    _check(table, fmt, "all")
+    _check(table, "all")
     reader = Reader.open(database, public=True)
-    return _stream(reader, lambda: reader.finished("all", player), table, fmt, new_key())
+    return _stream(reader, lambda: reader.finished("all", player), table, new_key())
 
 
-def write_table(
-    path: Path, database: Path, table: ExportTable, fmt: ExportFormat, who: Who, at_ms: int
-) -> None:
+def write_table(path: Path, database: Path, table: ExportTable, who: Who, at_ms: int) -> None:
     """Write what `export_table` yields of what anybody may see."""
     with path.open("wb") as file:
-        file.writelines(export_table(database, table, fmt, who, public=True, at_ms=at_ms))
+        file.writelines(export_table(database, table, who, public=True, at_ms=at_ms))
 
 
-def write_own_table(
-    path: Path, database: Path, table: ExportTable, fmt: ExportFormat, player: str
-) -> None:
+def write_own_table(path: Path, database: Path, table: ExportTable, player: str) -> None:
     """Write what `export_own` yields."""
     with path.open("wb") as file:
-        file.writelines(export_own(database, table, fmt, player))
+        file.writelines(export_own(database, table, player))
 
 
-def export_to(
-    database: Path, folder: Path, fmt: ExportFormat, who: Who, advance: Callable[[int, int], None]
-) -> str:
-    """Write `episodes.FMT` and `steps.FMT` in the folder, both whole or neither, and return a sentence on what was written.
+def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:
+    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a sentence on what was written.
 
     advance  called with (episodes written, of how many), both tables counted
     """
@@ -103,17 +92,17 @@ def export_to(
     total = 2 * reader.count(who)
     reader.close()
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{table}.{fmt}" for table in COLUMNS]
+    paths = [folder / f"{table}.csv" for table in COLUMNS]
     key, done, lines, unverified = new_key(), 0, [0, 0], 0
     with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
-            for piece in export_table(database, table, fmt, who, key):
+            for piece in export_table(database, table, who, key):
                 file.write(piece)
                 done += 1
                 lines[number] += piece.count(b"\n")
-                unverified += number == 0 and piece.endswith((b",false\n", b'"verified": false}\n'))
+                unverified += number == 0 and piece.endswith(b",false\n")
                 advance(min(done, total), total)
-    count, moves = (n - (fmt == "csv") for n in lines)
+    count, moves = (n - 1 for n in lines)
     warning = (
         f"; {unverified} of them did not replay as recorded: see the column verified"
         if unverified
@@ -126,11 +115,10 @@ def _counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
-def _check(table: str, fmt: str, who: str) -> None:
-    """Raise ValueError for what is no table, format or choice of episodes."""
+def _check(table: str, who: str) -> None:
+    """Raise ValueError for what is no table or choice of episodes."""
     for name, value, known in (
         ("table", table, tuple(COLUMNS)),
-        ("format", fmt, ("csv", "jsonl")),
         ("who", who, ("all", "human")),
     ):
         if value not in known:
@@ -141,17 +129,15 @@ def _stream(
     reader: Reader,
     wanted: Callable[[], Iterator[dict[str, Any]]],
     table: ExportTable,
-    fmt: ExportFormat,
     key: bytes,
 ) -> Iterator[bytes]:
     try:
-        if fmt == "csv":
-            yield (",".join(COLUMNS[table]) + "\n").encode()
+        yield (",".join(COLUMNS[table]) + "\n").encode()
         with reader.snapshot():
             for row in wanted():
                 found = _rows_of(row, reader.steps(row["id"]), table, key)
                 if found:
-                    yield _encoded(found, fmt)
+                    yield _encoded(found)
     finally:
         reader.close()
 
@@ -246,14 +232,9 @@ def _step_values(
     return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
 
 
-def _encoded(values: list[tuple[Any, ...]], fmt: ExportFormat) -> bytes:
+def _encoded(values: list[tuple[Any, ...]]) -> bytes:
     out = io.StringIO()
-    if fmt == "csv":
-        words = {True: "true", False: "false"}
-        plain = ([words[v] if isinstance(v, bool) else to_cell(v) for v in line] for line in values)
-        csv.writer(out, lineterminator="\n").writerows(plain)
-        return out.getvalue().encode()
-    names = EPISODE_COLUMNS if len(values[0]) == len(EPISODE_COLUMNS) else STEP_COLUMNS
-    for line in values:
-        out.write(json.dumps(dict(zip(names, line, strict=True)), ensure_ascii=False) + "\n")
+    words = {True: "true", False: "false"}
+    plain = ([words[v] if isinstance(v, bool) else to_cell(v) for v in line] for line in values)
+    csv.writer(out, lineterminator="\n").writerows(plain)
     return out.getvalue().encode()

@@ -40,10 +40,8 @@ def get_history(
     }
 
 
-@router.get("/export/{table}.{fmt}", summary="My own episodes, as CSV or JSON Lines")
-async def export(
-    request: Request, table: Literal["episodes", "steps"], fmt: Literal["csv", "jsonl"]
-) -> Response:
+@router.get("/export/{table}.csv", summary="My own episodes, as CSV")
+async def export(request: Request, table: Literal["episodes", "steps"]) -> Response:
     """Export what you have driven, by your cookie alone; 404 without one."""
     player_id = player_of(request)
     if player_id is None:
@@ -51,6 +49,4 @@ async def export(
             404, "this browser has no player's cookie: nothing was played with it; play at / first"
         )
     database = services_of(request).store.path
-    return await send_made(
-        request, f"my-{table}.{fmt}", write_own_table, database, table, fmt, player_id
-    )
+    return await send_made(request, f"my-{table}.csv", write_own_table, database, table, player_id)

@@ -107,18 +107,15 @@ def _public_record(request: Request, episode_id: str) -> Record:
         return reader.load_record(episode_id)
 
 
-@router.get(
-    "/export/{table}.{fmt}", tags=["results"], summary="Everything finished, as CSV or JSON Lines"
-)
+@router.get("/export/{table}.csv", tags=["results"], summary="Everything finished, as CSV")
 async def export(
     request: Request,
     table: Literal["episodes", "steps"],
-    fmt: Literal["csv", "jsonl"],
     who: Who = "all",
 ) -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""
     services = services_of(request)
     at_ms = services.lobby.sources.clock_ms()
     return await send_made(
-        request, f"{table}.{fmt}", write_table, services.store.path, table, fmt, who, at_ms
+        request, f"{table}.csv", write_table, services.store.path, table, who, at_ms
     )

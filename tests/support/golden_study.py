@@ -90,9 +90,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         play(Path(folder) / "golden.db")
         studies = shutil.copytree(STUDIES, Path(folder) / "studies")
-        export_to(
-            Path(folder) / "golden.db", STUDIES / "export", "csv", "all", lambda done, total: None
-        )
+        export_to(Path(folder) / "golden.db", STUDIES / "export", "all", lambda done, total: None)
         sys.exit(
             max(
                 write_report(Path(folder) / "golden.db", studies, STUDIES / name, *options)

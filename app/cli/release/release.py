@@ -38,7 +38,7 @@ def release(
     url: str | None,
     without: tuple[str, ...],
 ) -> None:
-    """Write every finished episode of a closed study as SQLite, Parquet, JSON Lines, CSV and Minari, described and signed.
+    """Write every finished episode of a closed study as SQLite, Parquet, CSV and Minari, described and signed.
 
     The study is verified first; one episode that fails, and nothing is written. The report is made from the bundle's own
     data and lies in it, with the episodes of the policies that it compares: `reproduce` derives it again. People appear

@@ -1,4 +1,4 @@
-"""A player who moves as a policy does stands out among people who do not, and people seldom do."""
+"""The share of a player's moves that a policy would have made."""
 
 from dataclasses import replace
 
@@ -13,21 +13,9 @@ from tests.support.made_studies import played, study
 from tests.support.stored_studies import freeze, play_study
 
 
-def test_somebody_far_above_the_others_stands_out_without_being_exact():
-    others = {str(number): {"ppo": Agreement(1000, 700 + 5 * number)} for number in range(9)}
-    found = find_likeness({"who": {"ppo": Agreement(1000, 985)}, **others})
-    assert [each.participant for each in found if each.stands_out] == ["who"]
-    assert not any(
-        each.stands_out for each in find_likeness({"who": {"ppo": Agreement(1000, 850)}, **others})
-    )
-
-
-def test_few_moves_and_few_players_say_little():
-    found = find_likeness(
-        {"who": {"ppo": Agreement(150, 150)}, "other": {"ppo": Agreement(900, 600)}}
-    )
-    assert [(each.deviation, each.stands_out) for each in found] == [(None, False), (None, False)]
-    assert find_likeness({"who": {"ppo": Agreement()}}) == ()
+def test_the_share_of_moves_is_given_and_players_without_a_move_are_left_out():
+    found = find_likeness({"who": {"ppo": Agreement(200, 150)}, "none": {"ppo": Agreement()}})
+    assert [(each.participant, each.moves, each.share) for each in found] == [("who", 200, 0.75)]
 
 
 def test_the_mean_agreement_weighs_players():
@@ -40,7 +28,7 @@ def test_the_mean_agreement_weighs_players():
     assert mean_agreement(agreements, "planner") is None
 
 
-def test_the_report_cautions_and_leaves_nobody_out():
+def test_the_report_gives_the_share_and_leaves_nobody_out():
     people, trials = played([[0.9] * 6, [0.8] * 6])
     agreements = {
         person.id: {"ppo": Agreement(500, 500 - 100 * number)}
@@ -51,12 +39,8 @@ def test_the_report_cautions_and_leaves_nobody_out():
         build(study(people, trials)).groups[0],
         build(study(people, trials), moves=analysis).groups[0],
     )
-    assert group.figures == plain.figures
-    (caution,) = set(group.cautions) - set(plain.cautions)
-    name = next(
-        row.name for row in group.players if row.steps == min(each.steps for each in group.players)
-    )
-    assert caution.startswith(f"{name} made 100.0 % of 500 moves as the policy ppo would have")
+    assert (group.figures, group.cautions) == (plain.figures, plain.cautions)
+    assert {each.share for each in group.moves.likeness} == {1.0, 0.8}
 
 
 def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):

@@ -244,7 +244,7 @@ def test_a_board_is_watched_by_an_id_of_its_own_one_episode_after_the_other(serv
         )
     watched = spectator.get(f"/api/watch/{watch}").json()
     assert (watched["frame"], watched["frames"]) == (following["frame"], None)
-    lists = ("episodes", "export/episodes.jsonl", "export/steps.jsonl")
+    lists = ("episodes", "export/episodes.csv", "export/steps.csv")
     for url in (
         *lists,
         f"watch/{first['episode']}",

@@ -1,20 +1,18 @@
-"""What a bundle says of itself to machines: its queries, the Data Package, Psych-DS, and the keys in its Croissant metadata."""
+"""What a bundle says of itself to machines: its queries, and the keys in its Croissant metadata."""
 
 import csv
 import json
 import re
-import shutil
 import sqlite3
 import subprocess
 import sys
 import warnings
 
-import frictionless
 import pyarrow.parquet as pq
 import pytest
 
 from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS
-from app.release.tables import PARQUET, data_file
+from app.release.tables import PARQUET
 from app.settings import ROOT
 from app.study.data import load
 from marsexplorer.episode import Episode
@@ -40,11 +38,8 @@ def test_the_queries_give_exactly_the_tables(made):
     assert set(found) == set(BUNDLE_COLUMNS)
     for table in PARQUET:
         assert found[table] == pq.read_table(out / f"parquet/{table}.parquet").to_pylist(), table
-        assert in_text(found[table], table) == read_csv(out / data_file("dunes", table)), table
-    assert in_text(found["scores"], "scores") == read_csv(out / "scores.csv")
-    assert in_text(found["participants"], "participants") == read_csv(out / "participants.csv")
-    lines = [json.loads(line) for line in (out / "participants.jsonl").read_text().splitlines()]
-    assert found["participants"] == lines
+    for table in BUNDLE_COLUMNS:
+        assert in_text(found[table], table) == read_csv(out / f"csv/{table}.csv"), table
     assert len(found["policy_episodes"]) == 3
 
 
@@ -69,11 +64,11 @@ def test_the_steps_stand_where_a_replay_stands(made):
     out = made[0] / "out"
     steps = queried(out)["steps"]
     outcomes = set()
-    for line in map(json.loads, (out / "episodes.jsonl").read_text().splitlines()):
-        episode = Episode.begin(CONFIG, seed=line["seed"])
-        for action in line["actions"]:
-            episode.step(["north", "east", "south", "west"].index(action))
+    for line in queried(out)["episodes"]:
         own = [step for step in steps if step["episode"] == line["episode"]]
+        episode = Episode.begin(CONFIG, seed=line["seed"])
+        for step in own:
+            episode.step(["north", "east", "south", "west"].index(step["action"]))
         assert [(step["row"], step["col"]) for step in own] == episode.path[1:]
         assert [step["coverage"] for step in own] == [
             count / CONFIG.n for count in episode.discoveries[1:]
@@ -106,67 +101,18 @@ def test_the_participants_are_as_their_episodes_say(made):
     )
 
 
-def test_the_data_package_is_valid_with_every_row_and_key(made):
-    out = made[0] / "out"
-    report = frictionless.validate(str(out / "datapackage.json"))
-    assert report.valid, report.flatten(["title", "message"])
-    package = json.loads((out / "datapackage.json").read_text())
-    described = {each["path"]: each["schema"] for each in package["resources"]}
-    assert set(described) == {*(data_file("dunes", table) for table in PARQUET), "scores.csv"}
-    for table in PARQUET:
-        schema = described[data_file("dunes", table)]
-        assert tuple(schema["primaryKey"]) == PRIMARY_KEYS[table]
-        assert len(schema["foreignKeys"]) == len(FOREIGN_KEYS.get(table, {}))
-
-
-@pytest.mark.parametrize(
-    ("table", "harm", "said"),
-    [
-        ("steps", lambda line: line.replace(b"episode-", b"nobodys-"), "foreign-key"),
-        ("episodes", lambda line: line + line, "primary-key"),
-        ("episodes", lambda line: line.replace(b",explored,", b",explored,many"), "type-error"),
-    ],
-)
-def test_the_data_package_notices_a_harmed_table(made, tmp_path, table, harm, said):
-    shutil.copytree(
-        made[0] / "out",
-        tmp_path / "out",
-        ignore=shutil.ignore_patterns("minari", "parquet", "*.sqlite"),
-    )
-    path = tmp_path / "out" / data_file("dunes", table)
-    head, *rest = path.read_bytes().splitlines(keepends=True)
-    at = next(number for number, line in enumerate(rest) if harm(line) != line)
-    path.write_bytes(head + b"".join([*rest[:at], harm(rest[at]), *rest[at + 1 :]]))
-    report = frictionless.validate(str(tmp_path / "out/datapackage.json"))
-    assert said in {kind for (kind,) in report.flatten(["type"])}
-
-
-def test_the_bundle_follows_the_rules_of_psych_ds(made):
-    """https://psychds-docs.readthedocs.io, rules and conventions: metadata file, data directory, file names, columns."""
-    out = made[0] / "out"
-    about = json.loads((out / "dataset_description.json").read_text())
-    assert (about["@context"], about["@type"]) == ("https://schema.org", "Dataset")
-    assert about["name"]
-    assert about["description"]
-    variables = [each["name"] for each in about["variableMeasured"]]
-    assert len(variables) == len(set(variables))
-    assert all(
-        each["@type"] == "PropertyValue" and each["description"]
-        for each in about["variableMeasured"]
-    )
-    files = [path for path in (out / "data").rglob("*") if path.is_file()]
-    assert len(files) == len(PARQUET)
-    for path in files:
-        assert re.fullmatch(r"([a-z]+-[a-zA-Z0-9]+)(_[a-z]+-[a-zA-Z0-9]+)*_data\.csv", path.name)
-        with path.open(newline="") as file:
-            header, *rows = list(csv.reader(file))
-        assert len(header) == len(set(header))
-        assert set(header) <= set(variables)
-        assert all(len(row) == len(header) for row in rows)
-    assert (
-        data_file("two-words", "input_events")
-        == "data/study-twowords_description-inputevents_data.csv"
-    )
+def test_every_row_has_its_key_and_every_reference_its_row(made):
+    found = queried(made[0] / "out")
+    for table, names in PRIMARY_KEYS.items():
+        keys = [tuple(row[name] for name in names) for row in found[table]]
+        assert len(set(keys)) == len(keys), table
+        for column in BUNDLE_COLUMNS[table]:
+            if not column.optional:
+                assert all(row[column.name] is not None for row in found[table]), column.name
+    for table, columns in FOREIGN_KEYS.items():
+        for column, other in columns.items():
+            known = {row[column] for row in found[other]}
+            assert {row[column] for row in found[table]} <= known, (table, column)
 
 
 def test_croissants_record_sets_have_keys_and_references(made):

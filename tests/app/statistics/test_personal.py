@@ -52,6 +52,6 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     assert best["people"]["means"] == sorted(
         [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
     )
-    text = b"".join(export_own(store.path, "episodes", "csv", "ada")).decode()
+    text = b"".join(export_own(store.path, "episodes", "ada")).decode()
     assert all(row["id"] in text for row in rows)
     assert not any(row["id"] in text for row in others)

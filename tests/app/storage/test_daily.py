@@ -76,9 +76,7 @@ def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_play
             assert reader.episode(daily, viewer="ada")["daily"] == DAY
             assert reader.episode(ranked)["daily"] is None
         for public in (True, False):
-            text = b"".join(
-                export_table(store, "episodes", "csv", public=public, at_ms=at_ms)
-            ).decode()
+            text = b"".join(export_table(store, "episodes", public=public, at_ms=at_ms)).decode()
             assert (daily in text, ranked in text) == (daily in shown, True)
             assert (f",{DAY},true\n" in text) == (daily in shown)
 
@@ -90,10 +88,7 @@ def test_a_daily_episode_enters_no_human_figure(store):
         assert [row["episode"] for row in reader.episodes(who="human")] == [ranked]
         assert [figure["episodes"] for figure in human_level(reader)["figures"]] == [1]
         assert len(reader.totals("human")) == 1
-    assert (
-        b"".join(export_table(store, "episodes", "jsonl", "human", at_ms=AFTER_MS)).count(b"\n")
-        == 1
-    )
+    assert b"".join(export_table(store, "episodes", "human", at_ms=AFTER_MS)).count(b"\n") == 2
 
 
 OTHER_KEY = "00" * 32

@@ -9,6 +9,7 @@ from app.play.messages import DRAWN_LEVELS, encode_frame
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from tests.support.exported import rows_of
 from tests.support.servers import eventually
 
 
@@ -193,7 +194,7 @@ def test_unknown_things_get_404_in_words(server):
             answer.status_code,
             f"nothing answers {method} {path}; /docs" in answer.json()["detail"],
         ) == (status, True)
-    assert client.get("/api/export/steps.xml").status_code == 422
+    assert client.get("/api/export/steps.xml").status_code == 404
     assert client.get("/api/export/steps.csv?who=me").status_code == 422
     assert (
         client.get("/api/episodes?limit=0").json()["detail"].startswith("limit must be at least 1")
@@ -234,10 +235,8 @@ def test_buildings_and_caves_are_levels_of_which_what_can_be_seen_counts(server,
     assert client.get("/api/me/history").json()["episodes"][0]["coverage"] == last["coverage"]
     run = client.get(f"/api/episodes/{last['episode']}/replay").json()["run"]
     assert (run["cells"], run["discovered"][-1]) == (last["cells"], last["discovered"])
-    rows = client.get("/api/export/episodes.jsonl").text.splitlines()
-    assert [(json.loads(row)["coverage"], json.loads(row)["verified"]) for row in rows] == [
-        (last["coverage"], True)
-    ]
+    rows = rows_of(client.get("/api/export/episodes.csv").text)
+    assert [(row["coverage"], row["verified"]) for row in rows] == [(last["coverage"], True)]
 
 
 def test_the_documentation_needs_nothing_from_elsewhere(server):
@@ -308,7 +307,7 @@ def test_export_streams_what_was_played(server):
         client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"]
         == "out_of_bounds"
     )
-    rows = [json.loads(line) for line in client.get("/api/export/steps.jsonl").text.splitlines()]
+    rows = rows_of(client.get("/api/export/steps.csv").text)
     assert [(row["episode"], row["action"], row["verified"]) for row in rows] == [
         (body["episode"], "north", True)
     ]

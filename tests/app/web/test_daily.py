@@ -63,7 +63,7 @@ def play_to_the_end(server, page, about):
 def hidden_from(client, about, terrain):
     """Ask every route about an episode; return whatever tells of it or of its terrain."""
     episode, seed = about["frame"]["episode"], seed_of(terrain.key)
-    tables = [f"{table}.{fmt}" for table in ("episodes", "steps") for fmt in ("csv", "jsonl")]
+    tables = ["episodes.csv", "steps.csv"]
     exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
     of_episode = ("", "/regret", "/replay", "/ghost?policy=frontier-cost")
     routes = [

@@ -146,7 +146,7 @@ class Recorder:
             "episodes?limit=9",
             "human-level",
             "health",
-            *(f"export/{table}.jsonl" for table in ("episodes", "steps")),
+            *(f"export/{table}.csv" for table in ("episodes", "steps")),
         )
         for url in (
             *lists,
