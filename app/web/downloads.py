@@ -17,7 +17,6 @@ from starlette.types import Receive, Scope, Send
 
 from app.web.access import owner_of, services_of
 
-MEDIA_TYPES = {".csv": "text/csv; charset=utf-8", ".jsonl": "application/jsonl"}
 LIMIT_S = 600.0
 """Seconds in which a table has to be written."""
 PIECE_BYTES = 1 << 16
@@ -41,7 +40,7 @@ async def send_made(
         "Content-Length": str(os.fstat(file.fileno()).st_size),
         "Cache-Control": "no-store",
     }
-    return _OpenFile(file, media_type=MEDIA_TYPES[path.suffix], headers=headers)
+    return _OpenFile(file, media_type="text/csv; charset=utf-8", headers=headers)
 
 
 class _OpenFile(StreamingResponse):
