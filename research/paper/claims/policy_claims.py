@@ -27,7 +27,6 @@ from research.paper.episodes.quadrants import (
     Rate,
     course_rates,
     obstacles_of,
-    quadrant_map,
 )
 from research.paper.episodes.scale import (
     PER_CENT,
@@ -155,10 +154,7 @@ def discovered(results: Results) -> Judgement:
     check = results.checks.get("discovered-obstacles")
     parts, held = [check["measured"]] if check else [], {}
     for policy, by_level in own.items():
-        found = [
-            obstacles_of(line, quadrant_map(line["rows"], line["cols"]))
-            for line in by_level.values()
-        ]
+        found = [obstacles_of(line) for line in by_level.values()]
         held[policy] = [not each.blind_spots for each in found]
         correlations = span([each.correlation for each in found])
         parts.append(f"`{policy}` {correlations} and {sum(held[policy])}")

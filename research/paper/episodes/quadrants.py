@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,14 +180,12 @@ class Obstacles:
     distance         total variation distance between the distributions of drawn and of found obstacles over the cells, 0..1:
                      the share of the obstacles found that would have to be moved to make them alike
     correlation      of drawn and found over the cells, -1..1
-    quadrant_shares  found_share in each quadrant, north-west, north-east, south-east, south-west
     blind_spots      cells that are blind spots, flat
     """
 
     found_share: float
     distance: float
     correlation: float
-    quadrant_shares: tuple[float, float, float, float]
     blind_spots: tuple[int, ...]
 
 
@@ -228,13 +226,9 @@ def map_of(line: Line, name: str) -> Counts:
     return np.array(line[name], np.int64).reshape(line["rows"], line["cols"])
 
 
-def obstacles_of(line: Line, quadrants: NDArray[Any]) -> Obstacles:
-    """Return how the obstacles found match those drawn, from a result and `quadrant_map` of its size."""
+def obstacles_of(line: Line) -> Obstacles:
+    """Return how the obstacles found match those drawn, from a result."""
     drawn, discoverable, found = (map_of(line, name) for name in MAPS[1:])
-    shares = [
-        found[quadrants == code].sum() / max(1, discoverable[quadrants == code].sum())
-        for code in range(4)
-    ]
     blind = (discoverable >= BLIND_EPISODES) & (found < BLIND_SHARE * discoverable)
     return Obstacles(
         found_share=float(found.sum() / max(1, discoverable.sum())),
@@ -242,7 +236,6 @@ def obstacles_of(line: Line, quadrants: NDArray[Any]) -> Obstacles:
         correlation=float(np.corrcoef(drawn.reshape(-1), found.reshape(-1))[0, 1])
         if found.std() and drawn.std()
         else 0.0,
-        quadrant_shares=(float(shares[0]), float(shares[1]), float(shares[2]), float(shares[3])),
         blind_spots=tuple(np.flatnonzero(blind).tolist()),
     )
 

@@ -28,7 +28,6 @@ from research.paper.episodes.quadrants import (
     course_rates,
     map_of,
     obstacles_of,
-    quadrant_map,
 )
 from research.paper.episodes.walks import NULLS, NullWalks
 from research.paper.figures.drawing import (
@@ -218,7 +217,7 @@ def table(plays: Sequence[Line], nulls: Sequence[Line]) -> str:
     text += "|---|---|---|---|---|---|---|---|---|\n"
     for policy in in_order([line["policy"] for line in plays]):
         for line in _own(plays, policy):
-            found = obstacles_of(line, quadrant_map(line["rows"], line["cols"]))
+            found = obstacles_of(line)
             explored = line["outcomes"].get("explored", 0) / line["played"]
             rates = " | ".join(map(_rate_text, course_rates(line)))
             text += f"| {policy} | {line['level']} | {per_cent(explored)} | {line['steps']:.1f} | {rates} | "
@@ -292,7 +291,7 @@ def _draw_maps(
     size  the most obstacles found on a cell, per episode, and the side of their square in points
     """
     rows, cols, played = line["rows"], line["cols"], max(1, line["played"])
-    obstacles = obstacles_of(line, quadrant_map(rows, cols))
+    obstacles = obstacles_of(line)
     axes.imshow(
         map_of(line, "visits") / played, cmap=_fading(), norm=visits, interpolation="nearest"
     )

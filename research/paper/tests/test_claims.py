@@ -152,21 +152,6 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
     assert training_claims.levels(results) == training_claims.NONE_YET
 
 
-def test_the_table_of_levels_has_the_better_rules_moves(tmp_path):
-    results = results_of(
-        tmp_path,
-        [
-            finished("ppo", "paper", 0.1, seed, level)
-            for level in ("1-1-1", "3-2-2")
-            for seed in (0, 1)
-        ],
-    )
-    first, _, *table = training_claims.levels(results).splitlines()
-    assert "to rule 1.25 ± 0.00" in first
-    assert "steps of the better rule 80" in first
-    assert table[2:] == ["| 1-1-1 |", "| 3-2-2 |"]
-
-
 def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
     with pytest.raises(SystemExit):
         checks.main(["rewards"])
@@ -228,24 +213,6 @@ def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
         found = CLAIMS[name].decide(results_of(tmp_path, short))
         assert found.verdict == NOT_YET
         assert found.measured.startswith("after short trainings, which decide nothing: ")
-
-
-def test_curves_are_compared_at_equal_moves_and_cpu_time(tmp_path):
-    short = {
-        "rainbow": [0.2, 0.3],
-        "a2c": [0.1, 0.1, 0.9],
-        "sac": [0.1, 0.1],
-        "ppo": [0.3, 0.4, 0.8],
-    }
-    trials = [
-        trained(name, seed, [each + 0.001 * seed for each in values])
-        for name, values in short.items()
-        for seed in range(3)
-    ]
-    measured = CLAIMS["best"].decide(results_of(tmp_path, trials)).measured
-    assert "at the end a2c 0.901" in measured
-    assert "at equal moves ppo 0.401 ± 0.002, rainbow 0.301 ± 0.002, " in measured
-    assert "at equal CPU time ppo 0.401" in measured
 
 
 def test_a_curve_that_has_not_begun_has_no_score(tmp_path):

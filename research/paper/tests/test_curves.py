@@ -166,22 +166,6 @@ def test_figure_5_has_a_line_for_each_level(tmp_path):
     ]
 
 
-def test_a_record_keeps_what_ran():
-    head = {
-        "kind": "trial",
-        "trial": vars(trial_of()),
-        "settings": {"gamma": 0.95},
-        "versions": {"torch": "2"},
-    }
-    curve = {"kind": "curve", "moves": 10, "cpu_s": 0.123, "episodes": 3.0}
-    record = record_of([head, curve, {"kind": "result", "score": 0.5}])
-    assert (record.settings, record.result, record.curve["cpu_s"]) == (
-        {"gamma": 0.95},
-        {"score": 0.5},
-        [0.1],
-    )
-
-
 def test_a_curve_begins_when_enough_episodes_have_ended():
     head = {"kind": "trial", "trial": vars(trial_of()), "settings": {}, "versions": {}}
     lines = [

@@ -21,9 +21,8 @@ from research.paper.episodes.quadrants import (
     has_free_neighbour,
     map_of,
     obstacles_of,
-    quadrant_map,
 )
-from research.paper.episodes.scale import PER_CENT, compare, last_shares, scale_rows, steps_of
+from research.paper.episodes.scale import PER_CENT, compare, scale_rows, steps_of
 from research.paper.episodes.walks import NULLS
 from research.paper.figures import figure6, figure7
 from research.paper.figures.drawing import ORDER, colours_of, save
@@ -109,12 +108,11 @@ def test_a_blind_spot_is_a_cell_where_most_obstacles_are_missed():
         "discoverable": drawn,
         "found": [0, 10, 0, 4, 5, 10],
     }
-    found = obstacles_of(line, quadrant_map(2, 3))
+    found = obstacles_of(line)
     assert found.blind_spots == (
         3,
     )  # cell 2 has too few obstacles to say so, and half of those on cell 4 were found
     assert found.found_share == 29 / 44
-    assert found.quadrant_shares == (0.0, 0.0, 1.0, 0.4)
     assert found.distance == pytest.approx(
         sum(abs(a / 44 - b / 29) for a, b in zip(drawn, line["found"], strict=True)) / 2
     )
@@ -140,23 +138,6 @@ def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
         assert steps_of(line).mean() == pytest.approx(row.steps_mean)
     assert None in lines["random"]["reached"]["99"]
     assert (steps_of(lines[INFORMED]) <= steps_of(lines["frontier-cost"])).all()
-
-
-def test_rows_compare_policies_on_the_same_terrains(played):
-    lines = {line["policy"]: line for line in read_results(played, 7)}
-    rules = ["frontier-cost", "frontier-utility"]
-    table = evaluate(rules, EnvConfig.of("random", SIZE), seeds=SEEDS)
-    better = min(rules, key=lambda rule: steps_of(lines[rule]).mean())
-    for row in (row for row in scale_rows(list(lines.values())) if row.policy in rules):
-        own = next(each for each in table.rows if each.policy == row.policy)
-        assert (row.steps.mean, row.steps.low) == pytest.approx((own.steps_mean, own.steps_low))
-        assert (row.completion, row.terrains) == (own.completion, EPISODES)
-        steps, informed = steps_of(lines[row.policy]), steps_of(lines[INFORMED])
-        assert row.to_informed.mean == pytest.approx(steps.mean() / informed.mean())
-        assert row.to_informed.low < row.to_informed.mean < row.to_informed.high
-        assert (row.to_rule.mean == 1) == (row.policy == better)
-    reached = {"90": [10, 30, None, 4], "99": [40, None, None, 4]}
-    assert last_shares({"reached": reached}).tolist() == [0.75, 0.0]
 
 
 def test_a_terrain_for_which_the_search_finds_no_walk_is_in_no_comparison():

@@ -88,18 +88,6 @@ def test_the_mask_hits_exactly_the_invalid_moves(trunk, kind):
     assert len(seen) > 8
 
 
-@pytest.mark.parametrize("level", ["random", "3-2-1"])
-def test_the_mask_over_the_state_matrix_agrees_on_thousands_of_boards_of_any_size(level):
-    for size in ((5, 6), (7, 30), (21, 21)):
-        net = make_network(shape_of("authors", size, head="q", mask=True)).eval()
-        for codes, positions in walk(EnvConfig.of(level, size), 10, 64):
-            with torch.inference_mode():
-                found = net(torch.from_numpy(codes.copy())).numpy() == INVALID_LOGIT
-            assert found.tolist() == [
-                invalid_by_definition(*each) for each in zip(codes, positions, strict=True)
-            ]
-
-
 def test_the_trunk_of_the_authors_is_that_of_their_repository_on_21x21():
     """`[[8, [3, 3], 2], [16, [2, 2], 2], [512, [6, 6], 1]]`: 21 cells become 11, then 6, which the third filter covers."""
     net = make_network(shape_of("authors", (21, 21), head="q"))
@@ -154,27 +142,3 @@ def test_distributions_sum_to_one_and_their_means_stay_within_the_support(trunk)
         assert bool(((expected >= -40.001) & (expected <= 25.001))[valid].all())
         assert bool((shares[~valid][:, 0] == 1).all())
         assert bool((shares[~valid][:, 1:] == 0).all())
-
-
-def test_gradients_reach_every_weight_but_those_of_masked_moves_stay_finite():
-    torch.manual_seed(7)
-    for trunk in ("authors", "features"):
-        for kind in KINDS.values():
-            net = make_network(shape_of(trunk, **kind, mask=True), sigma=0.5).train()
-            codes, positions = next(walk(EnvConfig.of("random", SIZE), 1))
-            found = net(*observation_of(trunk, codes, positions))
-            parts = (
-                [found]
-                if isinstance(found, torch.Tensor)
-                else [part for part in found if not part.isnan().any()]
-            )
-            loss = sum(
-                (part.softmax(1) if part.dim() == 2 else part).pow(2).sum() for part in parts
-            )
-            loss.backward()
-            assert all(bool(weight.grad.isfinite().all()) for weight in net.parameters())
-            assert all(
-                bool(weight.grad.any())
-                for name, weight in net.named_parameters()
-                if name.endswith("weight")
-            )

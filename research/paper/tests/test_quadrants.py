@@ -13,7 +13,6 @@ from research.paper.episodes.quadrants import (
     rate_of,
 )
 from research.paper.episodes.walks import (
-    boustrophedon,
     hamiltonian_paths,
     nearest_walk,
     random_hamiltonian_path,
@@ -95,59 +94,6 @@ def test_a_rate_has_the_interval_of_wilson_and_a_count_of_all_cases_has_none():
     )
     with pytest.raises(ValueError, match="at least one"):
         rate_of([])
-
-
-def all_paths(rows, cols):
-    """Every Hamiltonian path of a grid by trial, as tuples of (row, col), one of its two directions."""
-    cells = {(row, col) for row in range(rows) for col in range(cols)}
-    found, unfinished = set(), [(cell,) for cell in cells]
-    while unfinished:
-        path = unfinished.pop()
-        if len(path) == rows * cols:
-            found.add(min(path, path[::-1]))
-        unfinished += [
-            (*path, cell) for cell in around(path[-1]) if cell in cells and cell not in path
-        ]
-    return found
-
-
-def around(cell):
-    row, col = cell
-    return (row + 1, col), (row - 1, col), (row, col + 1), (row, col - 1)
-
-
-def bitten(path):
-    """The paths that one backbite move of the last cell gives, from the definition."""
-    places = [path.index(cell) for cell in around(path[-1]) if cell in path]
-    return [path[: at + 1] + path[at + 1 :][::-1] for at in places]
-
-
-def reachable(first, moves):
-    found, new = {first}, {first}
-    while new:
-        new = {each for path in new for each in moves(path)} - found
-        found |= new
-    return found
-
-
-@pytest.mark.parametrize(
-    ("rows", "cols", "count", "from_corner"), [(4, 4, 276, 52), (3, 4, 62, 17)]
-)
-def test_backbite_moves_of_both_ends_reach_every_path_and_those_of_one_end_do_not(
-    rows, cols, count, from_corner
-):
-    paths = all_paths(rows, cols)
-    assert len(paths) == count
-    own = {tuple(divmod(cell, cols) for cell in path) for path in hamiltonian_paths(rows, cols)}
-    assert own == {path for each in paths for path in (each, each[::-1]) if path[0] == (0, 0)}
-    assert len(own) == from_corner
-    first = tuple(divmod(int(cell), cols) for cell in boustrophedon(rows, cols))
-    both = reachable(
-        min(first, first[::-1]),
-        lambda path: [min(new, new[::-1]) for way in (path, path[::-1]) for new in bitten(way)],
-    )
-    assert both == paths
-    assert reachable(first, bitten) < own, "if one end were enough, the sampler could be simpler"
 
 
 def test_random_hamiltonian_paths_are_equally_likely():

@@ -2,7 +2,6 @@
 say.
 """
 
-import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -82,18 +81,6 @@ def test_what_works_never_takes_an_invalid_move(algorithm):
     advance(trainer, 1024)
     assert trainer.envs.recent.count > 0
     assert set(trainer.envs.recent.outcomes) <= {"explored", "timed_out"}
-
-
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_settings_are_json_and_those_of_the_variant(algorithm):
-    paper, works = short_trainer(algorithm).settings, short_trainer(algorithm, "works").settings
-    assert json.loads(json.dumps(paper)) != json.loads(json.dumps(works))
-    assert (paper["gamma"], paper["network"], paper["mask"], paper["reward_per_cell"]) == (
-        0.95,
-        "authors",
-        False,
-        0.0,
-    )
 
 
 def test_what_follows_a_truncated_episode_is_its_last_observation():

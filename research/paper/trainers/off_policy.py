@@ -115,7 +115,7 @@ class RainbowTrainer(OffPolicyTrainer):
         net = make_network(shape, own.noisy_sigma)
         assert isinstance(net, CategoricalNetwork)
         policy = BestOfDistributions(
-            model=Distributions(net, self.form, own.light),
+            model=Distributions(net, self.form),
             action_space=MOVES,
             num_atoms=own.num_atoms,
             v_min=support[0],
@@ -206,7 +206,7 @@ class SACTrainer(OffPolicyTrainer):
         super().__init__(asdict(own), own, config, seed, moves)
         net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
         critics = [
-            QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form, own.light)
+            QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form)
             for _ in range(2)
         ]
         self._alpha = AutoAlpha(
@@ -216,7 +216,7 @@ class SACTrainer(OffPolicyTrainer):
         )
         optimizer = adam(own.learning_rate)
         algorithm = DiscreteSAC(
-            policy=DiscreteSACPolicy(actor=Actor(net, self.form, own.light), action_space=MOVES),
+            policy=DiscreteSACPolicy(actor=Actor(net, self.form), action_space=MOVES),
             policy_optim=optimizer,
             critic=critics[0],
             critic_optim=optimizer,

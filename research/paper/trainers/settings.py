@@ -229,7 +229,6 @@ class Common:
     reward_per_cell  rewards in units of moves, a new cell being worth so many; 0: eq. 8 as it is
     has_bonus        whether +-n is paid where an episode ends, on the levels that have it
     num_envs         environments stepped together
-    light            whether the network computes in bfloat16
     """
 
     gamma: float = 0.95
@@ -238,7 +237,6 @@ class Common:
     reward_per_cell: float = 0.0
     has_bonus: bool = True
     num_envs: int = 16
-    light: bool = False
 
     def shape(self, config: EnvConfig, head: str, **rest: Any) -> NetworkShape:
         """Return the shape of a network for the boards of a configuration."""

@@ -49,15 +49,14 @@ def cache_kernels() -> None:
 
 
 class _Reads(nn.Module):
-    """A network and how its observations are read; `light`: whether it computes in bfloat16 where that loses little."""
+    """A network and how its observations are read."""
 
-    def __init__(self, net: nn.Module, form: ObservationBytes, light: bool = False) -> None:
+    def __init__(self, net: nn.Module, form: ObservationBytes) -> None:
         super().__init__()
-        self.net, self._form, self._light = net, form, light
+        self.net, self._form = net, form
 
     def _ask(self, function: Any, obs: NDArray[np.uint8]) -> Tensor:
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._light):
-            found: Tensor = function(*self._form.unpack(obs))
+        found: Tensor = function(*self._form.unpack(obs))
         return found
 
 
@@ -167,7 +166,7 @@ class A2CTrainer(TianshouTrainer):
         super().__init__({**asdict(own), "batch_size": own.batch_size}, own, config, seed)
         self._own = own
         net = PolicyNetwork(own.shape(config, "policy", critic="shared"))
-        actor = Actor(net, self.form, own.light)
+        actor = Actor(net, self.form)
         policy = ProbabilisticActorPolicy(
             actor=actor,
             dist_fn=categorical,
@@ -177,7 +176,7 @@ class A2CTrainer(TianshouTrainer):
         )
         algorithm = A2C(
             policy=policy,
-            critic=ValueCritic(net, self.form, own.light),
+            critic=ValueCritic(net, self.form),
             optim=adam(own.learning_rate),
             vf_coef=own.vf_coef / 2,
             ent_coef=own.ent_coef,
