@@ -25,8 +25,7 @@ from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import write_pseudonymized
-from app.release.queries import QUERIES
-from app.release.tables import released_episodes, write_tables
+from app.release.tables import QUERIES, released_episodes, write_tables
 from app.storage import chain
 from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
 from app.storage.releases import ReleaseRow, latest_release, note_release

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import csv
+import re
 import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
 from app.release.columns import BUNDLE_COLUMNS, Column
 from app.release.errors import library
-from app.release.queries import select
-from app.storage.database import rows
+from app.storage.database import rows, stream
 from app.storage.reader import record_of
 from marsexplorer.episode import Episode, replay
 from marsexplorer.files import to_cell
 
+QUERIES = Path(__file__).with_name("queries.sql")
 TableRow = dict[str, Any]
 ROWS_PER_GROUP = 20_000
 """The rows of one group in a Parquet file."""
@@ -33,6 +35,26 @@ PARQUET = (
     "move_agreements",
 )
 """The tables that are Parquet files; every table is a CSV file."""
+
+
+@cache
+def queries() -> dict[str, str]:
+    """Return table -> its SELECT."""
+    parts = re.split(r"^-- table: (\w+)$", QUERIES.read_text(encoding="utf-8"), flags=re.M)
+    return {
+        name: text.strip().removesuffix(";")
+        for name, text in zip(parts[1::2], parts[2::2], strict=True)
+    }
+
+
+def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a table from a bundle's database, columns in their order and truth values as such."""
+    columns = BUNDLE_COLUMNS[table]
+    truths = [column.name for column in columns if column.type == "boolean"]
+    for row in stream(conn, queries()[table]):
+        for name in truths:
+            row[name] = None if row[name] is None else bool(row[name])
+        yield {column.name: row[column.name] for column in columns}
 
 
 @dataclass(frozen=True)

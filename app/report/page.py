@@ -16,9 +16,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
-from app.report.page_table import PageTable
-from app.report.second_analysis import second_analysis_tables
-from app.report.tables import GroupTables, checklist_table, coverage_table, group_tables
+from app.report.tables import (
+    GroupTables,
+    PageTable,
+    checklist_table,
+    coverage_table,
+    group_tables,
+    second_analysis_tables,
+)
 from app.statistics.study_figures import why_no_interval
 
 FOLDER = Path(__file__).parent

@@ -1,18 +1,42 @@
-"""The tables of the page, as text cells: a group's result, exclusion sets, spread, policies and learning, and the methods'."""
+"""The tables of the page, as text cells: result, sets, spread, policies, learning, moves and methods."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from app.moves.analysis import MoveAnalysis
+from app.moves.likeness import Likeness
+from app.moves.regret import RegretSummary
 from app.play.attestation import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, Cell, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.move_tables import MoveTables, move_tables
-from app.report.page_table import PageTable
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, number, p_value, percent
+from app.statistics.mixed_model import MixedModel
 from app.statistics.study_figures import StudyFigure, why_no_interval
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table whose first column names the rows; a line break in a cell is kept.
+
+    is_text      left-aligned text instead of numbers
+    row_classes  a CSS class for each row, "" for none; empty when no row has one
+    """
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    is_text: bool = False
+    row_classes: Sequence[str] = ()
+
+    @property
+    def id(self) -> str:
+        """The caption's id in the page, the same for the same table."""
+        return "t" + hashlib.sha256(f"{self.caption}{self.rows}".encode()).hexdigest()[:10]
+
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
     "unattested": "a move has no input event of its own that fits it",
@@ -47,6 +71,91 @@ LEARNING = (
     "p of the two one-sided tests",
     "verdict",
 )
+
+
+@dataclass(frozen=True)
+class MoveTables:
+    """None where there is nothing to show."""
+
+    regret: PageTable | None
+    by_tenth: PageTable | None
+    players: PageTable | None
+    likeness: PageTable | None
+
+
+def move_tables(moves: MoveAnalysis) -> MoveTables:
+    """Return the tables of a group's moves."""
+    found = moves.regret
+    return MoveTables(
+        regret=_regret(found) if found else None,
+        by_tenth=_by_tenth(found) if found else None,
+        players=_regret_by_player(found) if found else None,
+        likeness=_likeness(moves.likeness) if moves.likeness else None,
+    )
+
+
+def _regret(found: RegretSummary) -> PageTable:
+    """Return the mean regret per episode and the share of each kind of loss."""
+    rows = [
+        ("mean regret per episode, moves", number(found.mean, 1)),
+        ("its 95 % interval over players", interval(found.interval, 1)),
+        (f"{found.policy}\u2019s own on the same terrains", number(found.policy_mean, 1)),
+        *((f"share: {kind}", percent(share)) for kind, share in found.by_kind.items()),
+    ]
+    return PageTable(
+        f"Regret over {len(found.by_player)} players, {found.episodes} episodes",
+        ("quantity", "value"),
+        rows,
+    )
+
+
+def _by_tenth(found: RegretSummary) -> PageTable:
+    rows = [
+        (f"{10 * tenth} to {10 * tenth + 10} %", number(moves, 1))
+        for tenth, moves in enumerate(found.by_tenth)
+    ]
+    return PageTable(
+        "Mean regret of an episode, by what was known before the move",
+        ("cells known", "moves lost"),
+        rows,
+    )
+
+
+def _regret_by_player(found: RegretSummary) -> PageTable:
+    rows = [
+        (
+            each.player,
+            str(each.episodes),
+            number(each.mean, 1),
+            *(number(moves, 1) for moves in each.by_kind.values()),
+        )
+        for each in found.by_player
+    ]
+    return PageTable(
+        "Each player\u2019s mean regret per episode",
+        ("player", "episodes", "regret", *found.by_kind),
+        rows,
+    )
+
+
+def _likeness(rows: tuple[Likeness, ...]) -> PageTable:
+    """Return a row for each player, a column for each policy."""
+    policies = sorted({each.policy for each in rows})
+    found = {(each.participant, each.policy): each for each in rows}
+    players = sorted({each.participant for each in rows})
+    cells = [
+        (player, *(_share(found.get((player, policy))) for policy in policies))
+        for player in players
+    ]
+    return PageTable(
+        caption="Share of each player\u2019s ranked moves that a policy would have made too",
+        heads=("player", *policies),
+        rows=cells,
+    )
+
+
+def _share(likeness: Likeness | None) -> str:
+    return NONE if likeness is None else percent(likeness.share, 1)
 
 
 @dataclass(frozen=True)
@@ -305,3 +414,53 @@ def _learning_column(metric: Metric) -> tuple[str, ...]:
     slope = number(found.slope, digits), interval(found.slope_interval, digits)
     verdict = found.verdict if found.margin is not None else f"{found.verdict} (no margin)"
     return (*slope, *change, *tested, verdict)
+
+
+MIXED_MODEL = (
+    "mean, for other players and terrains",
+    "its 95 % interval",
+    "slope a trial",
+    "its 95 % interval",
+    "SD between players",
+    "SD between terrains",
+    "SD of the rest",
+    "how the fit went",
+)
+
+
+def second_analysis_tables(group: GroupReport) -> tuple[PageTable, ...]:
+    """Return the mixed model's figures and the terrains' difficulties."""
+    models = [metric.mixed_model for metric in group.metrics]
+    if not models:
+        return ()
+    heads = ("quantity", *(METRIC_NAMES[model.metric] for model in models))
+    rows = list(zip(MIXED_MODEL, *map(_model_column, models), strict=True))
+    figures = PageTable(
+        "Second analysis: mixed model, players and terrains crossed, fitted by REML", heads, rows
+    )
+    return (figures, *(table for table in [_difficulties(models)] if table.rows))
+
+
+def _model_column(model: MixedModel) -> tuple[str, ...]:
+    digits = DIGITS[model.metric]
+    slope = number(model.slope, digits + 1), interval(model.slope_interval, digits + 1)
+    sds = [number(sd, digits) for sd in (model.player_sd, model.terrain_sd, model.rest_sd)]
+    return (number(model.mean, digits), interval(model.interval, digits), *slope, *sds, model.note)
+
+
+def _difficulties(models: list[MixedModel]) -> PageTable:
+    """Return a row for each terrain that a model has a difficulty of."""
+    cells: dict[int, dict[str, str]] = {}
+    for model in models:
+        digits = DIGITS[model.metric]
+        for each in model.terrains:
+            cell = f"{number(each.effect, digits)}\n{interval(each.interval, digits)}"
+            cells.setdefault(each.terrain, {})[model.metric] = cell
+    return PageTable(
+        caption="What each ranked terrain adds to everybody's figure, with its 95 % interval",
+        heads=("terrain", *(METRIC_NAMES[model.metric] for model in models)),
+        rows=[
+            (str(terrain), *(cells[terrain].get(model.metric, NONE) for model in models))
+            for terrain in sorted(cells)
+        ],
+    )
