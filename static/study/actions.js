@@ -38,12 +38,12 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   function giveUp() {
     by("give-up", HTMLDialogElement).close();
     const on = frame();
-    if (on) navigation.go(() => study.giveUp(on.episode, on.step), stage());
+    if (on) navigation.step(() => study.giveUp(on.episode, on.step), stage());
   }
   function leave() {
     by("leave", HTMLDialogElement).close();
     const { participant } = state();
-    navigation.go(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
+    navigation.step(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
   }
   async function copyCode() {
     const isCopied = await navigator.clipboard?.writeText(by("code").textContent ?? "").then(() => true, () => false);

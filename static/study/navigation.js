@@ -52,6 +52,18 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
     if (participant) arrive(participant);
     if (!participant || (participant.stage === stage && !participant.note)) dispatch({ kind: "notice", text: error.message });
   }
+  /**
+   * @param {() => Promise<Participant>} ask
+   * @param {string} [stage] the step is taken from
+   */
+  const step = (ask, stage) => inTurn(async () => {
+    try {
+      arrive(await ask());
+      channel?.postMessage("moved");
+    } catch (error) {
+      await refused(error, stage);
+    }
+  });
   return {
     refresh,
     /** Return whether a request waits for its answer: another press of its button would be one too many. */
@@ -64,16 +76,11 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
     async go(ask, stage) {
       if (isBusy) return;
       isBusy = true;
-      await inTurn(async () => {
-        try {
-          arrive(await ask());
-          channel?.postMessage("moved");
-        } catch (error) {
-          await refused(error, stage);
-        }
-      });
+      await step(ask, stage);
       isBusy = false;
     },
+    /** Make a request that was confirmed in a dialog: it waits for the one that is being answered, and is never dropped. */
+    step,
     /** Join the study or go on in it; try again while there is no server. */
     async join() {
       try {

@@ -533,6 +533,29 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     assert me.errors == []
 
 
+def test_leaving_waits_for_the_answer_that_is_due(serve, studies, participant, tmp_path):
+    """The socket may show the next board before the request that began it is answered."""
+    server = serve(studies=studies(ranked=3, break_every=10))
+    me = participant(server, reduced_motion="reduce")
+    me.to_ranked()
+    me.choose("open-give-up")
+    me.choose("give-up-now")
+    me.page.get_by_test_id("end-card").wait_for(state="visible")
+    me.wait("window.marsStudy.state.participant.about.frame.outcome")
+    late = []
+    me.page.route("**/next", lambda route: late.append((route, route.fetch())))
+    me.page.keyboard.press("Enter")
+    me.driving()
+    me.choose("open-leave")
+    me.choose("leave-now")
+    assert rows(tmp_path, "select stage from participants") == [("ranked",)]
+    for route, answer in late:
+        route.fulfill(response=answer)
+    me.stands("withdrawn")
+    assert (len(late), rows(tmp_path, "select stage from participants")) == (1, [("withdrawn",)])
+    assert me.errors == []
+
+
 def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     server = serve(studies=studies())
     me = participant(server, size="phone", has_touch=True, is_mobile=True)
