@@ -148,8 +148,8 @@ def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
         ) as conn:
             if holds_step(conn, expected):
                 return
-    except sqlite3.Error:
-        if path.exists():
+    except sqlite3.Error as error:
+        if path.exists() and "no such table" not in str(error):
             return  # damaged: whoever opens it says so
     raise StoreError(
         f"{lost_steps(path, expected)}. Its log {path.name}-wal is gone, and with it what was played last: put it back beside "
@@ -184,7 +184,8 @@ def open_database(path: Path, durable: bool = False) -> Database:
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
-        if path.stat().st_size == 0:
+        is_new = path.stat().st_size == 0
+        if is_new:
             conn.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         _check_schema(conn, path, may_be_new=True)
         conn.execute("PRAGMA journal_mode = WAL")
@@ -193,6 +194,8 @@ def open_database(path: Path, durable: bool = False) -> Database:
         create_tables(conn)
         with transaction(conn):
             conn.execute("SELECT count(*) FROM meta")
+        if is_new:  # a file whose log is lost shall be seen to be one of ours that lacks something
+            conn.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         return Database(conn)
     except BaseException as error:
         conn.close()

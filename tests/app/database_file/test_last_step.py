@@ -1,6 +1,7 @@
 """A log that is missing after a crash: the next start notices, says so, and writes nothing that would prevent its return."""
 
 import shutil
+import sqlite3
 import subprocess
 import sys
 from contextlib import closing
@@ -50,6 +51,38 @@ def test_a_log_that_is_gone_stops_the_start_until_it_is_put_back_or_its_loss_is_
     path.with_name("found-later").rename(log_of(path))
     with closing(Store(path)) as store:
         assert len(store.steps(episode)) == 3
+
+
+def test_a_young_database_whose_log_is_gone_is_not_begun_anew(spawn, tmp_path):
+    """Nothing had been written back yet when the server was killed: the file itself knows its tables all the same."""
+    server = spawn()
+    client = server.client()
+    begun = client.post("/api/sessions", json={"size": 9, "seed": 4}).json()
+    url, frame = f"/api/sessions/{begun['session']}/act", begun["frame"]
+    for _ in range(2):
+        body = {"kind": "act", "episode": frame["episode"], "step": frame["step"]}
+        frame = client.post(url, json={**body, "action": "south"}).json()
+    server.process.kill()
+    server.process.wait()
+    server.close()
+    path = tmp_path / "playground.db"
+    with closing(sqlite3.connect(path.as_uri() + "?mode=ro&immutable=1", uri=True)) as conn:
+        assert conn.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] > 10
+    log_of(path).unlink()
+    with pytest.raises(StoreError, match=rf"of the episode {frame['episode']}.*-wal is gone"):
+        Store(path)
+
+
+def test_a_file_that_never_got_its_tables_and_lost_its_log_is_not_begun_anew(crashed):
+    path, episode = crashed
+    log_of(path).unlink()
+    with closing(sqlite3.connect(path)) as conn:
+        conn.execute("PRAGMA writable_schema = ON")
+        conn.execute("DELETE FROM sqlite_master")
+        conn.commit()
+    log_of(path).unlink(missing_ok=True)
+    with pytest.raises(StoreError, match=rf"step 2 of the episode {episode}"):
+        Store(path)
 
 
 def test_the_loss_of_a_log_can_be_accepted_once_and_for_all(crashed):
