@@ -29,22 +29,6 @@ _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM session
 _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
     WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id){within} ORDER BY e.session_id"""
 
-_WITHOUT_OWNER = {
-    "steps": "episode_id NOT IN (SELECT id FROM episodes)",
-    "input_events": "episode_id NOT IN (SELECT id FROM episodes)",
-    "event_batches": "episode_id NOT IN (SELECT id FROM episodes)",
-    "study_episodes": "episode_id NOT IN (SELECT id FROM episodes) OR participant_id NOT IN (SELECT id FROM participants)",
-    "daily_attempts": "episode_id NOT IN (SELECT id FROM episodes) OR player_id NOT IN (SELECT id FROM players) "
-    "OR commitment NOT IN (SELECT commitment FROM daily_terrains)",
-    "stage_events": "participant_id NOT IN (SELECT id FROM participants)",
-    "identities": "participant_id NOT IN (SELECT id FROM participants)",
-    "participants": "study NOT IN (SELECT name FROM studies) OR player_id NOT IN (SELECT id FROM players) "
-    "OR session_id NOT IN (SELECT id FROM sessions)",
-    "episodes": "session_id NOT IN (SELECT id FROM sessions)",
-    "sessions": "player_id NOT IN (SELECT id FROM players) OR owner_id NOT IN (SELECT id FROM players)",
-}
-"""Table -> the condition that a row of it belongs to nothing."""
-
 _STUDY_EPISODES = """SELECT s.phase, s.trial, s.terrain, e.id, e.seed, e.config_hash, e.seed_chosen, e.assisted
     FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE s.participant_id = ? ORDER BY s.phase, s.trial"""
 
@@ -167,11 +151,12 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
     """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
     yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
-    for table, condition in _WITHOUT_OWNER.items():
-        for (count,) in conn.execute(f"SELECT count(*) FROM {table} WHERE {condition}").fetchall():
-            if count:
-                found = "no episode, participant, session, player or study that they belong to"
-                yield Finding(f"table {table}", "rows", count, found)
+    without_owner = Counter(
+        table for table, *_ in conn.execute("PRAGMA foreign_key_check").fetchall()
+    )
+    for table, count in sorted(without_owner.items()):
+        found = "no episode, participant, session, player or study that they belong to"
+        yield Finding(f"table {table}", "keys", count, found)
 
 
 def _within(study: str | None, column: str = "id") -> str:

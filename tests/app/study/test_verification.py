@@ -16,6 +16,8 @@ from app.study.checks import check_attestation
 from app.study.verification import verify_database
 from tests.app.play.test_attestation import STARTED, burst
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
+from tests.support.study import Person
+from tests.support.study import freeze as freeze_small
 
 
 @pytest.fixture(scope="module")
@@ -424,6 +426,35 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
     assert "commitment" in {finding.what for finding in wrong.findings}
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
+
+
+def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_path):
+    """A participant without a board has no session, in a database that may have none at all."""
+    freeze_small(tmp_path / "studies")
+    server = serve()
+    Person(server)
+    server.stop()
+    with sqlite3.connect(tmp_path / "playground.db") as conn:
+        found = conn.execute(
+            "SELECT (SELECT count(*) FROM participants WHERE session_id IS NULL), (SELECT count(*) FROM sessions)"
+        ).fetchone()
+        assert found == (1, 0)
+    conn.close()
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+@pytest.mark.parametrize("table", ["participants", "sessions", "studies", "episodes", "players"])
+def test_rows_that_belong_to_nothing_are_counted_by_table(copy, table):
+    conn, path = copy
+    conn.execute("PRAGMA foreign_keys = OFF")
+    conn.execute(f"DELETE FROM {table}")
+    keys = """SELECT DISTINCT m.name FROM sqlite_master m JOIN pragma_foreign_key_list(m.name) k WHERE k."table" = ?"""
+    pointing = [name for (name,) in conn.execute(keys, [table]).fetchall()]
+    left = {
+        f"table {name}" for name in pointing if conn.execute(f"SELECT 1 FROM {name}").fetchone()
+    }
+    assert left
+    assert left <= {finding.where for finding in verify_database(path).findings}
 
 
 @pytest.mark.long
