@@ -207,7 +207,6 @@ def in_use_error(path: Path) -> StoreError:
 def _lock_file_of(path: Path) -> int:
     """Return the handle of NAME-lock, locked."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(
             path.with_name(path.name + "-lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644
         )

@@ -104,6 +104,10 @@ def recognise(path: Path) -> None:
             raise StoreError(
                 f"the database must be a file, {path} is a folder: give a file's path with --database"
             )
+        if not path.parent.is_dir():
+            raise StoreError(
+                f"there is no folder {path.parent} for the database {path.name}: make it, or give another --database"
+            )
         if not path.exists() or is_in_use(path):
             return
         with path.open("rb") as file:

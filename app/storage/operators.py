@@ -117,7 +117,6 @@ def _writing(database: Path, action: str) -> Iterator[sqlite3.Connection]:
 
     StoreError when the file cannot be written.
     """
-    database.parent.mkdir(parents=True, exist_ok=True)
     try:
         with closing(open_database(database).conn) as conn, transaction(conn):
             yield conn

@@ -109,7 +109,7 @@ HARMS = [
     ("UPDATE daily_attempts SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
     ("DELETE FROM daily_attempts", {"digest"}),
     ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted of a daily attempt", "digest"}),
-    ("DELETE FROM daily_terrains", {"rows", "digest"}),
+    ("DELETE FROM daily_terrains", {"keys", "digest"}),
 ]
 
 

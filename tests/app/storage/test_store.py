@@ -9,12 +9,14 @@ import tempfile
 import warnings
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from app.storage import database
 from app.storage.database import APPLICATION_ID, StoreError
+from app.storage.operators import add_operator
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
@@ -255,9 +257,11 @@ def test_the_secret_is_made_once_and_kept(path):
     again.close()
 
 
-def test_a_missing_folder_is_made(tmp_path):
-    Store(tmp_path / "a" / "b" / "play.db").close()
-    assert (tmp_path / "a" / "b" / "play.db").exists()
+@pytest.mark.parametrize("opening", [Store, partial(add_operator, name="ada", password="p" * 12)])
+def test_a_missing_folder_is_refused_and_not_made(tmp_path, opening):
+    with pytest.raises(StoreError, match=r"no folder .*b for the database play.db: make it"):
+        opening(tmp_path / "a" / "b" / "play.db")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
