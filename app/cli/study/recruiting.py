@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @click.argument("count", type=int, metavar="[N]", default=0)
 @click.option(
     "--url",
-    help="The address at which participants reach the server.  [default: http://HOST:PORT of the settings]",
+    help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
 )
 @click.option(
     "--list", "lists", is_flag=True, help="List all invitations with their state instead."
@@ -75,7 +75,8 @@ def invite(
             "expected the number of links to make, such as 10, or --list to see those there are"
         )
     settings = settings_of()
-    base = url or f"http://{settings.host}:{settings.port}"
+    known = url or settings.public_url
+    base = known or f"http://{settings.host}:{settings.port}"
     folder = folder_of(studies)
     invitations = Invitations(folder)
     with study_errors():
@@ -89,6 +90,11 @@ def invite(
     links = {each.id: link_of(study, each.id, base) for each in found}
     if table is not None:
         _write_csv(table, study, [(each.id, *states[each.id], links[each.id]) for each in found])
+    if known is None and (table is not None or not lists):
+        click.echo(
+            f"{base} is a guess: give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere",
+            err=True,
+        )
     if not lists:
         click.echo("\n".join(links.values()))
     elif not found:

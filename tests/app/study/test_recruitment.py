@@ -346,6 +346,22 @@ def run(args):
     return ended.value.code
 
 
+def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys, monkeypatch):
+    freeze(tmp_path / "studies", recruitment="invitation")
+    words = ["study", "invite", "small", "1", "--studies", str(tmp_path / "studies")]
+    for more, public, address, guesses in (
+        ([], "", "http://127.0.0.1:8000/", True),
+        ([], "https://mars.example/lab", "https://mars.example/lab/", False),
+        (["--url", "https://lab.example"], "https://mars.example", "https://lab.example/", False),
+    ):
+        if public:
+            monkeypatch.setenv("MARS_PUBLIC_URL", public)
+        assert run([*words, *more]) == 0
+        said = capsys.readouterr()
+        assert said.out.startswith(f"{address}study/small?invitation=")
+        assert ("is a guess: give --url" in said.err) is guesses
+
+
 def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, capsys):
     folder = ["--studies", str(tmp_path / "studies")]
     assert run(["study", "new", "lab", "--size", "7x9", "--policy", "random", *folder]) == 0
