@@ -1,16 +1,34 @@
 // @ts-check
 // Paints one run of a replay: its board, what the last move has shown, a crash, and its numbers.
-import { cellSize, paintBoard } from "../common/board.js";
 import { create, put } from "../common/page.js";
-import { describeBoard, percent } from "../common/words.js";
-import { boardAt, crashAt, hasEnded, newCells } from "./course.js";
-
-/** @typedef {import("./course.js").Course} Course */
+import { hasEnded, movesOf, paintCourse } from "../common/player.js";
+import { percent } from "../common/words.js";
 
 const SHOWN_NOW = "rgba(255, 222, 170, 0.38)";
 const CRASH = "#ff5c45";
 /** CSS pixels a cell below which the rover wears a ring. */
 const SMALL = 8;
+const TOWARD = { north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] };
+
+/** Return the cells that became known with the last move.
+ * @param {Course} course @param {number} step @returns {Cell[]} */
+export function newCells(course, step) {
+  if (step < 1 || step > movesOf(course)) return [];
+  return course.known_since.flatMap((line, row) =>
+    line.flatMap((since, col) => (since === step ? [/** @type {Cell} */ ([row, col])] : [])));
+}
+
+/** Return the cell of the rock that the rover has crashed into, or the cell off the map that it has driven to; null
+ * otherwise.
+ * @param {Course} course @param {number} step @returns {Cell | null} */
+export function crashAt(course, step) {
+  if (!hasEnded(course, step) || !["collided", "out_of_bounds"].includes(course.outcome ?? "")) return null;
+  const moves = movesOf(course);
+  const [down, right] = TOWARD[course.actions[moves - 1]];
+  const [row, col] = course.positions[moves];
+  const [beforeRow, beforeCol] = course.positions[moves - 1];
+  return row === beforeRow && col === beforeCol ? [row + down, col + right] : [row, col];
+}
 
 /**
  * Return the elements of a run's section by their `data-part`.
@@ -29,24 +47,18 @@ export function partsOf(root) {
  * @param {{accent: string, soil: import("../common/board.js").Soil, other: {course: Course, accent: string} | null, dpr: number}} look
  *   other is the run whose path is drawn dashed
  */
-export function paintRun(part, course, step, { accent, soil, other, dpr }) {
-  const board = boardAt(course, step);
+export function paintRun(part, course, step, look) {
   const canvas = /** @type {HTMLCanvasElement} */ (part.canvas);
-  const width_px = part.ground.clientWidth;
-  const height_px = part.ground.clientHeight;
-  if (width_px > 0 && height_px > 0) {
-    const ghost = other && { trail: boardAt(other.course, step).trail, accent: other.accent };
-    paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil, ghost });
-    const size = cellSize(width_px, height_px, board.frame.rows, board.frame.cols, dpr);
-    paintEvents(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), course, step, size);
-    if (size < SMALL * dpr) paintRing(/** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")), board.frame.position, size, accent, dpr);
-  }
-  canvas.setAttribute("aria-label", describeBoard(board.frame, course.name));
-  put(part.moves, String(board.frame.step));
-  put(part.noun, board.frame.step === 1 ? "move" : "moves");
-  put(part.coverage, percent(board.frame.coverage));
+  const frame = paintCourse(canvas, part.ground, course, step, look);
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const size = canvas.width / frame.cols;
+  paintEvents(context, course, step, size);
+  if (size < SMALL * look.dpr) paintRing(context, frame.position, size, look.accent, look.dpr);
+  put(part.moves, String(frame.step));
+  put(part.noun, frame.step === 1 ? "move" : "moves");
+  put(part.coverage, percent(frame.coverage));
   put(part.outcome, hasEnded(course, step) ? course.sentence : "exploring");
-  part.outcome.dataset.outcome = hasEnded(course, step) ? course.outcome : "";
+  part.outcome.dataset.outcome = hasEnded(course, step) ? course.outcome ?? "" : "";
 }
 
 /**

@@ -1,12 +1,12 @@
 // @ts-check
-// The picture of the scrubber: coverage over moves of both runs, bright as far as the replay has come.
+// The scrubber: coverage over moves of both runs, bright as far as the replay has come, and the pointer on it.
 import { drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart } from "../common/chart.js";
 import { linearScale, sampled, tickStep } from "../common/chart_scale.js";
-import { clamped, coverageAt, movesOf } from "./course.js";
+import { clamped, coverageAt, movesOf } from "../common/player.js";
 
 /**
  * @typedef {import("../common/chart_scale.js").Box} Box
- * @typedef {{course: import("./course.js").Course, colour: string, isDashed: boolean}} Line
+ * @typedef {{course: Course, colour: string, isDashed: boolean}} Line
  */
 const GOAL = 0.99;
 const MAX_POINTS = 800;
@@ -74,4 +74,33 @@ function paintLine(context, { course, colour, isDashed }, at, step) {
   drawDot(context, whole[whole.length - 1], 2.5, colour);
   const done = sampled(clamped(course, step) + 1, MAX_POINTS).map(point);
   drawLine(context, done, { colour, width: 3, dashes: isDashed ? [6, 4] : [] });
+}
+
+/**
+ * Let the pointer go through a replay: hovering shows a move, pressing goes there, dragging goes along.
+ * @param {HTMLElement} root
+ * @param {{last: () => number, onMove: (step: number) => void, onHover: (step: number | null) => void}} how
+ */
+export function startScrubber(root, { last, onMove, onHover }) {
+  /** @param {PointerEvent} event */
+  function at({ clientX }) {
+    const { left, width, height } = root.getBoundingClientRect();
+    return stepAt(clientX - left, plotBox(width, height), last());
+  }
+  let isDragged = false;
+  root.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    isDragged = true;
+    root.setPointerCapture(event.pointerId);
+    root.focus({ preventScroll: true });
+    onMove(at(event));
+  });
+  root.addEventListener("pointermove", (event) => {
+    if (isDragged) onMove(at(event));
+    else if (event.pointerType === "mouse") onHover(at(event));
+  });
+  const drop = () => { isDragged = false; };
+  root.addEventListener("pointerup", drop);
+  root.addEventListener("pointercancel", drop);
+  root.addEventListener("pointerleave", () => { if (!isDragged) onHover(null); });
 }

@@ -5,17 +5,14 @@ import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { ownsKeys } from "../common/keyboard.js";
 import { create, createRepaint, elementsOf, put } from "../common/page.js";
+import { begun, coverageAt, createPlayer, movesOf, SPEEDS, withLast } from "../common/player.js";
 import { percent } from "../common/words.js";
 import { offerGhosts, paintRun, partsOf } from "./boards.js";
-import { coverageAt, movesOf } from "./course.js";
-import { paintCurve } from "./curve.js";
-import { begun, keyed, later, movedTo, SPEEDS, stepOf, withLast } from "./playback.js";
-import { startScrubber } from "./scrubber.js";
+import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
-/** @typedef {import("./course.js").Course} Course */
 const by = elementsOf(document);
-const data = /** @type {import("./course.js").ReplayData} */ (JSON.parse(by("replay-data", HTMLScriptElement).textContent ?? ""));
+const data = /** @type {ReplayData} */ (JSON.parse(by("replay-data", HTMLScriptElement).textContent ?? ""));
 const request = createRequest((path, options) => fetch(path, options), "../");
 const rootOf = (/** @type {string} */ name) => /** @type {HTMLElement} */ (document.querySelector(`[data-run=${name}]`));
 const parts = { run: partsOf(rootOf("run")), ghost: partsOf(rootOf("ghost")) };
@@ -23,53 +20,40 @@ const select = by("ghost", HTMLSelectElement);
 const scrubber = by("scrubber");
 const speed = by("speed", HTMLSelectElement);
 
-let playback = begun(movesOf(data.run));
 /** @type {Course | null} */
 let ghost = data.ghost ?? null;
 const asked = ghostInSearch(location.search);
 /** @type {string | null} */
 let chosen = asked === undefined ? data.preferred : asked;
 
-Object.defineProperty(window, "replay", { value: Object.freeze({ get step() { return stepOf(playback); }, get playback() { return playback; }, get ghost() { return ghost; } }) });
+Object.defineProperty(window, "replay", { value: Object.freeze({ get step() { return player.step; }, get playback() { return player.playback; }, get ghost() { return ghost; } }) });
 
 const repaint = createRepaint(() => paint());
-/** @param {import("./playback.js").Playback} next */
-function show(next) {
-  const wasPlaying = playback.isPlaying;
-  playback = next;
-  if (playback.isPlaying && !wasPlaying) requestAnimationFrame((now_ms) => { shownAt_ms = now_ms; requestAnimationFrame(tick); });
-  if (wasPlaying && !playback.isPlaying) put(by("announcer"), inWords());
+const player = createPlayer(begun(movesOf(data.run)), (playback, before) => {
+  if (before.isPlaying && !playback.isPlaying) put(by("announcer"), inWords());
   repaint();
-}
-let shownAt_ms = 0;
-/** @param {number} now_ms */
-function tick(now_ms) {
-  if (!playback.isPlaying) return;
-  show(later(playback, Math.min(0.25, (now_ms - shownAt_ms) / 1000)));
-  shownAt_ms = now_ms;
-  if (playback.isPlaying) requestAnimationFrame(tick);
-}
+});
 
 /** @param {{you: string, policy: string}} colours */
 const lines = ({ you, policy }) => [{ course: data.run, colour: you, isDashed: false }, ...(ghost ? [{ course: ghost, colour: policy, isDashed: true }] : [])];
-const inWords = () => `Move ${stepOf(playback)} of ${playback.last}: ${(ghost ? [data.run, ghost] : [data.run]).map((course) => `${course.name} ${percent(coverageAt(course, stepOf(playback)))} percent`).join(", ")}`;
+const inWords = () => `Move ${player.step} of ${player.playback.last}: ${(ghost ? [data.run, ghost] : [data.run]).map((course) => `${course.name} ${percent(coverageAt(course, player.step))} percent`).join(", ")}`;
 
 function paint() {
-  const step = stepOf(playback);
+  const step = player.step;
   const dpr = window.devicePixelRatio || 1;
   const { soil, you, policy } = boardColours(scrubber);
   paintRun(parts.run, data.run, step, { accent: you, soil, other: ghost && { course: ghost, accent: policy }, dpr });
   if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, soil, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
-  paintCurve(by("curve", HTMLCanvasElement), lines(colours), { step, last: playback.last },
+  paintCurve(by("curve", HTMLCanvasElement), lines(colours), { step, last: player.playback.last },
     { width_px: scrubber.clientWidth, height_px: scrubber.clientHeight, dpr, font: colours.font, inks: colours.inks });
   paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
-  put(by("play"), playback.isPlaying ? "Pause" : step >= playback.last ? "Again" : "Play");
-  put(by("at"), `move ${step} of ${playback.last}`);
+  put(by("play"), player.playback.isPlaying ? "Pause" : step >= player.playback.last ? "Again" : "Play");
+  put(by("at"), `move ${step} of ${player.playback.last}`);
   put(by("run-tab-share"), `${percent(coverageAt(data.run, step))} %`);
   put(by("ghost-tab-share"), ghost ? `${percent(coverageAt(ghost, step))} %` : "");
-  speed.value = String(playback.speed);
-  scrubber.setAttribute("aria-valuemax", String(playback.last));
+  speed.value = String(player.playback.speed);
+  scrubber.setAttribute("aria-valuemax", String(player.playback.last));
   scrubber.setAttribute("aria-valuenow", String(step));
   scrubber.setAttribute("aria-valuetext", inWords());
 }
@@ -84,7 +68,7 @@ function showGhost(course) {
   by("tabs").hidden = chosen === null;
   put(by("ghost-tab-name"), chosen ?? "");
   put(by("compared"), course ? `${course.name} ${course.sentence} on the same terrain.` : "");
-  show(withLast(playback, Math.max(movesOf(data.run), course ? movesOf(course) : 0)));
+  player.show(withLast(player.playback, Math.max(movesOf(data.run), course ? movesOf(course) : 0)));
 }
 /** @param {string | null} name */
 async function choose(name) {
@@ -110,21 +94,17 @@ async function choose(name) {
 offerGhosts(select, data.ghosts, chosen);
 select.addEventListener("change", () => choose(select.value || null));
 speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));
-speed.addEventListener("change", () => show({ ...playback, speed: Number(speed.value) }));
+speed.addEventListener("change", () => player.show({ ...player.playback, speed: Number(speed.value) }));
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-key]"))) {
-  button.addEventListener("click", () => show(keyed(playback, button.dataset.key ?? "") ?? playback));
+  button.addEventListener("click", () => player.press(button.dataset.key ?? ""));
 }
 window.addEventListener("keydown", (event) => {
   const target = /** @type {HTMLElement | null} */ (event.target);
   if (event.ctrlKey || event.metaKey || event.altKey || (target !== scrubber && ownsKeys(target))) return;
   if (event.key === " " && target?.matches("button, a, summary")) return; // the button's own
-  const next = keyed(playback, event.key, event.shiftKey);
-  if (!next) return;
-  event.preventDefault();
-  show(next);
+  if (player.press(event.key, event.shiftKey)) event.preventDefault();
 });
-startScrubber(scrubber, { last: () => playback.last, onMove: (step) => show(movedTo(playback, step)),
-  onHover: (hovered) => { if (!playback.isPlaying) show({ ...playback, hovered }); } });
+startScrubber(scrubber, { last: () => player.playback.last, onMove: player.goTo, onHover: player.hover });
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-tab]"))) {
   button.addEventListener("click", () => {
     document.body.dataset.tab = button.dataset.tab;
@@ -134,7 +114,7 @@ for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelec
 }
 const copy = document.getElementById("copy-link");
 copy?.addEventListener("click", async () => {
-  const link = linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: stepOf(playback), last: playback.last });
+  const link = linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: player.step, last: player.playback.last });
   const isCopied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
   if (!isCopied) window.prompt("Copy this link:", link);
   put(copy, "Link copied");
@@ -148,5 +128,5 @@ for (const what of ["theme", "resize"]) window.addEventListener(what, () => repa
 document.body.dataset.tab = "run";
 const wanted = moveInHash(location.hash);
 await choose(chosen);
-if (wanted !== null) show(movedTo(playback, wanted));
-else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) show(keyed(playback, " ") ?? playback);
+if (wanted !== null) player.goTo(wanted);
+else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.press(" ");

@@ -3,6 +3,7 @@
 
 /** @typedef {"consent" | "instructions" | "tutorial" | "questions" | "warm_up" | "ranked" | "debrief" | "complete" | "withdrawn"} Stage */
 /** @typedef {"tutorial" | "warm_up" | "ranked"} Phase */
+/** @typedef {{own: import("../common/messages.js").Frame[], policy: {name: string, frames: import("../common/messages.js").Frame[]}}} Runs  what GET debrief/{index} answers */
 /** @typedef {"mars" | "colour-blind" | "high-contrast"} PaletteName */
 /** @typedef {{modality: "keyboard" | "touch", palette: PaletteName, keys: import("./keymap.js").KeyMap}} Settings */
 /**
@@ -114,7 +115,7 @@ export function createStudyApi(request, name) {
     /**
      * @param {number} index
      * @param {import("./debrief.js").Shown} phase
-     * @returns {Promise<import("./replay.js").Runs>}
+     * @returns {Promise<Runs>}
      */
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
     /**

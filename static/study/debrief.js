@@ -1,11 +1,9 @@
 // @ts-check
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
-import { paintBoard } from "../common/board.js";
 import { create, elementsOf, put } from "../common/page.js";
 import { paintLosses } from "../common/losses.js";
-import { boardAt } from "../common/replay.js";
-import { describeBoard, many, outcomeShort, percent, score } from "../common/words.js";
-import { lastStep } from "./replay.js";
+import { begun, courseOf, createPlayer, movesOf, paintCourse, stepOf } from "../common/player.js";
+import { many, outcomeShort, percent, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 
@@ -15,15 +13,19 @@ import { debriefLine } from "./words.js";
  * @typedef {"warm_up" | "ranked"} Shown  the phase of a terrain
  */
 
-const TICK_MS = 160;
+/** Moves per second. */
+const SPEED = 6.25;
 
 /**
  * @param {Document} page
- * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number, phase: Shown) => Promise<import("./replay.js").Runs>,
- *   losses: (index: number, phase: Shown) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, warmUps: () => number, replay: () => import("./replay.js").Replay | null}} how
+ * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number, phase: Shown) => Promise<import("./api.js").Runs>,
+ *   losses: (index: number, phase: Shown) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, warmUps: () => number, index: () => number | undefined}} how
+ *   index of the terrain whose replay is shown
  */
-export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, replay: current }) {
+export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, index: shown }) {
   const by = elementsOf(page);
+  /** @type {ReturnType<typeof createPlayer> | null} */
+  let player = null;
 
   /**
    * Load both runs of a terrain: the warm-up ones first, then the ranked ones, which a closed study shows.
@@ -34,19 +36,30 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     const number = phase === "ranked" ? index - warmUps() : index;
     try {
       by("own-losses").replaceChildren();
-      dispatch({ kind: "replay-loaded", index, runs: await terrain(number, phase) });
+      show(index, await terrain(number, phase));
       const regret = await losses(number, phase).catch(() => null); // a board too large for it, or a busy server: nothing is shown
-      const onChoose = (/** @type {import("../common/losses.js").Loss} */ { step }) => dispatch({ kind: "replay-moved", step });
-      if (regret && current()?.index === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
+      const onChoose = (/** @type {import("../common/losses.js").Loss} */ { step }) => player?.goTo(step);
+      if (regret && shown() === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
     } catch (error) {
       dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     }
   }
-  by("replay-play").addEventListener("click", () => dispatch({ kind: "replay-toggled" }));
-  by("replay-step").addEventListener("click", () => dispatch({ kind: "replay-moved", step: (current()?.step ?? 0) + 1 }));
-  by("replay-at").addEventListener("input", () => dispatch({ kind: "replay-moved", step: Number(by("replay-at", HTMLInputElement).value) }));
+  /**
+   * Show the runs of a terrain from their start.
+   * @param {number} index
+   * @param {import("./api.js").Runs} answer
+   */
+  function show(index, { own, policy }) {
+    const runs = { own: courseOf("You", own), policy: courseOf(policy.name, policy.frames) };
+    const last = Math.max(0, ...Object.values(runs).map((course) => (course ? movesOf(course) : 0)));
+    player?.goTo(0); // the clock of the one before stops
+    player = createPlayer(begun(last, SPEED), (playback) => dispatch({ kind: "replay-moved", replay: { index, runs, playback } }));
+    player.goTo(0);
+  }
+  by("replay-play").addEventListener("click", () => player?.press(" "));
+  by("replay-step").addEventListener("click", () => player?.press("ArrowRight"));
+  by("replay-at").addEventListener("input", () => player?.goTo(Number(by("replay-at", HTMLInputElement).value)));
   by("replay-index").addEventListener("change", () => load(Number(by("replay-index", HTMLSelectElement).value)));
-  setInterval(() => current()?.isPlaying && dispatch({ kind: "replay-stepped" }), TICK_MS);
 
   /** @param {Debrief} debrief */
   function paintFigures(debrief) {
@@ -85,37 +98,26 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     }
     return table;
   }
-  /**
-   * @param {"own" | "policy"} run
-   * @param {import("../common/messages.js").Frame[]} frames
-   * @param {string} name
-   * @param {number} step
-   */
-  function paintRun(run, frames, name, step) {
-    const board = boardAt(frames, name, step);
-    if (!board) return;
-    const canvas = by(`${run}-board`, HTMLCanvasElement);
-    const place = /** @type {HTMLElement} */ (canvas.parentElement);
-    place.style.aspectRatio = `${board.frame.cols} / ${board.frame.rows}`;
-    const { clientWidth: width_px, clientHeight: height_px } = place;
-    const { soil, accent, rival } = look();
-    paintBoard(canvas, board, { soil, accent: run === "own" ? accent : rival, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
-    const { frame } = board;
-    canvas.setAttribute("aria-label", describeBoard(frame, name));
-    put(by(`${run}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
-  }
-  /** @param {import("./replay.js").Replay} replay */
-  function paintReplay(replay) {
-    const { runs, step, isPlaying, index } = replay;
-    put(by("policy-name"), runs.policy.name);
-    put(by("replay-play"), isPlaying ? "Pause" : "Play");
+  /** @param {import("./state.js").Replay} replay */
+  function paintReplay({ index, runs, playback }) {
+    const step = stepOf(playback);
+    put(by("policy-name"), runs.policy?.name ?? "");
+    put(by("replay-play"), playback.isPlaying ? "Pause" : "Play");
     by("replay-index", HTMLSelectElement).value = String(index);
     const slider = by("replay-at", HTMLInputElement);
-    slider.max = String(lastStep(replay));
+    slider.max = String(playback.last);
     slider.value = String(step);
-    slider.setAttribute("aria-valuetext", `move ${step} of ${lastStep(replay)}`);
-    paintRun("own", runs.own, "You", step);
-    paintRun("policy", runs.policy.frames, runs.policy.name, step);
+    slider.setAttribute("aria-valuetext", `move ${step} of ${playback.last}`);
+    const { soil, accent, rival } = look();
+    for (const [run, course] of Object.entries(runs)) {
+      if (!course) continue;
+      const canvas = by(`${run}-board`, HTMLCanvasElement);
+      const place = /** @type {HTMLElement} */ (canvas.parentElement);
+      place.style.aspectRatio = `${course.grid[0].length} / ${course.grid.length}`;
+      const colours = { soil, accent: run === "own" ? accent : rival, dpr: page.defaultView?.devicePixelRatio || 1 };
+      const frame = paintCourse(canvas, place, course, step, colours);
+      put(by(`${run}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
+    }
   }
   return {
     load,

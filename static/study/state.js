@@ -1,11 +1,10 @@
 // @ts-check
 // The whole state of the study's page in one object. `apply` returns the next state; `screenOf` says which screen belongs to it.
 import * as gameState from "../common/game_state.js";
-import * as replays from "./replay.js";
 
 /**
  * @typedef {import("./api.js").Participant} Participant
- * @typedef {import("./replay.js").Replay} Replay
+ * @typedef {{index: number, runs: {own: Course | null, policy: Course | null}, playback: Playback}} Replay
  */
 /**
  * @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen
@@ -22,8 +21,7 @@ import * as replays from "./replay.js";
  */
 /**
  * @typedef {import("../common/game_state.js").Event | {kind: "participant", participant: Participant} | {kind: "problem", text: string} | {kind: "passed", episode: string}
- *   | {kind: "paused", isPaused: boolean} | {kind: "replay-loaded", index: number, runs: import("./replay.js").Runs}
- *   | {kind: "replay-toggled"} | {kind: "replay-stepped"} | {kind: "replay-moved", step: number} | {kind: "looked-back", looksBack: boolean}} Event
+ *   | {kind: "paused", isPaused: boolean} | {kind: "replay-moved", replay: Replay} | {kind: "looked-back", looksBack: boolean}} Event
  */
 
 /** @returns {State} */
@@ -58,16 +56,12 @@ function settled(state) {
  * @returns {State}
  */
 export function apply(state, event) {
-  const { replay } = state;
   switch (event.kind) {
     case "participant": return arrived(state, event.participant);
     case "problem": return { ...state, problem: event.text };
     case "passed": return { ...state, passed: event.episode };
     case "paused": return state.isPaused === event.isPaused ? state : settled({ ...state, isPaused: event.isPaused });
-    case "replay-loaded": return { ...state, replay: replays.begun(event.index, event.runs) };
-    case "replay-toggled": return replay ? { ...state, replay: replays.toggled(replay) } : state;
-    case "replay-stepped": return replay ? { ...state, replay: replays.stepped(replay) } : state;
-    case "replay-moved": return replay ? { ...state, replay: replays.moved(replay, event.step) } : state;
+    case "replay-moved": return { ...state, replay: event.replay };
     case "looked-back": return { ...state, looksBack: event.looksBack };
     default: {
       const game = gameState.apply(state.game, event);

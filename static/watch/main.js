@@ -79,11 +79,11 @@ async function showEnd(episode) {
   put(by("badge"), "ended");
   put(by("watching-text"), "This episode has ended");
   put(by("watching-line"), episode === id ? "" : "The next terrain on this board is shown here as soon as it begins.");
-  const replay = /** @type {import("../replay/course.js").ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
+  const replay = /** @type {ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
   if (!replay || state.player?.frame.episode !== episode) return;
   put(by("watching-text"), `${replay.run.name} ${replay.run.sentence}`);
   put(part.outcome, replay.run.sentence);
-  part.outcome.dataset.outcome = replay.run.outcome;
+  part.outcome.dataset.outcome = replay.run.outcome ?? "";
   by("watch-replay", HTMLAnchorElement).href = `../replay/${episode}`;
   by("ended").hidden = false;
 }

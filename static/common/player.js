@@ -1,0 +1,188 @@
+// @ts-check
+// The player of finished episodes, for a replay's page and a study's debrief: the course of an episode, its board after
+// any number of moves, where the playback stands and how it goes on.
+import { paintBoard } from "./board.js";
+import { describeBoard } from "./words.js";
+
+/** Moves per second. */
+export const SPEEDS = Object.freeze([1, 2, 4, 8, 16, 32, 64]);
+/** Seconds that a whole replay takes at most, where a speed allows it. */
+const WHOLE_S = 15;
+/** Moves that an arrow key with Shift goes. */
+const FAR = 10;
+
+/** Return the course that the frames of an ended episode tell. Long ones come with frames left out: the board stays as
+ * it was then.
+ * @param {string} name @param {Frame[]} frames @returns {Course | null} null without frames */
+export function courseOf(name, frames) {
+  const end = frames[frames.length - 1];
+  if (!end) return null;
+  /** @type {Frame[]} */
+  const shown = [];
+  for (const frame of frames) {
+    while (shown.length < frame.step) shown.push(shown[shown.length - 1]);
+    shown[frame.step] = frame;
+  }
+  const known_since = end.grid.map((line, row) =>
+    Array.from(line, (_, col) => frames.find(({ grid }) => grid[row][col] !== "?")?.step ?? -1));
+  return {
+    name, known_since, cells: end.cells, outcome: end.outcome, sentence: "",
+    grid: end.grid.map((line) => line.replace("@", ".")),
+    actions: shown.slice(1).map(({ heading }) => heading), positions: shown.map(({ position }) => position),
+    discovered: shown.map(({ discovered }) => discovered),
+  };
+}
+
+/** Return the number of moves of a course.
+ * @param {Course} course */
+export const movesOf = ({ actions }) => actions.length;
+
+/** Return the moves that a course has made when a replay stands at `step`: one that has ended stays at its end.
+ * @param {Course} course @param {number} step */
+export const clamped = (course, step) => Math.max(0, Math.min(step, movesOf(course)));
+
+/** Return the share of the cells that is known, 0..1.
+ * @param {Course} course @param {number} step */
+export const coverageAt = (course, step) => course.discovered[clamped(course, step)] / course.cells;
+
+/** Return whether a course has ended when a replay stands at `step`.
+ * @param {Course} course @param {number} step */
+export const hasEnded = (course, step) => step >= movesOf(course);
+
+/** Return the board as it stood after `step` moves, for the painter of boards.
+ * @param {Course} course @param {number} step @returns {{frame: Frame, trail: Cell[]}} */
+export function boardAt(course, step) {
+  const at = clamped(course, step);
+  const grid = course.grid.map((line, row) => {
+    const since = course.known_since[row];
+    let known = "";
+    for (let col = 0; col < line.length; col++) known += since[col] >= 0 && since[col] <= at ? line[col] : "?";
+    return known;
+  });
+  const frame = {
+    kind: /** @type {const} */ ("frame"), episode: course.name, step: at, rows: grid.length, cols: grid[0].length, grid,
+    position: course.positions[at], discovered: course.discovered[at], cells: course.cells,
+    coverage: coverageAt(course, at), heading: at ? course.actions[at - 1] : /** @type {Action} */ ("east"),
+    reward: null, return: null, score: null, outcome: hasEnded(course, step) ? course.outcome : null,
+  };
+  return { frame, trail: course.positions.slice(0, at + 1) };
+}
+
+/** Paint the board of a course after `step` moves to fill an element, say it in words, and return its frame.
+ * @param {HTMLCanvasElement} canvas @param {HTMLElement} place @param {Course} course @param {number} step
+ * @param {{accent: string, soil: import("./board.js").Soil, dpr: number, other?: {course: Course, accent: string} |
+ *   null}} look other is the run whose path is drawn dashed */
+export function paintCourse(canvas, place, course, step, { accent, soil, dpr, other }) {
+  const board = boardAt(course, step);
+  const { clientWidth: width_px, clientHeight: height_px } = place;
+  const ghost = other && { trail: boardAt(other.course, step).trail, accent: other.accent };
+  if (width_px > 0 && height_px > 0) paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil, ghost });
+  canvas.setAttribute("aria-label", describeBoard(board.frame, course.name));
+  return board.frame;
+}
+
+/** Return the start of a replay of `last` moves; without a speed, at one that shows all of it soon.
+ * @param {number} last @param {number} [speed] moves per second @returns {Playback} */
+export function begun(last, speed) {
+  const fitting = SPEEDS.find((each) => each >= 8 && last / each <= WHOLE_S) ?? SPEEDS[SPEEDS.length - 1];
+  return { at: 0, last, isPlaying: false, speed: speed ?? fitting, hovered: null };
+}
+
+/** Return the number of moves after which the boards are shown.
+ * @param {Playback} playback */
+export function stepOf({ at, hovered, isPlaying }) {
+  return hovered !== null && !isPlaying ? hovered : Math.floor(at + 1e-9);
+}
+
+/** Return the replay at another move, not playing.
+ * @param {Playback} playback @param {number} step @returns {Playback} */
+export function movedTo(playback, step) {
+  return { ...playback, at: Math.max(0, Math.min(Math.round(step), playback.last)), isPlaying: false, hovered: null };
+}
+
+/** Return the replay with another longest run: it stays at its move.
+ * @param {Playback} playback @param {number} last @returns {Playback} */
+export const withLast = (playback, last) => ({ ...playback, last, at: Math.min(playback.at, last) });
+
+/** Return the replay playing, from the start where it was at its end, or paused.
+ * @param {Playback} playback @returns {Playback} */
+export function toggled(playback) {
+  if (playback.isPlaying) return { ...playback, at: Math.floor(playback.at), isPlaying: false };
+  return { ...playback, isPlaying: true, hovered: null, at: playback.at >= playback.last ? 0 : playback.at };
+}
+
+/** Return the replay some time later.
+ * @param {Playback} playback @param {number} seconds @returns {Playback} */
+export function later(playback, seconds) {
+  if (!playback.isPlaying) return playback;
+  const at = Math.min(playback.last, playback.at + seconds * playback.speed);
+  return { ...playback, at, isPlaying: at < playback.last };
+}
+
+/** Return the replay at the next speed up or down.
+ * @param {Playback} playback @param {1 | -1} direction @returns {Playback} */
+function faster(playback, direction) {
+  const index = SPEEDS.indexOf(playback.speed) + direction;
+  return { ...playback, speed: SPEEDS[Math.max(0, Math.min(index, SPEEDS.length - 1))] };
+}
+
+/** Return the replay after a key; null for a key that is none of its own.
+ * @param {Playback} playback @param {string} key `event.key` @param {boolean} [isFar] Shift is down
+ * @returns {Playback | null} */
+export function keyed(playback, key, isFar = false) {
+  const step = stepOf(playback);
+  switch (key) {
+    case " ": return toggled(playback);
+    case "ArrowRight": case "ArrowUp": return movedTo(playback, step + (isFar ? FAR : 1));
+    case "ArrowLeft": case "ArrowDown": return movedTo(playback, step - (isFar ? FAR : 1));
+    case "PageUp": return movedTo(playback, step + FAR);
+    case "PageDown": return movedTo(playback, step - FAR);
+    case "Home": return movedTo(playback, 0);
+    case "End": return movedTo(playback, playback.last);
+    case "+": case "=": return faster(playback, 1);
+    case "-": case "_": return faster(playback, -1);
+    default: return null;
+  }
+}
+
+/** Return a player: it holds where the playback stands, and runs the clock while it plays.
+ * @param {Playback} playback to begin with @param {(playback: Playback, before: Playback) => void} onChange */
+export function createPlayer(playback, onChange) {
+  let shownAt_ms = 0;
+  /** @param {number} now_ms */
+  function tick(now_ms) {
+    if (!playback.isPlaying) return;
+    show(later(playback, Math.min(0.25, (now_ms - shownAt_ms) / 1000)));
+    shownAt_ms = now_ms;
+    if (playback.isPlaying) requestAnimationFrame(tick);
+  }
+  /** Show another state of the playback.
+   * @param {Playback} next */
+  function show(next) {
+    const before = playback;
+    playback = next;
+    if (next.isPlaying && !before.isPlaying) {
+      requestAnimationFrame((now_ms) => {
+        shownAt_ms = now_ms;
+        requestAnimationFrame(tick);
+      });
+    }
+    onChange(next, before);
+  }
+  return {
+    get playback() { return playback; },
+    get step() { return stepOf(playback); },
+    show,
+    /** @param {number} step */
+    goTo: (step) => show(movedTo(playback, step)),
+    /** @param {number | null} hovered */
+    hover: (hovered) => { if (!playback.isPlaying) show({ ...playback, hovered }); },
+    /** Do what a key stands for, and return whether it is one of the player's own.
+     * @param {string} key @param {boolean} [isFar] */
+    press(key, isFar) {
+      const next = keyed(playback, key, isFar);
+      if (next) show(next);
+      return next !== null;
+    },
+  };
+}
