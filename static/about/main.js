@@ -4,10 +4,6 @@ import { paintBoard } from "../common/board.js";
 import { boardColours } from "../common/colours.js";
 import { boardLine } from "./words.js";
 
-/**
- * @typedef {import("./words.js").ShownBoard & {trail: import("../common/messages.js").Cell[], frame: import("../common/messages.js").Frame}} PaintedBoard
- */
-
 /** @type {Record<string, PaintedBoard>} */
 let boards = {};
 

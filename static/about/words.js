@@ -2,13 +2,8 @@
 // What stands under each picture of a board. No document here, so that node can test it.
 import { many } from "../common/words.js";
 
-/** @typedef {{actions: number[], outcome: string, coverage: number}} ShownBoard  actions: the moves made; coverage 0..1 */
-
-/**
- * Return the sentence about a board.
- * @param {string} name start, way, done or crash
- * @param {ShownBoard} board
- */
+/** Return the sentence about a board.
+ * @param {string} name start, way, done or crash @param {ShownBoard} board */
 export function boardLine(name, { actions, coverage }) {
   const percent = `${Math.floor(100 * coverage)}\u00a0%`;
   const moves = many(actions.length, "move");

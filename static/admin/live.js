@@ -7,20 +7,10 @@ import { follow } from "../common/socket.js";
 import { outcomeShort, percent, score } from "../common/words.js";
 import { stageName } from "./words.js";
 
-/**
- * @typedef {{session: string, study: string | null, label: string | null, kind: string, phase: string | null, trial: number | null, level: string}} BoardInfo
- */
-/** @typedef {{frame: import("../common/messages.js").Frame | null, trail: import("../common/messages.js").Cell[]}} WatchedBoard */
-/** @typedef {{figure: HTMLElement, canvas: HTMLCanvasElement, board: WatchedBoard, link: ReturnType<typeof follow>, info: BoardInfo}} Watched */
-
 export const MAX_BOARDS = 12;
 
-/**
- * Return the board after a message. A history makes its path whole again.
- * @param {WatchedBoard} board
- * @param {import("../common/messages.js").FromServer} message
- * @returns {WatchedBoard}
- */
+/** Return the board after a message. A history makes its path whole again.
+ * @param {Admin.WatchedBoard} board @param {FromServer} message @returns {Admin.WatchedBoard} */
 export function boardAfter(board, message) {
   if (message.kind === "history" && message.episode === board.frame?.episode) return { ...board, trail: message.positions };
   if (message.kind !== "frame") return board;
@@ -28,29 +18,24 @@ export function boardAfter(board, message) {
   return { frame: message, trail: isNew ? [message.position] : message.step === board.trail.length ? [...board.trail, message.position] : board.trail };
 }
 
-/**
- * Return who plays and what is played, in short.
- * @param {BoardInfo} info
- */
+/** Return who plays and what is played, in short.
+ * @param {Admin.BoardInfo} info */
 export function caption({ label, kind, phase, trial }) {
   const who = label ? `${label}${kind === "script" ? " (script)" : ""}` : kind === "script" ? "a script" : "a player";
   return [who, phase ? `${stageName(phase)}${phase === "tutorial" ? "" : ` ${(trial ?? 0) + 1}`}` : "playground"];
 }
 
-/**
- * @param {HTMLElement} place
- * @param {string} base the page's address
- */
+/** @param {HTMLElement} place @param {string} base the page's address */
 export function createLive(place, base) {
-  /** @type {Map<string, Watched>} */
+  /** @type {Map<string, Admin.Watched>} */
   const watched = new Map();
 
-  /** @param {BoardInfo} info */
+  /** @param {Admin.BoardInfo} info */
   function open(info) {
     const canvas = create("canvas", [], { role: "img" });
     const figure = create("figure", [create("div", canvas, { class: "matrix" }), create("figcaption")],
       { "data-testid": `live-${info.label ?? info.session}`, "data-outcome": "" });
-    /** @type {Watched} */
+    /** @type {Admin.Watched} */
     const one = { figure, canvas, info, board: { frame: null, trail: [] }, link: follow({
       url: socketUrl(info.session, base, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
       onMessage: (message) => { one.board = boardAfter(one.board, message); paint(one); },
@@ -59,7 +44,7 @@ export function createLive(place, base) {
     watched.set(info.session, one);
     return one;
   }
-  /** @param {Watched} one */
+  /** @param {Admin.Watched} one */
   function paint({ figure, canvas, board: { frame, trail }, info }) {
     const [who, what] = caption(info);
     const numbers = frame ? [`${frame.step} moves`, `${percent(frame.coverage)} %`, frame.score === null ? "" : score(frame.score), frame.outcome ? outcomeShort(frame.outcome) : ""].filter(Boolean).join(" \u00b7 ") : "";
@@ -72,10 +57,8 @@ export function createLive(place, base) {
     paintBoard(canvas, { frame, trail }, { accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
   }
   return {
-    /**
-     * Watch these boards, and no others.
-     * @param {BoardInfo[]} infos
-     */
+    /** Watch these boards, and no others.
+     * @param {Admin.BoardInfo[]} infos */
     sync(infos) {
       const wanted = infos.slice(0, MAX_BOARDS);
       const sessions = new Set(wanted.map(({ session }) => session));

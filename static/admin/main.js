@@ -8,9 +8,6 @@ import { createRecruiting } from "./recruiting.js";
 import * as tables from "./tables.js";
 import { attention, exportText, summary } from "./words.js";
 
-/** @typedef {{name: string, title: string, status: string, error: string | null}} Listed */
-/** @typedef {{studies: Listed[], boards: import("./live.js").BoardInfo[], health: import("./words.js").Health, actions: import("./tables.js").Action[], operator: string, now_ms: number}} Overview */
-
 const EVERY_MS = 2000;
 const by = elementsOf(document);
 const request = createRequest((path, options) => fetch(path, options), "");
@@ -18,7 +15,7 @@ const password = by("password", HTMLInputElement);
 const typed = by("typed", HTMLInputElement);
 const live = createLive(by("boards"), document.baseURI);
 
-/** @type {{chosen: string, overview: Overview | null, study: import("./words.js").Study | null}} */
+/** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null}} */
 let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
@@ -36,12 +33,12 @@ function enter(isIn) {
 async function load() {
   clearTimeout(timer);
   try {
-    /** @type {Overview} */
+    /** @type {Admin.Overview} */
     const overview = await request("admin/overview");
     const { studies } = overview;
     const usable = studies.filter(({ status }) => status === "open" || status === "closed");
     const chosen = usable.some(({ name }) => name === state.chosen) ? state.chosen : (usable.find(({ status }) => status === "open") ?? usable[0])?.name ?? "";
-    /** @type {import("./words.js").Study | null} */
+    /** @type {Admin.Study | null} */
     const study = chosen ? await request(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
     state = { chosen, overview, study };
     enter(true);
@@ -55,10 +52,7 @@ async function load() {
 }
 const next = () => { if (document.hidden) timer = setTimeout(next, EVERY_MS); else load(); };
 
-/**
- * @param {"open" | "lost"} link
- * @param {string} [why]
- */
+/** @param {"open" | "lost"} link @param {string} [why] */
 function showLink(link, why = "") {
   by("link").dataset.link = link;
   /** @type {HTMLElement} */ (by("link").lastElementChild).textContent = link === "open" ? "live" : "not live";
@@ -88,10 +82,7 @@ function paint() {
   if (study) paintStudy(study, overview);
 }
 
-/**
- * @param {Listed[]} studies
- * @param {string} chosen
- */
+/** @param {Admin.Listed[]} studies @param {string} chosen */
 function paintStudies(studies, chosen) {
   const select = by("study", HTMLSelectElement);
   const key = JSON.stringify(studies);
@@ -108,10 +99,7 @@ function paintStudies(studies, chosen) {
   by("status").hidden = true;
 }
 
-/**
- * @param {import("./words.js").Study} study
- * @param {Overview} overview
- */
+/** @param {Admin.Study} study @param {Admin.Overview} overview */
 function paintStudy(study, overview) {
   const isOpen = study.status === "open";
   by("title").textContent = study.title;
@@ -133,10 +121,8 @@ function paintStudy(study, overview) {
   /** @type {HTMLElement} */ (by("close").closest("div")).hidden = !isOpen;
 }
 
-/**
- * Do what was asked, show what went wrong, and load the console again.
- * @param {() => Promise<unknown>} work
- */
+/** Do what was asked, show what went wrong, and load the console again.
+ * @param {() => Promise<unknown>} work */
 async function run(work) {
   try {
     await work();

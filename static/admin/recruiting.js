@@ -5,19 +5,14 @@ import { many } from "../common/words.js";
 import { ago, invitationCounts, RECRUITMENT } from "./words.js";
 
 /**
- * @typedef {import("./words.js").Study} Study
- * @typedef {import("./words.js").Invitation} Invitation
- */
-
-/**
  *   ask     sends a body to a path below the study's
  *   run     does work, shows what went wrong, and loads the console again
  * @param {Document} page
- * @param {{ask: <T>(path: string, body: unknown) => Promise<T>, run: (work: () => Promise<unknown>) => Promise<void>}} how
- */
+ * @param {{ask: <T>(path: string, body: unknown) => Promise<T>,
+ *   run: (work: () => Promise<unknown>) => Promise<void>}} how */
 export function createRecruiting(page, { ask, run }) {
   const by = elementsOf(page);
-  /** @type {Study | null} */
+  /** @type {Admin.Study | null} */
   let study = null;
 
   /** @param {string} token */
@@ -48,10 +43,7 @@ export function createRecruiting(page, { ask, run }) {
     if (button?.dataset.act === "revoke") run(() => ask("invitations/revoke", { ids: [id] }));
   });
 
-  /**
-   * @param {Invitation} invitation
-   * @param {number} now_ms
-   */
+  /** @param {Admin.Invitation} invitation @param {number} now_ms */
   function row({ id, state, issued_ms: issued, revoked_ms: revoked, label, at_ms: at, token }, now_ms) {
     const since = state === "revoked" ? revoked : at ?? issued;
     const buttons = token === null ? [] : [
@@ -62,7 +54,7 @@ export function createRecruiting(page, { ask, run }) {
   }
 
   return {
-    /** @param {Study} shown */
+    /** @param {Admin.Study} shown */
     paint(shown) {
       if (study?.name !== shown.name) show([]);
       study = shown;

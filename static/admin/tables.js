@@ -4,16 +4,7 @@ import { create } from "../common/page.js";
 import { many, score } from "../common/words.js";
 import { ago, endings, flags, place, size, stageName } from "./words.js";
 
-/**
- * @typedef {import("./words.js").Study} Study
- * @typedef {import("./words.js").Interval} Interval
- * @typedef {{at_ms: number, operator: string, action: string, study: string | null, status: number | null}} Action
- */
-
-/**
- * @param {HTMLTableElement} table
- * @param {Study["stages"]} stages
- */
+/** @param {HTMLTableElement} table @param {Admin.Study["stages"]} stages */
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
   table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
@@ -27,11 +18,7 @@ export function paintStages(table, stages) {
   }));
 }
 
-/**
- * @param {HTMLElement} where
- * @param {HTMLElement} words
- * @param {Study} study
- */
+/** @param {HTMLElement} where @param {HTMLElement} words @param {Admin.Study} study */
 export function paintFigure(where, words, { figure, max_steps: limit }) {
   words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
@@ -42,13 +29,8 @@ export function paintFigure(where, words, { figure, max_steps: limit }) {
   where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
 }
 
-/**
- * @param {string} name
- * @param {Interval} value
- * @param {(value: number) => string} text
- * @param {number} low
- * @param {number} high
- */
+/** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low
+ * @param {number} high */
 function measure(name, value, text, low, high) {
   const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;
   const span = create("div", [], { class: "span", "aria-hidden": "true" });
@@ -64,10 +46,7 @@ function measure(name, value, text, low, high) {
   return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
-/**
- * @param {HTMLTableElement} table
- * @param {Study} study
- */
+/** @param {HTMLTableElement} table @param {Admin.Study} study */
 export function paintPeople(table, study) {
   const rows = study.participants.map((person) => {
     const bar = create("progress", [], { max: String(study.ranked), value: String(person.ranked), "aria-label": `Ranked episodes of ${person.label}` });
@@ -84,20 +63,13 @@ export function paintPeople(table, study) {
   table.tBodies[0].replaceChildren(...rows);
 }
 
-/**
- * @param {HTMLElement} list
- * @param {{text: string, detail: string, isWarning: boolean}[]} found
- */
+/** @param {HTMLElement} list @param {{text: string, detail: string, isWarning: boolean}[]} found */
 export function paintAttention(list, found) {
   const items = found.map(({ text, detail, isWarning }) => create("li", [text, create("span", detail)], { "data-tone": isWarning ? "warn" : "note" }));
   list.replaceChildren(...(items.length ? items : [create("li", "Nothing unusual: nobody has left or gone quiet, no episode carries a label.")]));
 }
 
-/**
- * @param {HTMLElement} list
- * @param {import("./words.js").Health} health
- * @param {number} now_ms
- */
+/** @param {HTMLElement} list @param {Admin.Health} health @param {number} now_ms */
 export function paintHealth(list, health, now_ms) {
   const { disk, database, check, chain } = health;
   /** @type {[string, string, string][]} */
@@ -112,12 +84,7 @@ export function paintHealth(list, health, now_ms) {
   list.replaceChildren(...facts.flatMap(([name, text, tone]) => [create("dt", name), create("dd", text, { "data-tone": tone })]));
 }
 
-/**
- * @param {HTMLElement} place
- * @param {string} text
- * @param {import("./words.js").Export | null} state
- * @param {string} study
- */
+/** @param {HTMLElement} place @param {string} text @param {Admin.Export | null} state @param {string} study */
 export function paintExport(place, text, state, study) {
   const key = JSON.stringify([text, state?.files]);
   if (place.dataset.shown === key) return; // a link in focus stays the same link
@@ -130,11 +97,7 @@ export function paintExport(place, text, state, study) {
   place.replaceChildren(`${text} `, ...links);
 }
 
-/**
- * @param {HTMLTableElement} table
- * @param {Action[]} actions the newest first
- * @param {number} now_ms
- */
+/** @param {HTMLTableElement} table @param {Admin.Action[]} actions the newest first @param {number} now_ms */
 export function paintActions(table, actions, now_ms) {
   table.tBodies[0].replaceChildren(...actions.map(({ at_ms, operator, action, study, status }) => {
     const answer = status === null ? "not ended" : status < 300 ? "done" : `refused (${status})`;

@@ -2,28 +2,6 @@
 // The operator's console in words: times, sizes, stages, what needs attention. No document here.
 import { many, outcomeShort } from "../common/words.js";
 
-/** @typedef {{stage: string, human: number, script: number}} Stage */
-/**
- * @typedef {{id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number, last_ms: number, is_quiet: boolean,
- *   left_at: string | null, deviations: number, repeated: string[], invitation: string | null, supervised_ms: number | null, warm_up: number, ranked: number, mean_score: number | null, mean_steps: number | null, outcomes: Record<string, number>}} Participant
- */
-/** @typedef {{id: string, state: "issued" | "opened" | "used" | "revoked", issued_ms: number, revoked_ms: number | null, label: string | null, at_ms: number | null, token: string | null}} Invitation */
-/** @typedef {import("../common/api.js").Interval} Interval */
-/** @typedef {{players: number, episodes: number, score: Interval | null, steps: Interval | null, set: string, sentence: string}} Figure */
-/**
- * @typedef {{state: "making" | "ready" | "failed", began_ms: number, error: string | null, files: {name: string, size: number}[]}} Export
- */
-/**
- * @typedef {{name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string, rows: number, cols: number, max_steps: number, planned: number,
- *   warm_up: number, ranked: number, stages: Stage[], participants: Participant[], figure: Figure | null, labels: {label: string, episodes: number, participants: string[]}[],
- *   exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open", code: string | null, code_until_ms: number | null,
- *   invitations: Invitation[], now_ms: number}} Study
- */
-/**
- * @typedef {{disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number}, last_write_ms: number,
- *   check: {result: string, is_whole: boolean, at_ms: number}, chain: {entries: number, head: string} | null, sessions: number, up_s: number}} Health
- */
-
 const NO_ID = "no outside id";
 /** @type {Record<string, string>} */
 const STAGES = { consent: "Consent", instructions: "Instructions", tutorial: "Tutorial", questions: "Questions", warm_up: "Warm-up", ranked: "Ranked", debrief: "Debrief", complete: "Complete", withdrawn: "Withdrawn" };
@@ -54,10 +32,8 @@ export function size(bytes) {
   return `${k === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[k]}`;
 }
 
-/**
- * Return the line under a study's title.
- * @param {Study} study
- */
+/** Return the line under a study's title.
+ * @param {Admin.Study} study */
 export function summary(study) {
   const people = study.participants.filter(({ kind }) => kind === "human");
   const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
@@ -68,17 +44,14 @@ export function summary(study) {
     + `${who}${scripts ? `, and ${many(scripts, "script")} outside of every human figure` : ""}.`;
 }
 
-/**
- * Return what the operator should look at, the worst first.
- * @param {Study} study
- * @param {Health | null} health
- * @returns {{text: string, detail: string, isWarning: boolean}[]}
- */
+/** Return what the operator should look at, the worst first.
+ * @param {Admin.Study} study @param {Admin.Health | null} health
+ * @returns {{text: string, detail: string, isWarning: boolean}[]} */
 export function attention({ participants, labels }, health) {
   /** @type {{text: string, detail: string, isWarning: boolean}[]} */
   const found = [];
   const people = participants.filter(({ kind }) => kind === "human");
-  const named = (/** @type {Participant[]} */ list) => list.slice(0, 6).map(({ label }) => label).join(", ") + (list.length > 6 ? " \u2026" : "");
+  const named = (/** @type {Admin.Participant[]} */ list) => list.slice(0, 6).map(({ label }) => label).join(", ") + (list.length > 6 ? " \u2026" : "");
   if (health && !health.check.is_whole) found.push({ text: "The database is damaged", detail: health.check.result, isWarning: true });
   if (health?.disk.is_low) found.push({ text: "The disk is nearly full", detail: `${size(health.disk.free)} left`, isWarning: true });
   const left = people.filter(({ stage }) => stage === "withdrawn");
@@ -101,27 +74,20 @@ export function attention({ participants, labels }, health) {
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
 }
 
-/**
- * Return how many invitations are in each state, those in none left out.
- * @param {Invitation[]} invitations
- */
+/** Return how many invitations are in each state, those in none left out.
+ * @param {Admin.Invitation[]} invitations */
 export function invitationCounts(invitations) {
   const states = /** @type {const} */ (["issued", "opened", "used", "revoked"]);
   const counts = states.map((state) => /** @type {const} */ ([state, invitations.filter((each) => each.state === state).length]));
   return counts.filter(([, count]) => count).map(([state, count]) => `${count} ${state === "issued" ? "not opened yet" : state === "opened" ? "opened, not agreed to yet" : state}`).join(", ");
 }
 
-/**
- * Return the endings, the commonest first.
- * @param {Record<string, number>} outcomes
- */
+/** Return the endings, the commonest first.
+ * @param {Record<string, number>} outcomes */
 export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : outcomeShort(outcome)}`).join(", ");
 
-/**
- * Return the flags of one participant.
- * @param {Participant} person
- * @param {Study["labels"]} labels
- */
+/** Return the flags of one participant.
+ * @param {Admin.Participant} person @param {Admin.Study["labels"]} labels */
 export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");
@@ -130,20 +96,12 @@ export function flags(person, labels) {
   return own.join(", ");
 }
 
-/**
- * Return where a mean stands between the ends of its measure, in percent.
- * @param {number} value
- * @param {number} low
- * @param {number} high
- */
+/** Return where a mean stands between the ends of its measure, in percent.
+ * @param {number} value @param {number} low @param {number} high */
 export const place = (value, low, high) => Math.min(100, Math.max(0, (100 * (value - low)) / (high - low)));
 
-/**
- * Return an export in words; its files are links next to it.
- * @param {Export | null} made
- * @param {string} before
- * @param {number} now_ms
- */
+/** Return an export in words; its files are links next to it.
+ * @param {Admin.Export | null} made @param {string} before @param {number} now_ms */
 export function exportText(made, before, now_ms) {
   if (!made) return before;
   if (made.state === "making") return `Being made, begun ${ago(now_ms - made.began_ms)}.`;

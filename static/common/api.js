@@ -3,50 +3,27 @@
 
 /** An answer that was not a success; `status` is 0 when no answer came at all. */
 export class ApiError extends Error {
-  /**
-   * @param {string} message
-   * @param {number} status
-   */
+  /** @param {string} message @param {number} status */
   constructor(message, status) {
     super(message);
     this.status = status;
   }
 }
 
-/**
- * Return one readable sentence from FastAPI's `detail`.
- * @param {unknown} detail
- * @param {number} status
- */
+/** Return one readable sentence from FastAPI's `detail`.
+ * @param {unknown} detail @param {number} status */
 export function readDetail(detail, status) {
   if (typeof detail === "string" && detail) return detail;
   if (Array.isArray(detail)) return detail.map((item) => `${(item.loc ?? []).slice(1).join(" ")} ${item.msg}`.trim()).join("; ");
   return `The server answered ${status}.`;
 }
 
-/**
- * @typedef {{name: string, summary: string}} Choice  a policy
- * @typedef {Choice & {pays_bonus?: boolean}} Level  pays_bonus: an episode pays for finishing and fines a failure
- * @typedef {Choice & {size: [number, number]}} GivenMap
- * @typedef {{mean: number, low: number | null, high: number | null}} Interval  low and high are null for a single player
- * @typedef {{level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval, steps: Interval}} HumanFigure
- * @typedef {{figures: HumanFigure[], sentence: string}} HumanLevel
- * @typedef {import("./messages.js").About} About
- * @typedef {import("./messages.js").Frame} Frame
- * @typedef {{episode: string, player: string, level: string, size: number | [number, number], frame: Frame,
- *   history: import("./messages.js").History, frames: Frame[] | null}} Watched  frames: every one, once the episode has ended
- * @typedef {<T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>} Request
- */
-
 /** A signal that aborts by itself; Debian 12's TypeScript does not know `AbortSignal.timeout` yet. */
 const Timer = /** @type {{timeout: (ms: number) => AbortSignal}} */ (/** @type {unknown} */ (AbortSignal));
 
-/**
- * Return the function that asks the server: a path below api/, a body for a POST, a promise of the parsed answer.
- * @param {typeof fetch} fetcher
- * @param {string} root the path from the page to the server's root: "" or "../"
- * @returns {Request}
- */
+/** Return the function that asks the server: a path below api/, a body for a POST, a promise of the parsed answer.
+ * @param {typeof fetch} fetcher @param {string} root the path from the page to the server's root: "" or "../"
+ * @returns {ApiRequest} */
 export function createRequest(fetcher, root) {
   return async function request(path, body, timeout_ms = 15000, rest = {}) {
     const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
@@ -62,11 +39,8 @@ export function createRequest(fetcher, root) {
   };
 }
 
-/**
- * Return the playground's API.
- * @param {typeof fetch} fetcher
- * @param {string} [root]
- */
+/** Return the playground's API.
+ * @param {typeof fetch} fetcher @param {string} [root] */
 export function createApi(fetcher, root = "") {
   const request = createRequest(fetcher, root);
   /** @param {string} id */
@@ -82,56 +56,27 @@ export function createApi(fetcher, root = "") {
     policies: () => request("policies"),
     /** @returns {Promise<HumanLevel>} */
     humanLevel: () => request("human-level"),
-    /**
-     * @param {string} id
-     * @returns {Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>}
-     */
+    /** @param {string} id
+     * @returns {Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>} */
     episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
-    /**
-     * @param {string} id of a finished episode
-     * @returns {Promise<import("./loss_words.js").Analysis>}
-     */
+    /** @param {string} id of a finished episode @returns {Promise<Analysis>} */
     regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 600_000),
-    /**
-     * Make a move that no key made.
-     * @param {string} id
-     * @param {{episode: string, step: number, action: string}} move
-     * @returns {Promise<Frame>}
-     */
+    /** Make a move that no key made.
+     * @param {string} id @param {{episode: string, step: number, action: string}} move @returns {Promise<Frame>} */
     act: (id, move) => request(`${session(id)}/act`, move),
-    /**
-     * @param {Record<string, unknown>} wish
-     * @returns {Promise<About>}
-     */
+    /** @param {Record<string, unknown>} wish @returns {Promise<About>} */
     createSession: (wish) => request("sessions", wish),
-    /**
-     * @param {string} id
-     * @returns {Promise<About>}
-     */
+    /** @param {string} id @returns {Promise<About>} */
     about: (id) => request(`${session(id)}/about`, undefined, 4000),
-    /**
-     * Return the board that this browser's player goes on with; null without one. A question names another of their boards:
-     * by its id, or by what a link to watch it holds.
-     * @param {{session?: string, watch?: string}} [question]
-     * @returns {Promise<About | null>}
-     */
+    /** Return the board that this browser's player goes on with; null without one. A question names another of their
+     * boards: by its id, or by what a link to watch it holds.
+     * @param {{session?: string, watch?: string}} [question] @returns {Promise<About | null>} */
     mySession: (question = {}) => request(`me/session?${new URLSearchParams(question)}`),
-    /**
-     * @param {string} id of a board for watching, or of an episode
-     * @returns {Promise<Watched>}
-     */
+    /** @param {string} id of a board for watching, or of an episode @returns {Promise<Watched>} */
     watched: (id) => request(`watch/${encodeURIComponent(id)}`),
-    /**
-     * @param {string} id
-     * @param {Record<string, unknown>} wish
-     * @returns {Promise<About>}
-     */
+    /** @param {string} id @param {Record<string, unknown>} wish @returns {Promise<About>} */
     nextEpisode: (id, wish) => request(`${session(id)}/episodes`, wish),
-    /**
-     * @param {string} id
-     * @param {Record<string, unknown>} pace
-     * @returns {Promise<import("./messages.js").Pace>}
-     */
+    /** @param {string} id @param {Record<string, unknown>} pace @returns {Promise<Pace>} */
     setPace: (id, pace) => request(`${session(id)}/pace`, pace),
   };
 }

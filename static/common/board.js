@@ -5,28 +5,14 @@ import { paintExpected } from "./expected.js";
 import { paintLossMarks } from "./loss_marks.js";
 import { paintThought } from "./thoughts.js";
 
-/**
- * How cells look; `casing` is drawn round paths and left out where there is none. The page's own colours unless a palette says otherwise.
- * @typedef {{shades: {"?": string, ".": string, "#": string}, edge: string, rockEdge: string, casing?: string}} Soil
- */
-
-/**
- * Return the largest whole number of device pixels per cell that fits.
- * @param {number} width_px
- * @param {number} height_px
- * @param {number} rows
- * @param {number} cols
- * @param {number} dpr
- */
+/** Return the largest whole number of device pixels per cell that fits.
+ * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr */
 export function cellSize(width_px, height_px, rows, cols, dpr) {
   return Math.max(1, Math.floor(Math.min((width_px * dpr) / cols, (height_px * dpr) / rows)));
 }
 
-/**
- * Return the maximal runs of equal characters: [start, length, character].
- * @param {string} line
- * @returns {[number, number, string][]}
- */
+/** Return the maximal runs of equal characters: [start, length, character].
+ * @param {string} line @returns {[number, number, string][]} */
 export function runs(line) {
   /** @type {[number, number, string][]} */
   const found = [];
@@ -38,16 +24,12 @@ export function runs(line) {
   return found;
 }
 
-/**
- * Paint one board to fill its frame, crisp at any pixel ratio.
- * @param {HTMLCanvasElement} canvas
- * @param {{frame: import("./messages.js").Frame, trail: import("./messages.js").Cell[]}} board
- * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil,
- *   lidar_cells?: number, ghost?: {trail: import("./messages.js").Cell[], accent: string} | null, thought?: import("./messages.js").Thought | null,
- *   tint?: import("./expected.js").Tint | null, marks?: import("./loss_marks.js").Marks | null}} look
- *   lidar_cells is how far the lidar sees, drawn as a ring; ghost is another's path under this one; thought is drawn round the rover; tint
- *   says what a look from each cell should show; marks are costly moves
- */
+/** Paint one board to fill its frame, crisp at any pixel ratio.
+ * @param {HTMLCanvasElement} canvas @param {{frame: Frame, trail: Cell[]}} board
+ * @param {{accent: string, width_px: number, height_px: number, dpr: number, soil?: Soil, lidar_cells?: number,
+ *   ghost?: {trail: Cell[], accent: string} | null, thought?: Thought | null, tint?: Tint | null, marks?: Marks |
+ *   null}} look lidar_cells is how far the lidar sees, drawn as a ring; ghost is another's path under this one; thought
+ *   is drawn round the rover; tint says what a look from each cell should show; marks are costly moves */
 export function paintBoard(canvas, board, look) {
   const { frame, trail } = board;
   const size = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
@@ -71,12 +53,7 @@ export function paintBoard(canvas, board, look) {
   if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Frame} frame
- * @param {number} size
- * @param {Soil} soil
- */
+/** @param {CanvasRenderingContext2D} context @param {Frame} frame @param {number} size @param {Soil} soil */
 function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   const gap = size >= 7 ? 1 : 0;
   context.fillStyle = shades["?"];
@@ -94,12 +71,8 @@ function paintCells(context, frame, size, { shades, edge, rockEdge }) {
   });
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Cell[]} trail
- * @param {number} size
- * @param {{accent: string, casing?: string, isGhost?: boolean}} look
- */
+/** @param {CanvasRenderingContext2D} context @param {Cell[]} trail @param {number} size
+ * @param {{accent: string, casing?: string, isGhost?: boolean}} look */
 function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
   if (trail.length < 2) return;
   context.beginPath();
@@ -127,12 +100,8 @@ function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
   context.globalAlpha = 1;
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Cell} position
- * @param {number} size
- * @param {{reach_px: number, accent: string, dpr: number}} look
- */
+/** @param {CanvasRenderingContext2D} context @param {Cell} position @param {number} size
+ * @param {{reach_px: number, accent: string, dpr: number}} look */
 function paintRange(context, [row, col], size, { reach_px, accent, dpr }) {
   context.beginPath();
   context.arc((col + 0.5) * size, (row + 0.5) * size, reach_px, 0, 2 * Math.PI);
@@ -147,12 +116,8 @@ function paintRange(context, [row, col], size, { reach_px, accent, dpr }) {
 
 const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI };
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Frame} frame
- * @param {number} size
- * @param {{accent: string, casing?: string, dpr: number}} look
- */
+/** @param {CanvasRenderingContext2D} context @param {Frame} frame @param {number} size
+ * @param {{accent: string, casing?: string, dpr: number}} look */
 function paintRover(context, frame, size, { accent, casing, dpr }) {
   const [row, col] = frame.position;
   context.save();

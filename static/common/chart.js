@@ -1,23 +1,11 @@
 // @ts-check
 // What every chart draws with: a canvas that is crisp at any pixel ratio, axes, lines, bands, dots, and the legend.
 
-/**
- * @typedef {import("./chart_scale.js").Box} Box
- * @typedef {import("./chart_scale.js").Range} Range
- * @typedef {import("./chart_scale.js").Scale} Scale
- * @typedef {{text: string, goal: string, base: string, line: string}} Inks  of labels, the 99 % line, the axis and the grid
- * @typedef {{width_px: number, height_px: number, dpr: number, font: string}} ChartSize  in CSS pixels
- * @typedef {{x: number, y: number}} Point  in CSS pixels
- */
-
 /** Dashes of the line that marks 99 %. */
 const GOAL_DASHES = [2, 4];
 
-/**
- * Return the context of a cleared canvas of this size, ready to draw in CSS pixels.
- * @param {HTMLCanvasElement} canvas
- * @param {ChartSize} size
- */
+/** Return the context of a cleared canvas of this size, ready to draw in CSS pixels.
+ * @param {HTMLCanvasElement} canvas @param {ChartSize} size */
 export function openChart(canvas, { width_px, height_px, dpr, font }) {
   canvas.width = Math.round(width_px * dpr);
   canvas.height = Math.round(height_px * dpr);
@@ -29,14 +17,9 @@ export function openChart(canvas, { width_px, height_px, dpr, font }) {
   return context;
 }
 
-/**
- * Draw a horizontal line, one crisp pixel high.
- * @param {CanvasRenderingContext2D} context
- * @param {Box} box
- * @param {number} y
- * @param {string} colour
- * @param {number[]} [dashes]
- */
+/** Draw a horizontal line, one crisp pixel high.
+ * @param {CanvasRenderingContext2D} context @param {Box} box @param {number} y @param {string} colour
+ * @param {number[]} [dashes] */
 function rule(context, box, y, colour, dashes = []) {
   context.beginPath();
   context.moveTo(box.left, Math.round(y) + 0.5);
@@ -48,14 +31,10 @@ function rule(context, box, y, colour, dashes = []) {
   context.setLineDash([]);
 }
 
-/**
- * Draw the grid with its numbers at the left, and the axis.
- * @param {CanvasRenderingContext2D} context
- * @param {Box} box
- * @param {Scale} at
+/** Draw the grid with its numbers at the left, and the axis.
+ * @param {CanvasRenderingContext2D} context @param {Box} box @param {Scale} at
  * @param {{at: number, text: string}[]} marks values on the y axis
- * @param {{inks: Inks, base?: number}} look base: the value whose line is the axis itself
- */
+ * @param {{inks: Inks, base?: number}} look base: the value whose line is the axis itself */
 export function drawGrid(context, box, at, marks, { inks, base }) {
   context.textAlign = "right";
   context.textBaseline = "middle";
@@ -67,25 +46,15 @@ export function drawGrid(context, box, at, marks, { inks, base }) {
   if (!marks.some((mark) => mark.at === base)) rule(context, box, box.bottom, inks.base);
 }
 
-/**
- * Draw the dashed line of the goal.
- * @param {CanvasRenderingContext2D} context
- * @param {Box} box
- * @param {number} y
- * @param {string} colour
- */
+/** Draw the dashed line of the goal.
+ * @param {CanvasRenderingContext2D} context @param {Box} box @param {number} y @param {string} colour */
 export function drawGoal(context, box, y, colour) {
   rule(context, box, y, colour, GOAL_DASHES);
 }
 
-/**
- * Draw a number or a title below the chart.
- * @param {CanvasRenderingContext2D} context
- * @param {string} text
- * @param {Point} point of its base line
- * @param {CanvasTextAlign} align
- * @param {string} colour
- */
+/** Draw a number or a title below the chart.
+ * @param {CanvasRenderingContext2D} context @param {string} text @param {Point} point of its base line
+ * @param {CanvasTextAlign} align @param {string} colour */
 export function drawLabel(context, text, { x, y }, align, colour) {
   context.textAlign = align;
   context.textBaseline = "alphabetic";
@@ -93,12 +62,9 @@ export function drawLabel(context, text, { x, y }, align, colour) {
   context.fillText(text, x, y);
 }
 
-/**
- * Draw a line through points; a null breaks it.
- * @param {CanvasRenderingContext2D} context
- * @param {(Point | null)[]} points
- * @param {{colour: string, width?: number, dashes?: number[], alpha?: number}} look
- */
+/** Draw a line through points; a null breaks it.
+ * @param {CanvasRenderingContext2D} context @param {(Point | null)[]} points
+ * @param {{colour: string, width?: number, dashes?: number[], alpha?: number}} look */
 export function drawLine(context, points, { colour, width = 2, dashes = [], alpha = 1 }) {
   context.beginPath();
   let isDown = false;
@@ -117,13 +83,8 @@ export function drawLine(context, points, { colour, width = 2, dashes = [], alph
   context.globalAlpha = 1;
 }
 
-/**
- * Draw the band between two lines.
- * @param {CanvasRenderingContext2D} context
- * @param {Point[]} lower
- * @param {Point[]} upper
- * @param {string} colour
- */
+/** Draw the band between two lines.
+ * @param {CanvasRenderingContext2D} context @param {Point[]} lower @param {Point[]} upper @param {string} colour */
 export function drawBand(context, lower, upper, colour) {
   context.beginPath();
   for (const { x, y } of [...lower, ...[...upper].reverse()]) context.lineTo(x, y);
@@ -134,12 +95,7 @@ export function drawBand(context, lower, upper, colour) {
   context.globalAlpha = 1;
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Point} point
- * @param {number} radius
- * @param {string} colour
- */
+/** @param {CanvasRenderingContext2D} context @param {Point} point @param {number} radius @param {string} colour */
 export function drawDot(context, { x, y }, radius, colour) {
   context.beginPath();
   context.arc(x, y, radius, 0, 7);
@@ -147,11 +103,8 @@ export function drawDot(context, { x, y }, radius, colour) {
   context.fill();
 }
 
-/**
- * Paint the legend of a chart, if it is another one: each name after a piece of its line.
- * @param {HTMLElement} place
- * @param {{name: string, colour: string, dash: string}[]} lines
- */
+/** Paint the legend of a chart, if it is another one: each name after a piece of its line.
+ * @param {HTMLElement} place @param {{name: string, colour: string, dash: string}[]} lines */
 export function paintLegend(place, lines) {
   const painted = JSON.stringify(lines);
   if (place.dataset.painted === painted) return;
@@ -165,10 +118,7 @@ export function paintLegend(place, lines) {
   }));
 }
 
-/**
- * @param {string} kind
- * @param {Record<string, string>} attributes
- */
+/** @param {string} kind @param {Record<string, string>} attributes */
 function shape(kind, attributes) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", kind);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);

@@ -2,18 +2,12 @@
 // Costly moves marked on the coverage chart: a number on the player's curve at the step of each.
 import { paintNumber } from "./loss_marks.js";
 
-/** @typedef {import("./chart_scale.js").Scale} Scale */
-/** @typedef {{x: number, y: number}} Point  in CSS pixels */
-
 const RADIUS_PX = 8;
 
-/**
- * Return where the numbers stand: on the curve, or above one that stands there already (below it where there is no room).
- * @param {{step: number, discovered: number}[]} losses
- * @param {number} cells of the terrain
- * @param {Scale} at
- * @returns {Point[]}
- */
+/** Return where the numbers stand: on the curve, or above one that stands there already (below it where there is no
+ * room).
+ * @param {{step: number, discovered: number}[]} losses @param {number} cells of the terrain @param {Scale} at
+ * @returns {Point[]} */
 export function placeOnCurve(losses, cells, at) {
   /** @type {Point[]} */
   const placed = [];
@@ -26,24 +20,17 @@ export function placeOnCurve(losses, cells, at) {
   return placed;
 }
 
-/**
- * Return the index of the number at a point of the chart, null where there is none.
- * @param {Point[]} places
- * @param {Point} point
- */
+/** Return the index of the number at a point of the chart, null where there is none.
+ * @param {Point[]} places @param {Point} point */
 export function chartMarkAt(places, { x, y }) {
   const distances = places.map((place) => Math.hypot(place.x - x, place.y - y));
   const nearest = Math.min(...distances);
   return nearest <= RADIUS_PX + 6 ? distances.indexOf(nearest) : null;
 }
 
-/**
- * Paint the numbers, the chosen one over a line down to its step.
- * @param {CanvasRenderingContext2D} context in CSS pixels
- * @param {Point[]} places
- * @param {number | null} chosen
- * @param {{ring: string, fill: string, ink: string, base_px: number}} look
- */
+/** Paint the numbers, the chosen one over a line down to its step.
+ * @param {CanvasRenderingContext2D} context in CSS pixels @param {Point[]} places @param {number | null} chosen
+ * @param {{ring: string, fill: string, ink: string, base_px: number}} look */
 export function paintOnCurve(context, places, chosen, { ring, fill, ink, base_px }) {
   context.save();
   const order = places.map((_, index) => index).filter((index) => index !== chosen).reverse();

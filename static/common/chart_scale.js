@@ -1,19 +1,8 @@
 // @ts-check
 // Where numbers stand on a chart: ends of axes, ticks, choice of points. No document here, so that node can test it.
 
-/**
- * @typedef {{left: number, right: number, top: number, bottom: number}} Box  in CSS pixels
- * @typedef {{low: number, high: number}} Range
- * @typedef {{x: (value: number) => number, y: (value: number) => number}} Scale  from values to CSS pixels
- */
-
-/**
- * Return the linear scale that puts two ranges into a box; y grows upward.
- * @param {Box} box
- * @param {Range} x
- * @param {Range} y
- * @returns {Scale}
- */
+/** Return the linear scale that puts two ranges into a box; y grows upward.
+ * @param {Box} box @param {ValueRange} x @param {ValueRange} y @returns {Scale} */
 export function linearScale(box, x, y) {
   return {
     x: (value) => box.left + ((box.right - box.left) * (value - x.low)) / (x.high - x.low || 1),
@@ -21,38 +10,28 @@ export function linearScale(box, x, y) {
   };
 }
 
-/**
- * Return the next round number: a multiple of 20, 100 or 500, as the axis is long.
- * @param {number} value
- * @param {number} length that decides which of the three
- */
+/** Return the next round number: a multiple of 20, 100 or 500, as the axis is long.
+ * @param {number} value @param {number} length that decides which of the three */
 export function roundUp(value, length) {
   const unit = length <= 200 ? 20 : length <= 1000 ? 100 : 500;
   return Math.ceil(value / unit) * unit;
 }
 
-/**
- * Return the right end of the step axis: a round number with a little room, at least 40.
- * @param {number} steps of the longest curve
- */
+/** Return the right end of the step axis: a round number with a little room, at least 40.
+ * @param {number} steps of the longest curve */
 export function axisEnd(steps) {
   const wanted = Math.max(40, steps * 1.12);
   return roundUp(wanted, wanted);
 }
 
-/**
- * Return the distance between the labels of the step axis: at most eight of them.
- * @param {number} end
- */
+/** Return the distance between the labels of the step axis: at most eight of them.
+ * @param {number} end */
 export function tickStep(end) {
   return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
 }
 
-/**
- * Return at most six round numbers that span low..high.
- * @param {number} low
- * @param {number} high
- */
+/** Return at most six round numbers that span low..high.
+ * @param {number} low @param {number} high */
 export function ticks(low, high) {
   const rough = (high - low) / 5 || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -62,17 +41,12 @@ export function ticks(low, high) {
   return found;
 }
 
-/**
- * Return a round number as it stands at an axis.
- * @param {number} tick
- */
+/** Return a round number as it stands at an axis.
+ * @param {number} tick */
 export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
 
-/**
- * Return the indices to draw: all of a short curve, an even choice of a long one, always the last.
- * @param {number} count
- * @param {number} most
- */
+/** Return the indices to draw: all of a short curve, an even choice of a long one, always the last.
+ * @param {number} count @param {number} most */
 export function sampled(count, most) {
   const stride = Math.max(1, Math.ceil(count / most));
   const chosen = [];
@@ -81,11 +55,8 @@ export function sampled(count, most) {
   return chosen;
 }
 
-/**
- * Return the lowest and highest of the numbers, a little apart at least; null when there are none.
- * @param {(number | null | undefined)[]} values
- * @returns {[number, number] | null}
- */
+/** Return the lowest and highest of the numbers, a little apart at least; null when there are none.
+ * @param {(number | null | undefined)[]} values @returns {[number, number] | null} */
 export function span(values) {
   const known = /** @type {number[]} */ (values.filter((value) => typeof value === "number"));
   if (known.length === 0) return null;

@@ -1,21 +1,16 @@
 // @ts-check
 // The colours of boards and charts, read from the custom properties of base.css while something is painted, so that a theme may change.
 
-/** @typedef {import("./board.js").Soil} Soil */
-/** @typedef {import("./chart.js").Inks} Inks */
-
 /** @param {Element} element */
 function reader(element) {
   const style = getComputedStyle(element);
   return (/** @type {string} */ name) => style.getPropertyValue(name).trim();
 }
 
-/**
- * Return the colours of a board: of its cells, of the player, of the policy, of a better move, and of what is drawn round things.
- * They are the same in every theme.
+/** Return the colours of a board: of its cells, of the player, of the policy, of a better move, and of what is drawn
+ * round things. They are the same in every theme.
  * @param {Element} element the board's canvas, or anything around it
- * @returns {{soil: Soil, you: string, policy: string, better: string, casing: string}}
- */
+ * @returns {{soil: Soil, you: string, policy: string, better: string, casing: string}} */
 export function boardColours(element) {
   const read = reader(element);
   const shades = { "?": read("--board-unknown"), ".": read("--board-ground"), "#": read("--board-rock") };
@@ -24,11 +19,9 @@ export function boardColours(element) {
   return { soil, you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing };
 }
 
-/**
- * Return the colours of a chart, which follow the theme of the page, and the face of its numbers.
+/** Return the colours of a chart, which follow the theme of the page, and the face of its numbers.
  * @param {Element} element the chart's canvas, or anything around it
- * @returns {{inks: Inks, you: string, policy: string, ground: string, font: string}}
- */
+ * @returns {{inks: Inks, you: string, policy: string, ground: string, font: string}} */
 export function chartColours(element) {
   const read = reader(element);
   const inks = { text: read("--chart-text"), goal: read("--chart-goal"), base: read("--chart-base"), line: read("--chart-line") };

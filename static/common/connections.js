@@ -3,17 +3,8 @@
 import { askHistory } from "./messages.js";
 import { follow } from "./socket.js";
 
-/**
- * @typedef {import("./game_state.js").State} State
- * @typedef {import("./game_state.js").Role} Role
- */
-
-/**
- * Return the address of a session's socket, below the page's own and with its scheme.
- * @param {string} session
- * @param {string} base
- * @param {string} [folder] of the sockets
- */
+/** Return the address of a session's socket, below the page's own and with its scheme.
+ * @param {string} session @param {string} base @param {string} [folder] of the sockets */
 export function socketUrl(session, base, folder = "ws/sessions") {
   const url = new URL(`${folder}/${encodeURIComponent(session)}`, base);
   url.protocol = url.protocol.replace("http", "ws");
@@ -21,18 +12,14 @@ export function socketUrl(session, base, folder = "ws/sessions") {
   return url.href;
 }
 
-/**
- * @param {{base: string, onMessage: (role: Role, message: import("./messages.js").FromServer) => void,
- *   onLink: (role: Role, link: "open" | "lost") => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how
- */
+/** @param {{base: string, onMessage: (role: Role, message: FromServer) => void, onLink: (role: Role, link: "open" |
+ *   "lost") => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
 export function createConnections({ base, onMessage, onLink, beforeRetry }) {
   /** @type {Map<Role, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
   const open = new Map();
   return {
-    /**
-     * Follow the sessions of the boards, and ask for the history wherever steps are missing.
-     * @param {State} state
-     */
+    /** Follow the sessions of the boards, and ask for the history wherever steps are missing.
+     * @param {GameState} state */
     sync(state) {
       for (const role of /** @type {const} */ (["player", "rival"])) {
         const board = state[role];
@@ -52,11 +39,8 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
         if (board.hasGap && link.askedFor !== board.frame && link.follower.send(askHistory())) link.askedFor = board.frame;
       }
     },
-    /**
-     * Send a message; return whether it left.
-     * @param {Role} role
-     * @param {object} message
-     */
+    /** Send a message; return whether it left.
+     * @param {Role} role @param {object} message */
     send: (role, message) => open.get(role)?.follower.send(message) ?? false,
     silence_ms: () => open.get("player")?.follower.silence_ms() ?? Infinity,
     restart() {

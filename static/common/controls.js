@@ -2,21 +2,10 @@
 // From key presses and touches to moves: keys and on-screen arrows, each with its times.
 import { hookKeys, timeOf_ms } from "./keyboard.js";
 
-/**
- * @typedef {import("./messages.js").Action} Action
- * @typedef {import("./messages.js").Timing} Timing
- */
-
-/**
- * Return the timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
- * @param {"key" | "touch"} input
- * @param {{isTrusted: boolean}} event
- * @param {boolean} isDriven
- * @param {number} down_ms
- * @param {number | null} up_ms release of the press before, if known
- * @param {number} now_ms
- * @returns {Timing}
- */
+/** Return the timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
+ * @param {"key" | "touch"} input @param {{isTrusted: boolean}} event @param {boolean} isDriven
+ * @param {number} down_ms @param {number | null} up_ms release of the press before, if known @param {number} now_ms
+ * @returns {Timing} */
 export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
   return { input: event.isTrusted && !isDriven ? input : null, key_down_ms: round(down_ms), key_up_ms: up_ms === null ? null : round(up_ms),
     client_ms: round(now_ms) };
@@ -24,44 +13,30 @@ export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
 /** @param {number} ms */
 const round = (ms) => Math.round(ms * 10) / 10;
 
-/**
- * Start the controls, and return how another gesture presses.
+/** Start the controls, and return how another gesture presses.
  *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
  *   onLetGo  what came up; null where all counts as let go
- * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action, timing: Timing,
- *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
- *   actionOf?: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how
- */
+ * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action,
+ *   timing: Timing, pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
+ *   actionOf?: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
 export function startControls({ page, frames, pad, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
   const isDriven = () => page.navigator.webdriver === true;
-  /**
-   * @param {"key" | "touch"} input
-   * @param {Action} action
-   * @param {globalThis.Event} event
-   * @param {number} at_ms
-   * @param {string} holder
-   */
+  /** @param {"key" | "touch"} input @param {Action} action @param {globalThis.Event} event @param {number} at_ms
+   * @param {string} holder */
   function press(input, action, event, at_ms, holder) {
     const previous_ms = up_ms;
     up_ms = null;
     onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms, holder);
   }
-  /**
-   * @param {string} holder
-   * @param {number} at_ms
-   */
+  /** @param {string} holder @param {number} at_ms */
   function release(holder, at_ms) {
     up_ms = at_ms;
     onLetGo?.(holder);
   }
   const handlers = {
-    /**
-     * @param {Action} action
-     * @param {KeyboardEvent} event
-     * @param {number} at_ms
-     */
+    /** @param {Action} action @param {KeyboardEvent} event @param {number} at_ms */
     onPress: (action, event, at_ms) => press("key", action, event, at_ms, event.code),
     /** @param {number} at_ms */
     onRelease: (at_ms) => { up_ms = at_ms; },

@@ -4,39 +4,24 @@ import { drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart } from "./c
 import { chartColours } from "./colours.js";
 import { axisEnd, linearScale, sampled, tickStep } from "./chart_scale.js";
 
-/**
- * @typedef {{name: string, colour: string, isDashed: boolean, discovered: number[], cells: number}} Curve
- * @typedef {import("./chart.js").Inks} Inks
- * @typedef {import("./chart_scale.js").Scale} Scale
- */
-
 const GOAL = 0.99;
 /** Points of a curve that are drawn at most. */
 const MAX_POINTS = 600;
 
-/**
- * Return the curve of a board.
- * @param {import("./game_state.js").Board} board
- * @param {{colour: string, isDashed: boolean}} look
- * @returns {Curve}
- */
+/** Return the curve of a board.
+ * @param {Board} board @param {{colour: string, isDashed: boolean}} look @returns {Curve} */
 export function curveOf({ name, discovered, frame }, { colour, isDashed }) {
   return { name, colour, isDashed, discovered, cells: frame.cells };
 }
 
-/**
- * Return the right end of the step axis of some curves, in moves.
- * @param {Curve[]} curves
- */
+/** Return the right end of the step axis of some curves, in moves.
+ * @param {Curve[]} curves */
 export const stepsEnd = (curves) => axisEnd(Math.max(0, ...curves.map((curve) => curve.discovered.length - 1)));
 
-/**
- * Paint the curves; return the chart's scale and its context for whatever is drawn over them, null where there is no room.
- * @param {HTMLCanvasElement} canvas
- * @param {Curve[]} curves
- * @param {import("./chart.js").ChartSize & {inks?: Inks}} look
- * @returns {{at: Scale, context: CanvasRenderingContext2D} | null}
- */
+/** Paint the curves; return the chart's scale and its context for whatever is drawn over them, null where there is no
+ * room.
+ * @param {HTMLCanvasElement} canvas @param {Curve[]} curves @param {ChartSize & {inks?: Inks}} look
+ * @returns {{at: Scale, context: CanvasRenderingContext2D} | null} */
 export function paintCoverage(canvas, curves, look) {
   const { width_px: width, height_px: height, inks = chartColours(canvas).inks } = look;
   if (width < 40 || height < 30) return null;
@@ -55,13 +40,8 @@ export function paintCoverage(canvas, curves, look) {
   return { at, context };
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Scale} at
- * @param {number} end of the axis, in moves
- * @param {number} y
- * @param {Inks} inks
- */
+/** @param {CanvasRenderingContext2D} context @param {Scale} at @param {number} end of the axis, in moves
+ * @param {number} y @param {Inks} inks */
 function drawSteps(context, at, end, y, inks) {
   const gap = tickStep(end);
   const hasRoom = at.x(gap) - at.x(0) > 80;
@@ -71,11 +51,7 @@ function drawSteps(context, at, end, y, inks) {
   }
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Curve} curve
- * @param {Scale} at
- */
+/** @param {CanvasRenderingContext2D} context @param {Curve} curve @param {Scale} at */
 function drawCurve(context, { discovered, cells, colour, isDashed }, at) {
   if (discovered.length === 0) return;
   const points = sampled(discovered.length, MAX_POINTS).map((step) => ({ x: at.x(step), y: at.y(discovered[step] / cells) }));

@@ -1,16 +1,9 @@
 // @ts-check
 // How many people needed how many moves, as columns, with a dot for you and a line for each policy. The lower part paints.
 
-/** @typedef {{from: number, to: number, count: number}} Bin  moves from <= x < to */
-/** @typedef {{name: string, moves: number}} Mark */
-
-/**
- * Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.
+/** Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.
  * @param {[number, number][]} counts [moves, how many people]
- * @param {number[]} others further values that must lie on the axis
- * @param {number} [most]
- * @returns {Bin[]}
- */
+ * @param {number[]} others further values that must lie on the axis @param {number} [most] @returns {Bin[]} */
 export function binsOf(counts, others, most = 16) {
   const values = [...counts.map(([moves]) => moves), ...others];
   if (!values.length) return [];
@@ -24,11 +17,8 @@ export function binsOf(counts, others, most = 16) {
   return bins;
 }
 
-/**
- * Return the rows in which labels at these places stand without lying over each other, null where there is no room.
- * @param {{at: number, width: number}[]} labels sorted by `at`, their middle
- * @param {number} rows
- */
+/** Return the rows in which labels at these places stand without lying over each other, null where there is no room.
+ * @param {{at: number, width: number}[]} labels sorted by `at`, their middle @param {number} rows */
 export function rowsOf(labels, rows) {
   const ends = Array(rows).fill(-Infinity);
   return labels.map(({ at, width }) => {
@@ -39,12 +29,8 @@ export function rowsOf(labels, rows) {
   });
 }
 
-/**
- * Return the distribution in one sentence, for who cannot see it.
- * @param {Bin[]} bins
- * @param {number | null} you
- * @param {Mark[]} marks
- */
+/** Return the distribution in one sentence, for who cannot see it.
+ * @param {Bin[]} bins @param {number | null} you @param {Mark[]} marks */
 export function describe(bins, you, marks) {
   const people = bins.filter(({ count }) => count).map(({ from, to, count }) => `${count} from ${from} to ${to - 1}`);
   const policies = marks.map(({ name, moves }) => `${name} ${moves}`);
@@ -55,11 +41,7 @@ const WIDTH = 480;
 const BASE = 118;
 const SPACE = "http://www.w3.org/2000/svg";
 
-/**
- * @param {string} kind
- * @param {Record<string, string | number>} attributes
- * @param {string} [text]
- */
+/** @param {string} kind @param {Record<string, string | number>} attributes @param {string} [text] */
 function drawn(kind, attributes, text = "") {
   const element = document.createElementNS(SPACE, kind);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
@@ -67,11 +49,10 @@ function drawn(kind, attributes, text = "") {
   return element;
 }
 
-/**
- * Paint a distribution into an element.
+/** Paint a distribution into an element.
  * @param {HTMLElement} root
- * @param {{counts: [number, number][], you: number | null, marks?: Mark[]}} what you: your own moves; null leaves the dot out
- */
+ * @param {{counts: [number, number][], you: number | null, marks?: Mark[]}} what you: your own moves; null leaves the
+ *   dot out */
 export function paintDistribution(root, { counts, you, marks = [] }) {
   const bins = binsOf(counts, [...marks.map(({ moves }) => moves), ...(you === null ? [] : [you])]);
   if (!bins.length) return root.replaceChildren();

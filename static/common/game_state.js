@@ -1,64 +1,27 @@
 // @ts-check
 // The whole state of the page in one object. `apply` returns the next state and changes nothing that it was given.
 
-/** @typedef {import("./messages.js").Frame} Frame */
-/** @typedef {import("./messages.js").About} About */
-/** @typedef {import("./messages.js").FromServer} FromServer */
-/** @typedef {"player" | "rival"} Role */
-/** @typedef {"practice" | "ranked" | "watch" | "spectator"} Mode  spectator: of an episode without a session here, live or ended */
-/**
- * One board. `trail[k]` and `discovered[k]` belong to step k; `hasGap` says that steps are missing from them. `thought` is the newest
- * of a policy that sends them, `values[k]` the return that it expected at step k (holes where none came); `expected` is the newest answer
- * about what a look from each cell should show.
- * @typedef {{session: string, name: string, frame: Frame, trail: import("./messages.js").Cell[], discovered: number[],
- *   hasGap: boolean, pace: import("./messages.js").Pace | null, isReplay: boolean, thought?: import("./messages.js").Thought | null,
- *   values?: (number | null)[], expected?: import("./messages.js").Expected | null}} Board
- */
-/**
- * The state; `level` is the name of the level, or that of the map.
- * @typedef {{mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null, rival: Board | null,
- *   link: "connecting" | "open" | "lost", notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number}} State
- */
-/**
- * What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`.
- * @typedef {{kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer} | {kind: "link", link: State["link"]}
- *   | {kind: "watched", level: string, size: State["size"], board: Board} | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"} | {kind: "dismiss", id: number}} Event
- */
-
-/** @returns {State} */
+/** @returns {GameState} */
 export function initialState() {
   return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", notices: [],
     nextNotice: 1 };
 }
 
-/**
- * Return the mode that a session stands for.
- * @param {About} about
- * @returns {Mode}
- */
+/** Return the mode that a session stands for.
+ * @param {About} about @returns {Mode} */
 export function modeOf(about) {
   if (about.player !== "human") return "watch";
   return about.rival ? "practice" : "ranked";
 }
 
-/**
- * @param {string} session
- * @param {string} name
- * @param {Frame} frame
- * @param {Board | null} before
- * @returns {Board}
- */
+/** @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before @returns {Board} */
 function boardOf(session, name, frame, before) {
   if (before && before.session === session) return { ...withFrame(before, frame), name };
   return withFrame({ session, name, frame, trail: [], discovered: [], hasGap: false, pace: null, isReplay: false }, frame);
 }
 
-/**
- * Return the board after `frame`: the newest wins, an older one of the same episode changes nothing.
- * @param {Board} board
- * @param {Frame} frame
- * @returns {Board}
- */
+/** Return the board after `frame`: the newest wins, an older one of the same episode changes nothing.
+ * @param {Board} board @param {Frame} frame @returns {Board} */
 export function withFrame(board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (!isNew && frame.step < board.frame.step) return board;
@@ -70,22 +33,14 @@ export function withFrame(board, frame) {
   return { ...board, frame, trail: [...trail, frame.position], discovered: [...discovered, frame.discovered], hasGap: false };
 }
 
-/**
- * @param {Board} board
- * @param {import("./messages.js").History} history
- * @returns {Board}
- */
+/** @param {Board} board @param {MoveHistory} history @returns {Board} */
 function withHistory(board, history) {
   if (history.episode !== board.frame.episode || history.positions.length < board.trail.length) return board;
   const { positions: trail, discovered } = history;
   return { ...board, trail, discovered, hasGap: trail.length <= board.frame.step };
 }
 
-/**
- * @param {Board} board
- * @param {import("./messages.js").Thought} thought
- * @returns {Board}
- */
+/** @param {Board} board @param {Thought} thought @returns {Board} */
 function withThought(board, thought) {
   if (thought.episode !== board.frame.episode) return board;
   const values = [...(board.values ?? [])];
@@ -93,11 +48,7 @@ function withThought(board, thought) {
   return { ...board, thought, values };
 }
 
-/**
- * @param {Board | null} board
- * @param {FromServer} message
- * @returns {Board | null}
- */
+/** @param {Board | null} board @param {FromServer} message @returns {Board | null} */
 function received(board, message) {
   if (!board) return board;
   switch (message.kind) {
@@ -111,23 +62,14 @@ function received(board, message) {
   }
 }
 
-/**
- * @param {State} state
- * @param {string} text
- * @param {"error" | "note"} tone
- * @returns {State}
- */
+/** @param {GameState} state @param {string} text @param {"error" | "note"} tone @returns {GameState} */
 function noticed(state, text, tone) {
   const others = state.notices.filter((notice) => notice.text !== text);
   return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
 }
 
-/**
- * Return the state after `event`.
- * @param {State} state
- * @param {Event} event
- * @returns {State}
- */
+/** Return the state after `event`.
+ * @param {GameState} state @param {GameEvent} event @returns {GameState} */
 export function apply(state, event) {
   switch (event.kind) {
     case "begun": {

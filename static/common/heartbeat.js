@@ -8,9 +8,8 @@
  *   ask          api/health; rejects when no answer comes
  *   onFailure    called with the number of failures in a row
  *   onSuccess    called when an answer came after a failure
- * @param {{silence_ms: () => number, idle_ms: () => number, ask: () => Promise<unknown>, onFailure: (inARow: number) => void,
- *   onSuccess: () => void}} how
- */
+ * @param {{silence_ms: () => number, idle_ms: () => number, ask: () => Promise<unknown>,
+ *   onFailure: (inARow: number) => void, onSuccess: () => void}} how */
 export function startHeartbeat({ silence_ms, idle_ms, ask, onFailure, onSuccess }) {
   let failures = 0;
   let isAsking = false;

@@ -2,18 +2,15 @@
 // What the pages record of their user besides moves: every driving key and touch, focus, visibility.
 import { keyOrigin, ownsKeys, timeOf_ms } from "./keyboard.js";
 
-/** @typedef {import("./messages.js").InputEvent} InputEvent */
-
-/**
- * Record raw events before any other listener can stop them; call this before the controls are started.
+/** Record raw events before any other listener can stop them; call this before the controls are started.
  *   frames      in which keys drive as well, such as the 3-D views
  *   note        keeps an event
  *   flush       sends what is kept; `leave` does it when the page may never come back
  *   drives      whether a key's code drives the rover now
  *   onActivity  anything was pressed: the user is there
- * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, note: (kind: InputEvent["kind"], fields?: object) => void,
- *   flush: () => void, leave: () => void, drives: (code: string) => boolean, onActivity: () => void}} how
- */
+ * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement,
+ *   note: (kind: RecordedEvent["kind"], fields?: object) => void, flush: () => void, leave: () => void,
+ *   drives: (code: string) => boolean, onActivity: () => void}} how */
 export function recordInputEvents({ page, frames, pad, note, flush, leave, drives, onActivity }) {
   /** @param {Window & typeof globalThis} view */
   function recordKeys(view) {
@@ -30,10 +27,7 @@ export function recordInputEvents({ page, frames, pad, note, flush, leave, drive
     frame.addEventListener("load", () => frame.contentWindow && recordKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow)));
   }
   page.addEventListener("pointerdown", onActivity, true);
-  /**
-   * @param {InputEvent["kind"]} kind
-   * @param {MouseEvent} event
-   */
+  /** @param {RecordedEvent["kind"]} kind @param {MouseEvent} event */
   function noteTouch(kind, event) {
     const code = /** @type {HTMLElement | null} */ (/** @type {Element} */ (event.target).closest("[data-action]"))?.dataset.action;
     if (code) note(kind, { code, repeat: false, trusted: event.isTrusted, at_ms: timeOf_ms(event, page, page) });

@@ -1,16 +1,14 @@
 // @ts-check
 // Keys that drive wherever the focus is: the page and the 3-D view inside it. No document here, so node can test every rule.
 
-/** @typedef {import("./messages.js").Action} Action */
 /** @type {Readonly<Record<string, Action>>} */
 export const KEYS = Object.freeze({ ArrowUp: "north", ArrowRight: "east", ArrowDown: "south", ArrowLeft: "west", KeyW: "north",
   KeyD: "east", KeyS: "south", KeyA: "west" });
 const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
 
-/**
- * Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
- * @param {{tagName?: string, type?: string, isContentEditable?: boolean, closest?: (selector: string) => unknown} | null} element
- */
+/** Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
+ * @param {{tagName?: string, type?: string, isContentEditable?: boolean, closest?: (selector: string) => unknown} |
+ *   null} element */
 export function ownsKeys(element) {
   if (!element) return false;
   if (element.isContentEditable) return true;
@@ -20,10 +18,8 @@ export function ownsKeys(element) {
   return Boolean(element.closest?.("[role=slider],[role=tab],dialog[open]"));
 }
 
-/**
- * Return the element at which an event started, also inside a shadow tree.
- * @param {globalThis.Event} event
- */
+/** Return the element at which an event started, also inside a shadow tree.
+ * @param {globalThis.Event} event */
 export function keyOrigin(event) {
   return /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
 }
@@ -33,13 +29,11 @@ const OLDEST_MS = 10_000;
 /** @type {WeakMap<globalThis.Event, number>} */
 const times_ms = new WeakMap();
 
-/**
- * Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so that an input
- * event and the move that it causes have one time.
+/** Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so
+ * that an input event and the move that it causes have one time.
  * @param {globalThis.Event} event
  * @param {Window & typeof globalThis} view whose event it is: the page or a frame in it
- * @param {Window & typeof globalThis} page
- */
+ * @param {Window & typeof globalThis} page */
 export function timeOf_ms(event, view, page) {
   const known_ms = times_ms.get(event);
   if (known_ms !== undefined) return known_ms;
@@ -50,20 +44,20 @@ export function timeOf_ms(event, view, page) {
   return time_ms;
 }
 
-/**
- * Handle a window's keys before any other listener.
- *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own ms
+/** Handle a window's keys before any other listener.
+ *   onPress    a drive key went down (auto-repeat is swallowed): its action, its event and the time in the page's own
+ *   ms
  *   onRelease  it came up again
  *   onEnter    Enter outside fields; true when it was used
- *   onLetGo    any key came up, wherever the focus was: its code; null when all count as let go, because the window lost the focus
+ *   onLetGo    any key came up, wherever the focus was: its code; null when all count as let go, because the window
+ *   lost the focus
  *              or a chord began, after which some systems report no key that comes up
  *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
  * @param {Window & typeof globalThis} view
- * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void,
- *   onRelease: (at_ms: number) => void, onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined,
+ * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void, onRelease: (at_ms: number) => void,
+ *   onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined,
  *   onLetGo?: (code: string | null) => void}} handlers
- * @param {Window & typeof globalThis} page with the clock that counts
- */
+ * @param {Window & typeof globalThis} page with the clock that counts */
 export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
   const at_ms = (event) => timeOf_ms(event, view, page);

@@ -1,29 +1,17 @@
 // @ts-check
 // Costly moves marked on a board: a number at the cell of each, the move made and the better one as arrows, and what was missed.
 
-/** @typedef {import("./loss_words.js").CostlyMove} CostlyMove */
-/** @typedef {{losses: CostlyMove[], chosen: number | null}} Marks  chosen: the index of one of them */
-/** @typedef {{x: number, y: number}} Point  in device pixels */
-
-/** @type {Record<import("./messages.js").Action, [number, number]>} unit vectors (x, y) */
+/** @type {Record<Action, [number, number]>} unit vectors (x, y) */
 const OUTWARD = { north: [0, -1], east: [1, 0], south: [0, 1], west: [-1, 0] };
 /** Where a number goes when another one stands there already, in its own diameters. */
 const ASIDE = [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
 
-/**
- * Return the radius of a number.
- * @param {number} size cell, device pixels
- * @param {number} dpr
- */
+/** Return the radius of a number.
+ * @param {number} size cell, device pixels @param {number} dpr */
 export const markRadius = (size, dpr) => Math.max(8.5 * dpr, Math.min(0.6 * size, 13 * dpr));
 
-/**
- * Return where the numbers stand: at their cells, aside where one stands there already.
- * @param {CostlyMove[]} losses
- * @param {number} size cell, device pixels
- * @param {number} radius
- * @returns {Point[]}
- */
+/** Return where the numbers stand: at their cells, aside where one stands there already.
+ * @param {CostlyMove[]} losses @param {number} size cell, device pixels @param {number} radius @returns {Point[]} */
 export function placeMarks(losses, size, radius) {
   /** @type {Point[]} */
   const placed = [];
@@ -36,13 +24,8 @@ export function placeMarks(losses, size, radius) {
   return placed;
 }
 
-/**
- * Return the index of the number at a point, null where there is none.
- * @param {CostlyMove[]} losses
- * @param {Point} point
- * @param {number} size cell, device pixels
- * @param {number} dpr
- */
+/** Return the index of the number at a point, null where there is none.
+ * @param {CostlyMove[]} losses @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
 export function markAt(losses, { x, y }, size, dpr) {
   const radius = markRadius(size, dpr);
   const distances = placeMarks(losses, size, radius).map((mark) => Math.hypot(mark.x - x, mark.y - y));
@@ -50,13 +33,9 @@ export function markAt(losses, { x, y }, size, dpr) {
   return nearest <= radius + 6 * dpr ? distances.indexOf(nearest) : null;
 }
 
-/**
- * Paint the marks over a board; with one chosen, its arrows and what was missed, and the others fainter.
- * @param {CanvasRenderingContext2D} context
- * @param {Marks} marks
- * @param {number} size cell, device pixels
- * @param {{made: string, better: string, casing: string, dpr: number}} look
- */
+/** Paint the marks over a board; with one chosen, its arrows and what was missed, and the others fainter.
+ * @param {CanvasRenderingContext2D} context @param {Marks} marks @param {number} size cell, device pixels
+ * @param {{made: string, better: string, casing: string, dpr: number}} look */
 export function paintLossMarks(context, { losses, chosen }, size, { made, better, casing, dpr }) {
   const radius = markRadius(size, dpr);
   const places = placeMarks(losses, size, radius);
@@ -78,13 +57,8 @@ export function paintLossMarks(context, { losses, chosen }, size, { made, better
   context.restore();
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Cell[]} cells
- * @param {number} size
- * @param {string} colour
- * @param {number} dpr
- */
+/** @param {CanvasRenderingContext2D} context @param {Cell[]} cells @param {number} size @param {string} colour
+ * @param {number} dpr */
 function paintMissed(context, cells, size, colour, dpr) {
   context.fillStyle = context.strokeStyle = colour;
   context.lineWidth = Math.max(1, dpr);
@@ -97,13 +71,8 @@ function paintMissed(context, cells, size, colour, dpr) {
   context.globalAlpha = 1;
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Point} from
- * @param {[number, number]} towards unit vector
- * @param {number} length
- * @param {{colour: string, casing: string, dpr: number, isDashed: boolean}} look
- */
+/** @param {CanvasRenderingContext2D} context @param {Point} from @param {[number, number]} towards unit vector
+ * @param {number} length @param {{colour: string, casing: string, dpr: number, isDashed: boolean}} look */
 function paintArrow(context, { x, y }, [right, down], length, { colour, casing, dpr, isDashed }) {
   const head = Math.max(7 * dpr, 0.3 * length);
   const neck = length - head;
@@ -128,12 +97,8 @@ function paintArrow(context, { x, y }, [right, down], length, { colour, casing, 
   }
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Point} at
- * @param {number} number
- * @param {{radius: number, dpr: number, ring: string, fill: string, ink: string}} look in the context's own pixels
- */
+/** @param {CanvasRenderingContext2D} context @param {Point} at @param {number} number
+ * @param {{radius: number, dpr: number, ring: string, fill: string, ink: string}} look in the context's own pixels */
 export function paintNumber(context, { x, y }, number, { radius, dpr, ring, fill, ink }) {
   context.beginPath();
   context.arc(x, y, radius, 0, 7);

@@ -2,38 +2,22 @@
 // The moves that cost most, in words: one plain sentence each. No document here, so that node can test every sentence.
 import { many } from "./words.js";
 
-/** @typedef {import("./messages.js").Action} Action */
-/** @typedef {import("./messages.js").Cell} Cell */
-/**
- * A move that cost much, with the board as it was known before it. `step` is the number of moves made before it, `previous` the last of
- * them. `missed` are the cells that the better move would soon have shown, and `seen_at` the moves made when the last of them was seen.
- * @typedef {{step: number, regret: number, action: Action, best_action: Action, kind: string, previous: Action | null, position: Cell,
- *   grid: string[], discovered: number, missed: Cell[], seen_at: number | null}} CostlyMove
- */
-/** @typedef {{policy: string, total: number, given_up: number, losses: CostlyMove[]}} Analysis */
-
 /** @type {Record<Action, {back: Action, down: number, right: number}>} */
 const WAYS = {
   north: { back: "south", down: -1, right: 0 }, east: { back: "west", down: 0, right: 1 },
   south: { back: "north", down: 1, right: 0 }, west: { back: "east", down: 0, right: -1 },
 };
 
-/**
- * Return "low" or "high" where numbers reach that end of 0..length-1 and lie in its half alone, "" otherwise.
- * @param {number[]} numbers
- * @param {number} length
- */
+/** Return "low" or "high" where numbers reach that end of 0..length-1 and lie in its half alone, "" otherwise.
+ * @param {number[]} numbers @param {number} length */
 function endOf(numbers, length) {
   const [low, high] = [Math.min(...numbers), Math.max(...numbers)];
   if (low === 0 && high < length / 2) return "low";
   return high === length - 1 && low >= length / 2 ? "high" : "";
 }
 
-/**
- * Return where on the map cells lie: in a corner, at an edge, or "" for anywhere else.
- * @param {Cell[]} cells
- * @param {string[]} grid
- */
+/** Return where on the map cells lie: in a corner, at an edge, or "" for anywhere else.
+ * @param {Cell[]} cells @param {string[]} grid */
 export function placeOf(cells, grid) {
   const up = { low: "north", high: "south", "": "" }[endOf(cells.map(([row]) => row), grid.length)];
   const across = { low: "west", high: "east", "": "" }[endOf(cells.map(([, col]) => col), grid[0].length)];
@@ -62,18 +46,14 @@ function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind 
   return kind === "last cells" ? `going ${better} was the shorter way to the last cells` : `going ${better} was the shorter way`;
 }
 
-/**
- * Return the sentence about a move.
- * @param {CostlyMove} loss
- */
+/** Return the sentence about a move.
+ * @param {CostlyMove} loss */
 export function sentenceOf(loss) {
   return `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
 }
 
-/**
- * Return the sentence above the list of moves.
- * @param {Analysis} analysis
- */
+/** Return the sentence above the list of moves.
+ * @param {Analysis} analysis */
 export function summaryOf({ policy, losses, given_up }) {
   const judged = `Judged by how ${policy} would have finished from each move, with the whole terrain known.`;
   if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there. ${judged}`;

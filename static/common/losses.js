@@ -3,37 +3,24 @@
 import { create } from "./page.js";
 import { many } from "./words.js";
 
-/**
- * step: the number of moves made before the loss; actions in words
- * @typedef {{step: number, regret: number, action: string, best_action: string, kind: string}} Loss
- * @typedef {{policy: string, total: number, given_up: number, by_kind: Record<string, number>, losses: Loss[]}} Regret
- */
-
-/**
- * Return the sentence of one loss.
- * @param {Loss} loss
- */
+/** Return the sentence of one loss.
+ * @param {Loss} loss */
 export function lossLine({ step, regret, action, best_action, kind }) {
   const why = { "hidden pocket": ", leaving a pocket behind", "last cells": ", on the last cells" }[kind] ?? "";
   return `Move ${step + 1}: you lost ${many(regret, "move")} going ${action} instead of ${best_action}${why}.`;
 }
 
-/**
- * Return the sentence above the list.
- * @param {Regret} regret
- */
+/** Return the sentence above the list.
+ * @param {Regret} regret */
 export function regretLine({ policy, losses, given_up }) {
   if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there.`;
   if (!losses.length) return "No single move cost you much.";
   return `Judged with the whole terrain known, and ${policy} going on after each move.`;
 }
 
-/**
- * Fill a place with the losses of an episode, the greatest first, each with a button.
- * @param {HTMLElement} place
- * @param {Regret} regret
- * @param {{label: string, onChoose: (loss: Loss) => void}} button what it says and does
- */
+/** Fill a place with the losses of an episode, the greatest first, each with a button.
+ * @param {HTMLElement} place @param {Regret} regret
+ * @param {{label: string, onChoose: (loss: Loss) => void}} button what it says and does */
 export function paintLosses(place, regret, { label, onChoose }) {
   const list = place.ownerDocument.createElement("ol");
   for (const loss of regret.losses) {

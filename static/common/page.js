@@ -1,17 +1,12 @@
 // @ts-check
 // What every page does with its elements: finds them by id, makes them, and changes only what is new.
 
-/**
- * Return a function that finds elements by id. It throws a TypeError where the page has no element of that id and kind.
- * @param {Document} page
- */
+/** Return a function that finds elements by id. It throws a TypeError where the page has no element of that id and
+ * kind.
+ * @param {Document} page */
 export function elementsOf(page) {
-  /**
-   * @template {Element} [T=HTMLElement]
-   * @param {string} id
-   * @param {new () => T} [kind] the element's class, HTMLElement unless more is needed
-   * @returns {T}
-   */
+  /** @template {Element} [T=HTMLElement] @param {string} id
+   * @param {new () => T} [kind] the element's class, HTMLElement unless more is needed @returns {T} */
   return function by(id, kind = /** @type {new () => T} */ (/** @type {unknown} */ (HTMLElement))) {
     const found = page.getElementById(id);
     if (!(found instanceof kind)) throw new TypeError(`expected #${id} to be a ${kind.name}, found ${found}`);
@@ -19,14 +14,9 @@ export function elementsOf(page) {
   };
 }
 
-/**
- * Return a new element.
- * @template {keyof HTMLElementTagNameMap} K
- * @param {K} kind
- * @param {string | Node | (string | Node)[]} [content]
- * @param {Record<string, string>} [attributes]
- * @returns {HTMLElementTagNameMap[K]}
- */
+/** Return a new element.
+ * @template {keyof HTMLElementTagNameMap} K @param {K} kind @param {string | Node | (string | Node)[]} [content]
+ * @param {Record<string, string>} [attributes] @returns {HTMLElementTagNameMap[K]} */
 export function create(kind, content = [], attributes = {}) {
   const element = document.createElement(kind);
   element.append(...(Array.isArray(content) ? content : [content]));
@@ -34,21 +24,14 @@ export function create(kind, content = [], attributes = {}) {
   return element;
 }
 
-/**
- * Set an element's text, if it is another one.
- * @param {HTMLElement} element
- * @param {string} text
- */
+/** Set an element's text, if it is another one.
+ * @param {HTMLElement} element @param {string} text */
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/**
- * Show sentences that can be dismissed.
- * @param {HTMLElement} root
- * @param {import("./game_state.js").State["notices"]} notices
- * @param {(id: number) => void} dismiss
- */
+/** Show sentences that can be dismissed.
+ * @param {HTMLElement} root @param {GameState["notices"]} notices @param {(id: number) => void} dismiss */
 export function paintNotices(root, notices, dismiss) {
   root.replaceChildren(...notices.map(({ id, text, tone }) => {
     const button = create("button", "Dismiss", { type: "button", class: "quiet" });
@@ -57,12 +40,9 @@ export function paintNotices(root, notices, dismiss) {
   }));
 }
 
-/**
- * Show the health of the connection in the top bar.
- * @param {HTMLElement} root
- * @param {"connecting" | "open" | "lost"} link
- * @param {string} whenOpen what stands there while all is well
- */
+/** Show the health of the connection in the top bar.
+ * @param {HTMLElement} root @param {"connecting" | "open" | "lost"} link
+ * @param {string} whenOpen what stands there while all is well */
 export function paintLink(root, link, whenOpen) {
   root.dataset.link = link;
   const words = /** @type {HTMLElement} */ (root.lastElementChild);
@@ -70,10 +50,8 @@ export function paintLink(root, link, whenOpen) {
   else if (!words.firstElementChild) words.replaceChildren("connection lost", create("span", ", trying again", { class: "long" })); // wide screens alone have room
 }
 
-/**
- * Schedule one repaint for the next frame, however often it is asked for.
- * @param {(isWhole: boolean) => void} paint isWhole: also what did not change, because sizes or colours did
- */
+/** Schedule one repaint for the next frame, however often it is asked for.
+ * @param {(isWhole: boolean) => void} paint isWhole: also what did not change, because sizes or colours did */
 export function createRepaint(paint) {
   let isScheduled = false;
   let isWhole = false;

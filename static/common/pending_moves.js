@@ -4,46 +4,25 @@
 // drops all that follow it.
 import { act } from "./messages.js";
 
-/**
- * @typedef {import("./messages.js").Frame} Frame
- * @typedef {{episode: string, step: number, action: import("./messages.js").Action, pressed_ms: number, sent_ms: number}} Pending
- * @typedef {{pending: readonly Pending[], limit: number}} PendingMoves
- */
-
-/**
- * @param {number} limit moves that may wait at one time
- * @returns {PendingMoves}
- */
+/** @param {number} limit moves that may wait at one time @returns {PendingMoves} */
 export function noMoves(limit = 4) {
   return { pending: [], limit };
 }
 
-/**
- * Return the step that the next move is due at, or null when too many wait or the episode is over.
- * @param {PendingMoves} moves
- * @param {Frame} frame the newest answer
- * @returns {number | null}
- */
+/** Return the step that the next move is due at, or null when too many wait or the episode is over.
+ * @param {PendingMoves} moves @param {Frame} frame the newest answer @returns {number | null} */
 export function nextStep(moves, frame) {
   if (frame.outcome !== null || moves.pending.length >= moves.limit) return null;
   return frame.step + moves.pending.length;
 }
 
-/**
- * @param {PendingMoves} moves
- * @param {Pending} move
- * @returns {PendingMoves}
- */
+/** @param {PendingMoves} moves @param {Pending} move @returns {PendingMoves} */
 export function withMove(moves, move) {
   return { ...moves, pending: [...moves.pending, move] };
 }
 
-/**
- * Return the moves that still wait after a frame, and those that it answered.
- * @param {PendingMoves} moves
- * @param {Frame} frame
- * @returns {{moves: PendingMoves, answered: Pending[]}}
- */
+/** Return the moves that still wait after a frame, and those that it answered.
+ * @param {PendingMoves} moves @param {Frame} frame @returns {{moves: PendingMoves, answered: Pending[]}} */
 export function answeredBy(moves, frame) {
   if (moves.pending.length === 0) return { moves, answered: [] };
   const ours = moves.pending.filter((move) => move.episode === frame.episode);
@@ -52,34 +31,24 @@ export function answeredBy(moves, frame) {
   return { moves: { ...moves, pending }, answered };
 }
 
-/**
- * Return no moves: after a refusal or a lost connection nothing that waits can still be current.
- * @param {PendingMoves} moves
- * @returns {PendingMoves}
- */
+/** Return no moves: after a refusal or a lost connection nothing that waits can still be current.
+ * @param {PendingMoves} moves @returns {PendingMoves} */
 export function withoutMoves(moves) {
   return { ...moves, pending: [] };
 }
 
-/**
- * Return what sends a player's moves and keeps those that wait for their answer.
+/** Return what sends a player's moves and keeps those that wait for their answer.
  *   send        true when the message left
  *   sendEvents  sends the input events that caused a move; they go before it on the same socket
  *   now_ms      performance.now
- * @param {{send: (message: object) => boolean, sendEvents: () => void, now_ms: () => number}} how
- */
+ * @param {{send: (message: object) => boolean, sendEvents: () => void, now_ms: () => number}} how */
 export function createMoveSender({ send, sendEvents, now_ms }) {
   let moves = noMoves();
   /** @type {number | null} */
   let round_trip_ms = null;
   return {
-    /**
-     * Send a move unless too many wait; return whether it left.
-     * @param {Frame} frame
-     * @param {import("./messages.js").Action} action
-     * @param {import("./messages.js").Timing} timing
-     * @param {number} pressed_ms
-     */
+    /** Send a move unless too many wait; return whether it left.
+     * @param {Frame} frame @param {Action} action @param {Timing} timing @param {number} pressed_ms */
     press(frame, action, timing, pressed_ms) {
       const step = nextStep(moves, frame);
       if (step === null) return false;
@@ -88,10 +57,8 @@ export function createMoveSender({ send, sendEvents, now_ms }) {
       moves = withMove(moves, { episode: frame.episode, step, action, pressed_ms, sent_ms: now_ms() });
       return true;
     },
-    /**
-     * Take the moves that a message answers off the list, and return them.
-     * @param {import("./messages.js").FromServer} message
-     */
+    /** Take the moves that a message answers off the list, and return them.
+     * @param {FromServer} message */
     receive(message) {
       if (message.kind === "refused" || message.kind === "error") moves = withoutMoves(moves);
       if (message.kind !== "frame") return [];

@@ -70,8 +70,8 @@ export function boardAt(course, step) {
 
 /** Paint the board of a course after `step` moves to fill an element, say it in words, and return its frame.
  * @param {HTMLCanvasElement} canvas @param {HTMLElement} place @param {Course} course @param {number} step
- * @param {{accent: string, soil: import("./board.js").Soil, dpr: number, other?: {course: Course, accent: string} |
- *   null}} look other is the run whose path is drawn dashed */
+ * @param {{accent: string, soil: Soil, dpr: number, other?: {course: Course, accent: string} | null}} look other is the
+ *   run whose path is drawn dashed */
 export function paintCourse(canvas, place, course, step, { accent, soil, dpr, other }) {
   const board = boardAt(course, step);
   const { clientWidth: width_px, clientHeight: height_px } = place;

@@ -5,23 +5,19 @@ import { askHistory, parse } from "./messages.js";
 /** How long a socket has to answer before it is taken for lost, ms. */
 const ANSWER_MS = 1500;
 
-/**
- * Return the wait before attempt k, in ms: 250, 500, ... at most 5,000.
- * @param {number} attempt counted from 0
- */
+/** Return the wait before attempt k, in ms: 250, 500, ... at most 5,000.
+ * @param {number} attempt counted from 0 */
 export function backoff_ms(attempt) {
   return Math.min(5000, 250 * 2 ** attempt);
 }
 
-/**
- * Follow a session until `close`.
+/** Follow a session until `close`.
  *   url          the socket's address
  *   onMessage    each parsed message
  *   onLink       "open" once joined, "lost" the moment it breaks
  *   beforeRetry  asked before each new attempt; it answers false when the session is gone for good
- * @param {{url: string, onMessage: (message: import("./messages.js").FromServer) => void, onLink: (link: "open" | "lost") => void,
- *   beforeRetry: () => Promise<boolean>}} how
- */
+ * @param {{url: string, onMessage: (message: FromServer) => void, onLink: (link: "open" | "lost") => void,
+ *   beforeRetry: () => Promise<boolean>}} how */
 export function follow({ url, onMessage, onLink, beforeRetry }) {
   /** @type {WebSocket | null} */
   let socket = null;
@@ -76,10 +72,8 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   }
   connect();
   return {
-    /**
-     * Send a message; return whether it left.
-     * @param {object} message
-     */
+    /** Send a message; return whether it left.
+     * @param {object} message */
     send(message) {
       if (socket?.readyState !== WebSocket.OPEN) return false;
       socket.send(JSON.stringify(message));
@@ -89,10 +83,8 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     silence_ms: () => performance.now() - lastMessageAt_ms,
     /** Drop the present socket and start again at once: the network says that it is back. */
     restart,
-    /**
-     * Find out whether the socket still answers, now that the server does after a silence. It was only slow, and nothing is lost, or
-     * the socket is started again.
-     */
+    /** Find out whether the socket still answers, now that the server does after a silence. It was only slow, and
+     * nothing is lost, or the socket is started again. */
     check() {
       const asked = socket;
       if (asked?.readyState !== WebSocket.OPEN) return restart();

@@ -3,19 +3,13 @@
 // move are sent before it, on the same socket, since the server compares the two.
 import { events } from "./messages.js";
 
-/**
- * @typedef {import("./messages.js").InputEvent} InputEvent
- * @typedef {ReturnType<typeof events>} Batch
- */
 /** Events in a batch at most. */
 export const BATCH_SIZE = 200;
 /** Events kept while there is no connection; the oldest go first. */
 export const MAX_WAITING = 5000;
 
-/**
- * Return the events that stand first and belong to one episode.
- * @param {{episode: string, event: InputEvent}[]} waiting
- */
+/** Return the events that stand first and belong to one episode.
+ * @param {{episode: string, event: RecordedEvent}[]} waiting */
 export function nextBatch(waiting) {
   const episode = waiting[0]?.episode;
   let count = 0;
@@ -26,33 +20,30 @@ export function nextBatch(waiting) {
 /** Return an id that nobody else draws; `crypto.randomUUID` is missing where the page came without TLS. */
 const drawId = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16).padStart(8, "0")).join("");
 
-/**
- * Return the episode and the step on screen; episode null where nothing is to be kept.
- * @param {import("./messages.js").Frame | null | undefined} frame the newest of a board that is driven here
- * @param {import("./messages.js").Frame | null | undefined} painted the one that was painted last
- * @param {number | null} round_trip_ms
- */
+/** Return the episode and the step on screen; episode null where nothing is to be kept.
+ * @param {Frame | null | undefined} frame the newest of a board that is driven here
+ * @param {Frame | null | undefined} painted the one that was painted last @param {number | null} round_trip_ms */
 export function onScreen(frame, painted, round_trip_ms) {
   if (!frame) return { episode: null, step: null, round_trip_ms };
   return { episode: frame.episode, step: painted?.episode === frame.episode ? painted.step : frame.step, round_trip_ms };
 }
 
 /**
- *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then nothing is kept
+ *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then
+ *   nothing is kept
  *   send      true when the message left
- *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for the next
- * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null}, now_ms: () => number,
- *   send: (message: object) => boolean, stored?: Batch[], store?: (batches: Batch[]) => void}} how
- */
+ *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for
+ *   the next
+ * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null},
+ *   now_ms: () => number, send: (message: object) => boolean, stored?: Batch[],
+ *   store?: (batches: Batch[]) => void}} how */
 export function createTelemetry({ context, now_ms, send, stored = [], store = () => {} }) {
-  /** @type {{episode: string, event: InputEvent}[]} */
+  /** @type {{episode: string, event: RecordedEvent}[]} */
   let waiting = [];
   /** Batches in order; they never change, so that the server knows them again. */
   let batches = stored;
-  /**
-   * Those of them that were sent over this connection and have no answer.
-   * @type {Batch[]}
-   */
+  /** Those of them that were sent over this connection and have no answer.
+   * @type {Batch[]} */
   let underWay = [];
   let isDue = false;
   /** The newest time of each kind and code: no two events of a page are the same, however coarse its clock. */
@@ -66,10 +57,8 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
   const sendBatch = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
   const count = () => batches.reduce((sum, batch) => sum + batch.events.length, waiting.length);
   const telemetry = {
-    /**
-     * @param {InputEvent["kind"]} kind
-     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} fields
-     */
+    /** @param {RecordedEvent["kind"]} kind
+     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} fields */
     note(kind, { code, repeat, trusted, at_ms } = {}) {
       const { episode, step, round_trip_ms } = context();
       if (episode === null) return;
@@ -87,10 +76,9 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
       isDue = waiting.length > 0;
       if (batches.length > 0) sendBatch(batches[0]);
     },
-    /**
-     * Take the server's answer to the batch that was sent first: it is kept, or never will be, or without a reason it is sent again.
-     * @param {import("./messages.js").Kept} answer
-     */
+    /** Take the server's answer to the batch that was sent first: it is kept, or never will be, or without a reason it
+     * is sent again.
+     * @param {Kept} answer */
     answered({ count, reason }) {
       const batch = underWay.shift();
       if (!batch || (reason === null && count < batch.events.length)) return;

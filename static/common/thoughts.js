@@ -2,23 +2,15 @@
 // A policy's action probabilities as wedges round its rover, the longer the more probable; the cell that it heads for; and the paths
 // drawn on the other board.
 
-/**
- * @typedef {import("./messages.js").Thought} Thought
- * @typedef {import("./game_state.js").Board} Board
- * @typedef {import("./game_state.js").State} State
- */
-
 /** Shares below it draw nothing. */
 const LEAST = 0.02;
 /** @type {[number, number][]} unit vectors (x, y) of north, east, south, west */
 const OUTWARD = [[0, -1], [1, 0], [0, 1], [-1, 0]];
 
-/**
- * Return the wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
- * @param {readonly number[]} probabilities
- * @param {number} unit_px length that stands for a cell
- * @returns {{share: number, points: [number, number][]}[]}
- */
+/** Return the wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is
+ * 0..1.
+ * @param {readonly number[]} probabilities @param {number} unit_px length that stands for a cell
+ * @returns {{share: number, points: [number, number][]}[]} */
 export function wedges(probabilities, unit_px) {
   return OUTWARD.flatMap(([x, y], move) => {
     const share = probabilities[move];
@@ -32,20 +24,15 @@ export function wedges(probabilities, unit_px) {
   });
 }
 
-/**
- * Return the thought that belongs to a board's newest frame, while there is a move to make.
- * @param {Board | null} board
- * @returns {Thought | null}
- */
+/** Return the thought that belongs to a board's newest frame, while there is a move to make.
+ * @param {Board | null} board @returns {Thought | null} */
 export function thoughtOf(board) {
   const thought = board?.thought;
   return thought && !board.frame.outcome && thought.step === board.frame.step ? thought : null;
 }
 
-/**
- * Return where the policies of boards head for, in words; "" while none of them says.
- * @param {Board[]} boards
- */
+/** Return where the policies of boards head for, in words; "" while none of them says.
+ * @param {Board[]} boards */
 export function goalText(boards) {
   const goals = boards.flatMap((board) => {
     const goal = thoughtOf(board)?.goal;
@@ -54,12 +41,9 @@ export function goalText(boards) {
   return goals.join("; ");
 }
 
-/**
- * Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
- * @param {State} state
- * @param {"player" | "rival"} role
- * @returns {import("./messages.js").Cell[] | null}
- */
+/** Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one
+ * terrain.
+ * @param {GameState} state @param {"player" | "rival"} role @returns {Cell[] | null} */
 export function ghostOf({ player, rival }, role) {
   if (!player?.frame.outcome || !rival) return null;
   const other = role === "player" ? rival : player;
@@ -68,13 +52,8 @@ export function ghostOf({ player, rival }, role) {
   return other.trail;
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Thought} thought
- * @param {import("./messages.js").Cell} position
- * @param {number} size cell, device pixels
- * @param {{accent: string, dpr: number}} look
- */
+/** @param {CanvasRenderingContext2D} context @param {Thought} thought @param {Cell} position
+ * @param {number} size cell, device pixels @param {{accent: string, dpr: number}} look */
 export function paintThought(context, thought, [row, col], size, { accent, dpr }) {
   if (thought.goal) paintGoal(context, thought.goal, size, dpr);
   context.save();
@@ -95,13 +74,9 @@ export function paintThought(context, thought, [row, col], size, { accent, dpr }
   context.restore();
 }
 
-/**
- * Mark the cell that a policy heads for: a pale frame in a dark one, which shows on any ground and in greyscale.
- * @param {CanvasRenderingContext2D} context
- * @param {import("./messages.js").Cell} goal
- * @param {number} size cell, device pixels
- * @param {number} dpr
- */
+/** Mark the cell that a policy heads for: a pale frame in a dark one, which shows on any ground and in greyscale.
+ * @param {CanvasRenderingContext2D} context @param {Cell} goal @param {number} size cell, device pixels
+ * @param {number} dpr */
 function paintGoal(context, [row, col], size, dpr) {
   const side = Math.max(size, 9 * dpr) - 2 * dpr;
   const corner = [(col + 0.5) * size - side / 2, (row + 0.5) * size - side / 2];

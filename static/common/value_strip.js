@@ -3,23 +3,15 @@
 import { drawDot, drawGrid, drawLine, openChart } from "./chart.js";
 import { linearScale, span, tickText, ticks } from "./chart_scale.js";
 
-/**
- * `values[k]` is what the policy expected at step k, in the points of its training.
- * @typedef {{name: string, colour: string, isDashed: boolean, values: (number | null)[]}} ValueCurve
- */
-
-/**
- * Return the sentence under which the strip stands; "" while no policy says what it expects.
- * @param {string[]} names of the policies drawn
- */
+/** Return the sentence under which the strip stands; "" while no policy says what it expects.
+ * @param {string[]} names of the policies drawn */
 export function valueLine(names) {
   return names.length ? `What ${names.join(" and ")} expects to earn from here on, in the points of its training: new ground earns, moves cost` : "";
 }
 
-/**
- * Return the values at which the strip has a line and a number: its ends, and nought where that lies well between them.
- * @param {[number, number]} range
- */
+/** Return the values at which the strip has a line and a number: its ends, and nought where that lies well between
+ * them.
+ * @param {[number, number]} range */
 export function stripTicks([low, high]) {
   const found = ticks(low, high);
   const ends = [found[0], found[found.length - 1]];
@@ -27,11 +19,8 @@ export function stripTicks([low, high]) {
   return [...new Set(found.length < 2 ? found : [ends[0], ...found.filter((tick) => tick === 0 && isBetween(tick)), ends[1]])];
 }
 
-/**
- * @param {HTMLCanvasElement} canvas
- * @param {ValueCurve[]} curves
- * @param {import("./chart.js").ChartSize & {inks: import("./chart.js").Inks, end: number}} look end: of the step axis, in moves
- */
+/** @param {HTMLCanvasElement} canvas @param {ValueCurve[]} curves
+ * @param {ChartSize & {inks: Inks, end: number}} look end: of the step axis, in moves */
 export function paintValues(canvas, curves, look) {
   const { width_px: width, height_px: height, inks, end } = look;
   if (width < 40 || height < 20) return;

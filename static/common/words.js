@@ -2,8 +2,6 @@
 // Numbers and endings in words; no document here, so node can test every sentence.
 import { CELL_STATES } from "./messages.js";
 
-/** @typedef {import("./messages.js").Frame} Frame */
-
 /** @type {Record<string, {title: string, line: string, short: string}>} */
 const ENDINGS = {
   explored: { title: "Terrain explored", line: "{target} of the terrain is on the map.", short: "explored" },
@@ -17,10 +15,7 @@ const ENDINGS = {
 export const outcomeTitle = (outcome) => (outcome ? ENDINGS[outcome]?.title ?? outcome : "Exploring");
 /** @param {string | null} outcome */
 export const outcomeShort = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? outcome : "exploring");
-/**
- * @param {string | null} outcome
- * @param {string} [target] share of the cells that completes a terrain, in words
- */
+/** @param {string | null} outcome @param {string} [target] share of the cells that completes a terrain, in words */
 export const outcomeLine = (outcome, target = "99 %") => (outcome ? ENDINGS[outcome]?.line ?? "" : "").replace("{target}", target);
 /** @param {number} share 0..1; rounded down, so that 99.0 never stands before the goal is reached */
 export const percent = (share) => `${(Math.floor(share * 1000 + 1e-9) / 10).toFixed(1)}`;
@@ -30,35 +25,23 @@ export const signed = (value) => value === null ? "\u2013" : `${value < 0 ? "\u2
 export const score = (value) => value === null ? "\u2013" : value.toFixed(3).replace("-", "\u2212");
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? `${size[0]} \u00d7 ${size[1]}` : `${size} \u00d7 ${size}`);
-/**
- * Return a count with its noun.
- * @param {number} count
- * @param {string} one
- * @param {string} [more] the plural, where it is not the singular and an s
- */
+/** Return a count with its noun.
+ * @param {number} count @param {string} one @param {string} [more] the plural, where it is not the singular and an s */
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;
 
-/**
- * Return the volunteers' figure of one configuration, in short.
- * @param {{score: {mean: number}, steps: {mean: number}}} figure
- */
+/** Return the volunteers' figure of one configuration, in short.
+ * @param {{score: {mean: number}, steps: {mean: number}}} figure */
 export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
 
-/**
- * Return the moves until 99 % was known, or null when it never was.
- * @param {Frame} frame
- */
+/** Return the moves until 99 % was known, or null when it never was.
+ * @param {Frame} frame */
 export function stepsToGoal(frame) {
   return frame.outcome === "explored" ? frame.step : null;
 }
 
-/**
- * Return one sentence that compares the player with the rival on the same terrain.
- * @param {Frame} mine
- * @param {Frame | null} theirs
- * @param {string} rival
- * @param {string} who "You" or a policy's name
- */
+/** Return one sentence that compares the player with the rival on the same terrain.
+ * @param {Frame} mine @param {Frame | null} theirs @param {string} rival
+ * @param {string} who "You" or a policy's name */
 export function compare(mine, theirs, rival, who = "You") {
   if (!theirs) return "";
   if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
@@ -75,11 +58,8 @@ const AROUND = /** @type {const} */ ([["north", -1, 0], ["east", 0, 1], ["south"
 /** @type {Record<string, string>} */
 const STATES = CELL_STATES;
 
-/**
- * Return the matrix in words: where the rover stands and what lies next to it.
- * @param {Frame} frame
- * @param {string} name
- */
+/** Return the matrix in words: where the rover stands and what lies next to it.
+ * @param {Frame} frame @param {string} name */
 export function describeBoard(frame, name) {
   const [row, col] = frame.position;
   const around = AROUND.map(([word, down, right]) => `${word} ${STATES[frame.grid[row + down]?.[col + right] ?? ""] ?? "edge"}`);
@@ -87,11 +67,8 @@ export function describeBoard(frame, name) {
     + `${around.join(", ")}. ${percent(frame.coverage)} percent explored in ${many(frame.step, "step")}.`;
 }
 
-/**
- * Return what a screen reader announces after a change: each tenth of the terrain, and the end; "" for all else.
- * @param {Frame | null} before
- * @param {Frame} after
- */
+/** Return what a screen reader announces after a change: each tenth of the terrain, and the end; "" for all else.
+ * @param {Frame | null} before @param {Frame} after */
 export function announcement(before, after) {
   const scored = after.score === null ? "" : `, score ${score(after.score)}`;
   if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
@@ -103,8 +80,7 @@ export function announcement(before, after) {
   return "";
 }
 
-/**
- * Return the sentence for an episode that has ended and does not count, because the server could not match a move with a key or a touch.
- * @param {string} reason the server's
- */
+/** Return the sentence for an episode that has ended and does not count, because the server could not match a move with
+ * a key or a touch.
+ * @param {string} reason the server's */
 export const notCounted = (reason) => `This episode does not count: its moves do not all fit keys or touches of this page (${reason}).`;

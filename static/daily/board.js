@@ -7,10 +7,7 @@ import { describeBoard, percent } from "../common/words.js";
 import { createViews } from "../play/views.js";
 import { outcomeWord, promptText } from "../play/words.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
-
-/**
- * @param {Document} page
+/** @param {Document} page
  * @param {{onChange: () => void, dismiss: (id: number) => void}} how onChange: sizes or the way of drawing have changed
  */
 export function createBoard(page, { onChange, dismiss }) {
@@ -25,13 +22,13 @@ export function createBoard(page, { onChange, dismiss }) {
   const views = createViews({ page, panels: [panel], storage: localStorage, onChange });
   views.watch(part.matrix);
   put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches));
-  /** @type {State["player"]} */
+  /** @type {GameState["player"]} */
   let painted = null;
   return {
     root,
     viewer,
     painted: () => painted?.frame ?? null,
-    /** @param {State} state */
+    /** @param {GameState} state */
     paint(state) {
       const board = state.player;
       paintLink(by("link"), state.link, "live");

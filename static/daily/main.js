@@ -12,18 +12,12 @@ import { createBoard } from "./board.js";
 import { createResults } from "./results.js";
 import { countdown, dayText, streakText } from "./words.js";
 
-/**
- * @typedef {import("../common/game_state.js").Event} Event
- * @typedef {import("../common/game_state.js").Board} Board
- * @typedef {{day: string, commitment: string, now_ms: number, next_ms: number, attempt: import("./words.js").Attempt | null, streak: number,
- *   yesterday: {day: string, commitment: string, key: string | null} | null}} Today
- */
 const by = elementsOf(document);
 const request = createRequest((path, options) => fetch(path, options), "");
 const api = createApi((path, options) => fetch(path, options));
 let state = initialState();
 let actedAt_ms = performance.now();
-/** @type {Today | null} */
+/** @type {Daily.Today | null} */
 let today = null;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -58,10 +52,8 @@ const { moves, telemetry } = startInput({
 });
 keepFocusOnBoard(document, { board: board.root, next: () => null });
 
-/**
- * Apply an event: the only place where the state changes.
- * @param {Event} event
- */
+/** Apply an event: the only place where the state changes.
+ * @param {GameEvent} event */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
@@ -76,16 +68,14 @@ function dispatch(event) {
   repaint();
 }
 
-/** @param {Today} of */
+/** @param {Daily.Today} of */
 function ended({ day }) {
   put(by("standing"), "That was your attempt for today. The next terrain comes at midnight UTC.");
   results.show(day);
 }
 
-/**
- * Show the board of an attempt that had ended before this page was loaded.
- * @param {string} episode
- */
+/** Show the board of an attempt that had ended before this page was loaded.
+ * @param {string} episode */
 async function showEnded(episode) {
   const { level, size, frame, history } = await api.watched(episode);
   /** @type {Board} */
@@ -94,10 +84,8 @@ async function showEnded(episode) {
   dispatch({ kind: "link", link: "open" });
 }
 
-/**
- * Count down to the next terrain, by the server's clock.
- * @param {Today} of
- */
+/** Count down to the next terrain, by the server's clock.
+ * @param {Daily.Today} of */
 function startCountdown({ now_ms, next_ms }) {
   const offset_ms = now_ms - Date.now();
   const tick = () => {
@@ -117,7 +105,7 @@ function startCountdown({ now_ms, next_ms }) {
 
 async function begin() {
   try {
-    today = /** @type {Today} */ (await request("daily"));
+    today = /** @type {Daily.Today} */ (await request("daily"));
     put(by("day"), dayText(today.day));
     put(by("streak"), streakText(today.streak));
     put(by("commitment"), today.commitment);

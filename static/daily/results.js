@@ -4,33 +4,22 @@ import { paintDistribution } from "../common/distribution.js";
 import { create, elementsOf, put } from "../common/page.js";
 import { resultText, dayText, peopleText, policyText, rankText, shareText } from "./words.js";
 
-/**
- * @typedef {import("./words.js").Attempt} Attempt
- * @typedef {import("./words.js").PolicyResult} PolicyResult
- * @typedef {{day: string, attempt: Attempt | null, people: import("./words.js").People, policies: PolicyResult[]}} Results
- */
 /** How often policies that are still exploring are asked for. */
 const ASK_AGAIN_MS = 2000;
 
-/**
- * Return a row of a table of results: who, and what they came to.
- * @param {string} who
- * @param {string} what
- * @param {"you" | "person" | "policy"} kind
- * @param {string} [episode] whose replay the row leads to
- */
+/** Return a row of a table of results: who, and what they came to.
+ * @param {string} who @param {string} what @param {"you" | "person" | "policy"} kind
+ * @param {string} [episode] whose replay the row leads to */
 function row(who, what, kind, episode) {
   const name = episode ? create("a", who, { href: `replay/${encodeURIComponent(episode)}` }) : create("span", who);
   return create("li", [name, create("b", what)], { class: kind });
 }
 
-/** @param {PolicyResult[]} policies */
+/** @param {Daily.PolicyResult[]} policies */
 const policyRows = (policies) => policies.map((policy) => row(policy.name, policyText(policy), "policy"));
 
-/**
- * @param {Document} page
- * @param {{load: (day: string) => Promise<Results>, onWrong: (text: string) => void}} how
- */
+/** @param {Document} page
+ * @param {{load: (day: string) => Promise<Daily.Results>, onWrong: (text: string) => void}} how */
 export function createResults(page, { load, onWrong }) {
   const by = elementsOf(page);
   const area = by("share-text", HTMLTextAreaElement);
@@ -45,7 +34,7 @@ export function createResults(page, { load, onWrong }) {
     setTimeout(() => put(by("copy"), "Copy"), 2500);
   });
 
-  /** @param {Results} results */
+  /** @param {Daily.Results} results */
   function paint({ day, attempt, people, policies }) {
     if (!attempt) return;
     put(by("end-title"), resultText(attempt).replace(/^./, (first) => first.toUpperCase()));
@@ -59,10 +48,8 @@ export function createResults(page, { load, onWrong }) {
     by("end").hidden = by("results").hidden = false;
   }
   return {
-    /**
-     * Show what a player's attempt came to, and the policies as soon as they are ready.
-     * @param {string} day
-     */
+    /** Show what a player's attempt came to, and the policies as soon as they are ready.
+     * @param {string} day */
     async show(day) {
       try {
         const found = await load(day);
@@ -72,10 +59,8 @@ export function createResults(page, { load, onWrong }) {
         onWrong(/** @type {Error} */ (error).message);
       }
     },
-    /**
-     * Show the results of the day before.
-     * @param {{day: string, commitment: string, key: string | null}} yesterday
-     */
+    /** Show the results of the day before.
+     * @param {{day: string, commitment: string, key: string | null}} yesterday */
     async showYesterday({ day, commitment, key }) {
       put(by("key"), key ?? "");
       put(by("key-commitment"), commitment);

@@ -3,28 +3,19 @@
 import { many } from "../common/words.js";
 import { wholePercent } from "../play/words.js";
 
-/** @typedef {{state: "open" | "ended", episode: string, outcome: string | null, moves: number, coverage: number | null, score: number | null, unranked: string | null}} Attempt */
-/** @typedef {{name: string, state: string, moves: number | null, coverage: number | null}} PolicyResult */
-/** @typedef {{outcome: string, moves: number | null, coverage: number, you: boolean, rank: number, episode?: string}} PersonResult */
-/** @typedef {{players: number, unfinished: number, moves: [number, number][], table: PersonResult[], you: PersonResult | null}} People */
-
 /** The policy that the shared text names. */
 const NAMED = "ppo";
 
-/**
- * Return how long it is until a time, as hours, minutes and seconds.
- * @param {number} left_ms
- */
+/** Return how long it is until a time, as hours, minutes and seconds.
+ * @param {number} left_ms */
 export function countdown(left_ms) {
   const seconds = Math.max(0, Math.ceil(left_ms / 1000));
   const two = (/** @type {number} */ value) => String(value).padStart(2, "0");
   return `${Math.floor(seconds / 3600)}:${two(Math.floor(seconds / 60) % 60)}:${two(seconds % 60)}`;
 }
 
-/**
- * Return a day in words: "22 November 2026".
- * @param {string} day "2026-11-22"
- */
+/** Return a day in words: "22 November 2026".
+ * @param {string} day "2026-11-22" */
 export function dayText(day) {
   return new Date(`${day}T00:00:00Z`).toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric", timeZone: "UTC" });
 }
@@ -32,10 +23,8 @@ export function dayText(day) {
 /** @param {number} days in a row */
 export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 
-/**
- * Return what an attempt came to, in a few words.
- * @param {Pick<Attempt, "outcome" | "moves" | "coverage">} attempt
- */
+/** Return what an attempt came to, in a few words.
+ * @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
 export function resultText({ outcome, moves, coverage }) {
   const share = wholePercent(coverage ?? 0);
   if (outcome === "explored") return `${many(moves, "move")}, ${share} mapped`;
@@ -43,25 +32,16 @@ export function resultText({ outcome, moves, coverage }) {
   return `${how} at ${share} after ${many(moves, "move")}`;
 }
 
-/**
- * Return the text to share: it tells nothing of the terrain.
- * @param {string} day
- * @param {Attempt} attempt
- * @param {PolicyResult[]} policies
- * @param {string} link
- */
+/** Return the text to share: it tells nothing of the terrain.
+ * @param {string} day @param {Daily.Attempt} attempt @param {Daily.PolicyResult[]} policies @param {string} link */
 export function shareText(day, attempt, policies, link) {
   const policy = policies.find(({ name, moves }) => name === NAMED && moves !== null);
   const compared = policy ? `, ${policy.name} needed ${policy.moves}` : "";
   return `MarsExplorer daily ${day}: ${resultText(attempt)}${compared}\n${link}`;
 }
 
-/**
- * Return where a player stands among the people and the policies of the day.
- * @param {Attempt} attempt
- * @param {People} people
- * @param {PolicyResult[]} policies
- */
+/** Return where a player stands among the people and the policies of the day.
+ * @param {Daily.Attempt} attempt @param {Daily.People} people @param {Daily.PolicyResult[]} policies */
 export function rankText(attempt, people, policies) {
   if (!people.you) return attempt.unranked ? `This attempt has no rank: ${attempt.unranked}.` : "";
   const { rank, moves } = people.you;
@@ -74,20 +54,16 @@ export function rankText(attempt, people, policies) {
   return `${among}, and ${than}.`;
 }
 
-/**
- * Return how many people stand behind a distribution.
- * @param {People} people
- */
+/** Return how many people stand behind a distribution.
+ * @param {Daily.People} people */
 export function peopleText({ players, unfinished }) {
   if (!players) return "Nobody has a rank yet.";
   const rest = unfinished ? `; ${unfinished} of them did not reach 99 %` : "";
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 
-/**
- * Return what a policy did.
- * @param {PolicyResult} policy
- */
+/** Return what a policy did.
+ * @param {Daily.PolicyResult} policy */
 export function policyText({ state, moves, coverage }) {
   if (state !== "ready") return state === "failed" ? "not available" : "still exploring";
   return moves === null ? `stopped at ${wholePercent(coverage ?? 0)}` : many(moves, "move");

@@ -4,18 +4,9 @@ import { drawBand, drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart }
 import { chartColours } from "../common/colours.js";
 import { linearScale } from "../common/chart_scale.js";
 
-/**
- * @typedef {{name: string, colour: string, dash: string, x: number[], y: number[], low: (number | null)[], high: (number | null)[], hasDots?: boolean}} Line
- *   hasDots: points with whiskers for a band
- * @typedef {{low: number, high: number, ticks: number[], text: (value: number) => string, title: string}} Axis
- * @typedef {import("../common/chart_scale.js").Scale} Scale
- */
-
-/**
- * @param {HTMLCanvasElement} canvas it fills its parent
- * @param {Line[]} lines those drawn last stand in front
- * @param {{x: Axis, y: Axis, goal?: number, label: string}} how
- */
+/** @param {HTMLCanvasElement} canvas it fills its parent
+ * @param {Leaderboard.Line[]} lines those drawn last stand in front
+ * @param {{x: Leaderboard.Axis, y: Leaderboard.Axis, goal?: number, label: string}} how */
 export function paintLines(canvas, lines, { x, y, goal, label }) {
   canvas.setAttribute("aria-label", label);
   const { clientWidth: width_px, clientHeight: height_px } = /** @type {HTMLElement} */ (canvas.parentElement);
@@ -36,11 +27,7 @@ export function paintLines(canvas, lines, { x, y, goal, label }) {
   if (goal !== undefined) drawGoal(context, box, at.y(goal), inks.goal);
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Line} line
- * @param {Scale} at
- */
+/** @param {CanvasRenderingContext2D} context @param {Leaderboard.Line} line @param {Scale} at */
 function drawSeries(context, { colour, dash, x, y, low, high, hasDots }, at) {
   const points = (/** @type {(number | null)[]} */ values) => values.map((value, k) => ({ x: at.x(x[k]), y: at.y(Number(value)) }));
   if (hasDots) drawWhiskers(context, { colour, x, low, high }, at);
@@ -49,11 +36,8 @@ function drawSeries(context, { colour, dash, x, y, low, high, hasDots }, at) {
   if (hasDots) for (const point of points(y)) drawDot(context, point, 3.2, colour);
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Pick<Line, "colour" | "x" | "low" | "high">} line
- * @param {Scale} at
- */
+/** @param {CanvasRenderingContext2D} context @param {Pick<Leaderboard.Line, "colour" | "x" | "low" | "high">} line
+ * @param {Scale} at */
 function drawWhiskers(context, { colour, x, low, high }, at) {
   x.forEach((value, k) => {
     const [from, to] = [low[k], high[k]];

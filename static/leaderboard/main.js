@@ -17,7 +17,7 @@ const request = createRequest((path, options) => fetch(path, options), "");
 const SOON_MS = 1500;
 const LATER_MS = 20000;
 
-/** @type {{boards: standing.BoardListing[], board: string, measure: standing.Measure, detail: standing.Detail | null}} */
+/** @type {{boards: Leaderboard.BoardListing[], board: string, measure: Leaderboard.Measure, detail: Leaderboard.Detail | null}} */
 let state = { boards: [], board: "", measure: "steps", detail: null };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
@@ -25,7 +25,7 @@ Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { ret
 /** Return what the address asks for: `#random-21x21&score`. */
 function fromAddress() {
   const [board, measure] = decodeURIComponent(location.hash.slice(1)).split("&");
-  return { board, measure: /** @type {standing.Measure} */ (measure === "score" ? "score" : "steps") };
+  return { board, measure: /** @type {Leaderboard.Measure} */ (measure === "score" ? "score" : "steps") };
 }
 
 /** @param {Partial<typeof state>} change */
@@ -40,7 +40,7 @@ async function load() {
   const wanted = state.board;
   try {
     if (state.boards.length === 0) await loadBoards();
-    /** @type {standing.Detail} */
+    /** @type {Leaderboard.Detail} */
     const detail = await request(`leaderboard/${encodeURIComponent(state.board)}`, undefined, 60000);
     if (wanted && wanted !== state.board) return;
     set({ detail });
@@ -52,12 +52,12 @@ async function load() {
 }
 
 async function loadBoards() {
-  /** @type {standing.BoardListing[]} */
+  /** @type {Leaderboard.BoardListing[]} */
   const boards = await request("leaderboard");
   const { board, measure } = fromAddress();
   state = { ...state, boards, measure, board: boards.some((each) => each.id === board) ? board : boards[0].id };
   const [studies, rest] = [boards.filter((each) => each.study), boards.filter((each) => !each.study)];
-  /** @type {[string, standing.BoardListing[]][]} */
+  /** @type {[string, Leaderboard.BoardListing[]][]} */
   const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],
     ["Not yet played by people", rest.filter((each) => !each.players)]];
   boardSelect.replaceChildren(...parts.filter(([, members]) => members.length)
@@ -105,7 +105,7 @@ function paintWorking(work) {
 
 const legendOf = (/** @type {string} */ chart) => /** @type {HTMLElement} */ (by(chart).closest("section")?.querySelector(".legend"));
 
-/** @param {standing.Row[]} rows */
+/** @param {Leaderboard.Row[]} rows */
 function paintCoverage(rows) {
   const drawn = rows.flatMap((row) => (row.figure?.curve ? [{ ...row, curve: row.figure.curve }] : []));
   const end = standing.coverageEnd(drawn.map(({ curve }) => curve));
@@ -120,7 +120,7 @@ function paintCoverage(rows) {
   by("coverage-note").textContent = drawn.length ? `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. The dotted line is 99 %.` : "";
 }
 
-/** @param {standing.Row[]} rows */
+/** @param {Leaderboard.Row[]} rows */
 function paintVisits(rows) {
   const peopleFirst = [...rows].sort((a, b) => Number(b.who === "people") - Number(a.who === "people"));
   const maps = peopleFirst.flatMap(({ name, colour, figure }) => (figure?.visits ? [{ name, colour, visits: figure.visits }] : []));
@@ -135,7 +135,7 @@ function paintVisits(rows) {
 
 boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, detail: null }); load(); });
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
-  button.addEventListener("click", () => set({ measure: /** @type {standing.Measure} */ (button.dataset.measure) }));
+  button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 }
 addEventListener("theme", () => paint());
 new ResizeObserver(() => paint()).observe(/** @type {HTMLElement} */ (by("coverage").parentElement));

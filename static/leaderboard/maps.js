@@ -3,20 +3,16 @@
 
 const STOPS = [[14, 11, 13], [74, 36, 24], [160, 84, 44], [255, 179, 71], [255, 246, 226]];
 
-/**
- * Return the colour of a share 0..1 as [r, g, b]: night, soil, accent, light; lightness rises all the way.
- * @param {number} share
- */
+/** Return the colour of a share 0..1 as [r, g, b]: night, soil, accent, light; lightness rises all the way.
+ * @param {number} share */
 export function heat(share) {
   const at = Math.min(1, Math.max(0, share)) * (STOPS.length - 1);
   const k = Math.min(STOPS.length - 2, Math.floor(at));
   return STOPS[k].map((low, channel) => Math.round(low + (STOPS[k + 1][channel] - low) * (at - k)));
 }
 
-/**
- * Return the common top of the scale: what one cell in a hundred exceeds in the busiest map, random walks left out.
- * @param {{name: string, visits: number[][]}[]} maps
- */
+/** Return the common top of the scale: what one cell in a hundred exceeds in the busiest map, random walks left out.
+ * @param {{name: string, visits: number[][]}[]} maps */
 export function topOf(maps) {
   const steady = maps.filter(({ name }) => name !== "random");
   const tops = (steady.length ? steady : maps).map(({ visits }) => {
@@ -29,10 +25,7 @@ export function topOf(maps) {
 /** The gradient of the key, for CSS. */
 export const GRADIENT = `linear-gradient(90deg, ${STOPS.map((stop) => `rgb(${stop.join(" ")})`).join(", ")})`;
 
-/**
- * @param {HTMLElement} place
- * @param {{name: string, colour: string, visits: number[][]}[]} maps
- */
+/** @param {HTMLElement} place @param {{name: string, colour: string, visits: number[][]}[]} maps */
 export function paintMaps(place, maps) {
   const top = topOf(maps);
   place.replaceChildren(...maps.map(({ name, colour, visits }) => {
@@ -46,11 +39,7 @@ export function paintMaps(place, maps) {
   }));
 }
 
-/**
- * @param {string} name
- * @param {number[][]} visits
- * @param {number} top
- */
+/** @param {string} name @param {number[][]} visits @param {number} top */
 function painted(name, visits, top) {
   const canvas = document.createElement("canvas");
   canvas.width = visits[0].length;
@@ -64,10 +53,8 @@ function painted(name, visits, top) {
   return canvas;
 }
 
-/**
- * Return how visits divide over the quarters of the grid.
- * @param {number[][]} visits
- */
+/** Return how visits divide over the quarters of the grid.
+ * @param {number[][]} visits */
 export function inWords(visits) {
   const [rows, cols] = [visits.length, visits[0].length];
   const sums = { "north-west": 0, "north-east": 0, "south-west": 0, "south-east": 0 };

@@ -5,18 +5,8 @@ import { create } from "../common/page.js";
 import { breakOf, placeOf } from "./scale.js";
 import { intervalText, shown, source } from "./standing.js";
 
-/**
- * @typedef {import("./standing.js").Row} Row
- * @typedef {import("./standing.js").Measure} Measure
- */
-
-/**
- * @param {HTMLTableElement} table
- * @param {HTMLElement} marks where the scale's numbers go
- * @param {Row[]} rows
- * @param {import("./scale.js").Scale} scale
- * @param {Measure} measure
- */
+/** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
+ * @param {Leaderboard.Row[]} rows @param {Leaderboard.Scale} scale @param {Leaderboard.Measure} measure */
 export function paintRanks(table, marks, rows, scale, measure) {
   const percent = (/** @type {number} */ share) => `${100 * share}%`;
   const gap = breakOf(scale);
@@ -38,10 +28,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
     return line;
   }));
 
-  /**
-   * @param {Row} row
-   * @param {import("./standing.js").Interval} value
-   */
+  /** @param {Leaderboard.Row} row @param {Interval} value */
   function standing(row, value) {
     const place = create("div", [], { "aria-hidden": "true" });
     place.append(...scale.ticks.map((tick) => placed("gridline", tick)));
@@ -63,10 +50,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
       create("td", intervalText(value, measure), wide), create("td", completed, wide),
       ...(hasLikeness ? [create("td", likenessText(row.policy?.human_likeness), wide)] : []), create("td", source(row), wide)];
   }
-  /**
-   * @param {string} name
-   * @param {number} value
-   */
+  /** @param {string} name @param {number} value */
   function placed(name, value) {
     const mark = create("i", [], { class: name });
     mark.style.left = percent(placeOf(scale, value) ?? 0);
@@ -74,10 +58,8 @@ export function paintRanks(table, marks, rows, scale, measure) {
   }
 }
 
-/**
- * Return the row of people where nobody has played: it invites.
- * @param {import("./standing.js").BoardListing} board
- */
+/** Return the row of people where nobody has played: it invites.
+ * @param {Leaderboard.BoardListing} board */
 export function invitation({ study }) {
   const head = create("th", [create("i", [], { class: "swatch" }), study ? "People" : "Volunteers"], { scope: "row" });
   const line = study
@@ -88,19 +70,14 @@ export function invitation({ study }) {
   return row;
 }
 
-/**
- * Return a share of people's moves as text, a dash where it is not known.
- * @param {number | null | undefined} share
- */
+/** Return a share of people's moves as text, a dash where it is not known.
+ * @param {number | null | undefined} share */
 function likenessText(share) {
   return typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
 }
 
-/**
- * Return the row of a policy without a figure: how far it is.
- * @param {Row} row
- * @param {number} columns
- */
+/** Return the row of a policy without a figure: how far it is.
+ * @param {Leaderboard.Row} row @param {number} columns */
 function missing({ policy }, columns) {
   const cell = document.createElement("td");
   cell.colSpan = columns;

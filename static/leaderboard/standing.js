@@ -3,72 +3,39 @@
 import { roundUp } from "../common/chart_scale.js";
 import { many } from "../common/words.js";
 
-/** @typedef {import("../common/api.js").Interval} Interval */
-/** @typedef {{steps: number[], mean: number[], low: number[], high: number[]}} Curve */
-/** @typedef {{trial: number, players: number, score: Interval, steps: Interval}} Trial */
-/**
- * @typedef {{episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null, visits: number[][] | null}} Figure
- */
-/** @typedef {Figure & {players: number, trials: Trial[], set?: string, abandoned?: number}} People */
-/**
- * @typedef {{name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null, error: string | null, human_likeness?: number | null,
- *   summary?: string, shipped?: {version: string, command: string} | null}} Policy
- */
-/**
- * @typedef {{id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number, terrains: number, players: number, episodes: number}} BoardListing
- */
-/** @typedef {{board: BoardListing, people: People | null, policies: Policy[]}} Detail */
-/** @typedef {"steps" | "score"} Measure */
-/** @typedef {{who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null}} Row */
-
-/**
- * Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take the rest in turn.
- * @type {Record<string, [string, string]>}
- */
+/** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
+ * the rest in turn.
+ * @type {Record<string, [string, string]>} */
 const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], random: ["--line-rose", "4 4"] };
 /** @type {[string, string][]} */
 const REST = [["--line-clay", "3 6"], ["--line-olive", "10 2 2 2"]];
 const PEOPLE_COLOUR = "--chart-you";
 
-/**
- * @param {number} value
- * @param {Measure} measure
- */
+/** @param {number} value @param {Leaderboard.Measure} measure */
 export const shown = (value, measure) => (measure === "steps" ? value.toFixed(1) : value.toFixed(3).replace("-", "\u2212"));
-/**
- * @param {Interval} value
- * @param {Measure} measure
- */
+/** @param {Interval} value @param {Leaderboard.Measure} measure */
 export const intervalText = (value, measure) => (value.low === null || value.high === null ? "\u2013" : `${shown(value.low, measure)} to ${shown(value.high, measure)}`);
 
-/**
- * Return what a board's people are called: those of a study are its participants, those of the playground volunteers.
- * @param {BoardListing} board
- */
+/** Return what a board's people are called: those of a study are its participants, those of the playground volunteers.
+ * @param {Leaderboard.BoardListing} board */
 export const peopleName = ({ study }) => (study ? "People" : "Volunteers");
 
-/**
- * Return everyone on the board, the best first; those still without a figure last.
- * @param {Detail} detail
- * @param {Measure} measure
- * @returns {Row[]}
- */
+/** Return everyone on the board, the best first; those still without a figure last.
+ * @param {Leaderboard.Detail} detail @param {Leaderboard.Measure} measure @returns {Leaderboard.Row[]} */
 export function rows({ board, people, policies }, measure) {
   const others = policies.filter(({ name }) => !OWN[name]);
-  /** @type {Row[]} */
+  /** @type {Leaderboard.Row[]} */
   const found = policies.map((policy) => {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
     return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
   });
   if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_COLOUR, dash: "", figure: people, policy: null });
-  const rank = (/** @type {Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
+  const rank = (/** @type {Leaderboard.Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
   return found.sort((a, b) => (rank(a) === rank(b) ? 0 : rank(a) - rank(b)));
 }
 
-/**
- * Return where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
- * @param {Curve[]} curves
- */
+/** Return where the axis of coverage ends: when the last of those who finish has 98.5 % on the map.
+ * @param {Leaderboard.Curve[]} curves */
 export function coverageEnd(curves) {
   const ends = curves.flatMap(({ steps, mean }) => {
     const at = mean.findIndex((share) => share >= 0.985);
@@ -78,20 +45,15 @@ export function coverageEnd(curves) {
   return roundUp(longest * 1.06, longest);
 }
 
-/**
- * Return the moves until a curve's mean first reaches a share, or null.
- * @param {Curve} curve
- * @param {number} share
- */
+/** Return the moves until a curve's mean first reaches a share, or null.
+ * @param {Leaderboard.Curve} curve @param {number} share */
 export function movesTo({ steps, mean }, share) {
   const at = mean.findIndex((each) => each >= share);
   return at < 0 ? null : steps[at];
 }
 
-/**
- * Return the sentence under the heading.
- * @param {Detail} detail
- */
+/** Return the sentence under the heading.
+ * @param {Leaderboard.Detail} detail */
 export function headline({ board, people, policies }) {
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
@@ -108,11 +70,8 @@ export function headline({ board, people, policies }) {
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${from}.${policy}`;
 }
 
-/**
- * Return who people are here, and what policies play.
- * @param {Detail} detail
- * @returns {[string, string]}
- */
+/** Return who people are here, and what policies play.
+ * @param {Leaderboard.Detail} detail @returns {[string, string]} */
 export function reading({ board, people }) {
   if (!board.study) {
     return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. Each player weighs once, however much they played, so the interval is over players.",
@@ -123,12 +82,9 @@ export function reading({ board, people }) {
     `Policies and frontier rules play exactly the ${board.terrains} ranked terrains of the study; their interval is over terrains. The study's report compares them pair by pair.`];
 }
 
-/**
- * Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is one, and the
- * origin of the policies' figures that came with the package.
- * @param {Detail} detail
- * @param {boolean} isBroken
- */
+/** Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is
+ * one, and the origin of the policies' figures that came with the package.
+ * @param {Leaderboard.Detail} detail @param {boolean} isBroken */
 export function ranksNote({ board, people, policies }, isBroken) {
   const parts = people ? [`The dashed line is the mean of ${board.study ? "the study's people" : "the volunteers"}.`] : [];
   if (isBroken) parts.push("The axis is broken at the hatched strip: who stands beyond it is far off.");
@@ -141,20 +97,15 @@ export function ranksNote({ board, people, policies }, isBroken) {
   return parts.join(" ");
 }
 
-/**
- * Return where a figure comes from.
- * @param {Row} row
- */
+/** Return where a figure comes from.
+ * @param {Leaderboard.Row} row */
 export function source({ who, figure }) {
   if (!figure) return "";
-  return who === "people" ? `${many(/** @type {People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
+  return who === "people" ? `${many(/** @type {Leaderboard.People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
 }
 
-/**
- * Return what is still being made, or null.
- * @param {Policy[]} policies
- * @returns {{text: string, done: number, of: number} | null}
- */
+/** Return what is still being made, or null.
+ * @param {Leaderboard.Policy[]} policies @returns {{text: string, done: number, of: number} | null} */
 export function working(policies) {
   const open = policies.filter(({ state }) => state === "waiting" || state === "computing");
   if (open.length === 0) return null;
@@ -165,11 +116,8 @@ export function working(policies) {
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 
-/**
- * Return a coverage curve in words.
- * @param {string} name
- * @param {Curve} curve
- */
+/** Return a coverage curve in words.
+ * @param {string} name @param {Leaderboard.Curve} curve */
 export function curveText(name, curve) {
   const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
   const last = curve.mean[curve.mean.length - 1];

@@ -5,29 +5,18 @@ import { tickText, ticks } from "../common/chart_scale.js";
 import { paintLines } from "./line_chart.js";
 import { shown } from "./standing.js";
 
-/**
- * @typedef {import("./standing.js").Row} Row
- * @typedef {import("./standing.js").Trial} Trial
- * @typedef {import("./standing.js").Measure} Measure
- */
 const people = (/** @type {number} */ count) => (count === 1 ? "1 player" : `${count} players`);
 
-/**
- * Return what the points rest on.
- * @param {Trial[]} trials
- */
+/** Return what the points rest on.
+ * @param {Leaderboard.Trial[]} trials */
 export function footing(trials) {
   const [first, last] = [trials[0], trials[trials.length - 1]];
   const few = last.players < first.players ? ": the later points rest on fewer people" : "";
   return `${people(first.players)} in the first episode, ${people(last.players)} in episode ${last.trial}${few}. Bars are 95 % intervals; a single player has none. Policies do not learn here.`;
 }
 
-/**
- * @param {{canvas: HTMLCanvasElement, legend: HTMLElement, note: HTMLElement}} place
- * @param {Trial[]} trials
- * @param {Row[]} rows
- * @param {Measure} measure
- */
+/** @param {{canvas: HTMLCanvasElement, legend: HTMLElement, note: HTMLElement}} place
+ * @param {Leaderboard.Trial[]} trials @param {Leaderboard.Row[]} rows @param {Leaderboard.Measure} measure */
 export function paintTrials({ canvas, legend, note }, trials, rows, measure) {
   const who = rows.find((row) => row.who === "people");
   if (!who || trials.length === 0) return;

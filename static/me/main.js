@@ -6,11 +6,6 @@ import { create, elementsOf, put } from "../common/page.js";
 import { percent, score } from "../common/words.js";
 import { bestText, resultWord, standingText, summary, terrainText } from "./words.js";
 
-/**
- * @typedef {import("./words.js").Best} Best
- * @typedef {import("./words.js").Episode} Episode
- * @typedef {import("./words.js").History} History
- */
 const by = elementsOf(document);
 const request = createRequest((path, options) => fetch(path, options), "");
 const PAGE = 50;
@@ -19,10 +14,8 @@ let shown = 0;
 /** @param {number} at_ms */
 const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 
-/**
- * Return the panel of one configuration.
- * @param {Best} figure
- */
+/** Return the panel of one configuration.
+ * @param {Me.Best} figure */
 function bestPanel(figure) {
   const { best, people } = figure;
   const number = best ? [create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
@@ -40,10 +33,8 @@ function bestPanel(figure) {
   ], { class: "panel" });
 }
 
-/**
- * Return the row of one episode.
- * @param {Episode} episode
- */
+/** Return the row of one episode.
+ * @param {Me.Episode} episode */
 function episodeRow(episode) {
   const { kind, day, outcome, moves, coverage, not_attested: reason } = episode;
   const when = create("a", timeText(episode.ended_ms), { href: `replay/${encodeURIComponent(episode.episode)}` });
@@ -58,7 +49,7 @@ function episodeRow(episode) {
 
 async function load() {
   try {
-    const history = /** @type {History} */ (await request(`me/history?limit=${PAGE}&offset=${shown}`));
+    const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}&offset=${shown}`));
     put(by("sentence"), summary(history));
     if (!shown) by("bests").replaceChildren(...history.bests.map(bestPanel));
     by("rows").append(...history.episodes.map(episodeRow));

@@ -3,10 +3,6 @@
 import { many } from "../common/words.js";
 import { wholePercent } from "../play/words.js";
 
-/** @typedef {{episode: string, kind: "daily" | "ranked" | "practice", day: string | null, level: string, rows: number, cols: number, outcome: string, moves: number, coverage: number, score: number, ended_ms: number, not_attested: string | null}} Episode */
-/** @typedef {{level: string, rows: number, cols: number, max_steps: number, episodes: number, explored: number, best: Episode | null, people: {means: number[], you: number | null, ranked: number}}} Best */
-/** @typedef {{total: number, episodes: Episode[], bests: Best[]}} History */
-
 /** @type {Record<string, string>} */
 const RESULTS = { explored: "mapped", collided: "crashed", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "left" };
 
@@ -16,20 +12,16 @@ export const resultWord = (outcome) => RESULTS[outcome] ?? outcome;
 /** @param {{level: string, rows: number, cols: number}} terrain */
 export const terrainText = ({ level, rows, cols }) => `${level} ${rows} \u00d7 ${cols}`;
 
-/**
- * Return the sentence below the heading.
- * @param {History} history
- */
+/** Return the sentence below the heading.
+ * @param {Me.History} history */
 export function summary({ total, bests }) {
   if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
   const explored = bests.reduce((sum, { explored: count }) => sum + count, 0);
   return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to 99 %.`;
 }
 
-/**
- * Return where a player's ranked episodes stand among the volunteers'.
- * @param {Best} best
- */
+/** Return where a player's ranked episodes stand among the volunteers'.
+ * @param {Me.Best} best */
 export function standingText({ people: { means, you, ranked } }) {
   if (you === null) {
     return means.length ? `${many(means.length, "person", "people")} played this ranked. Play it ranked, and your dot stands among theirs.`
@@ -41,7 +33,7 @@ export function standingText({ people: { means, you, ranked } }) {
   return `${mean}: place ${better + 1} of ${means.length} people. A terrain that was not finished counts the limit.`;
 }
 
-/** @param {Best} best */
+/** @param {Me.Best} best */
 export function bestText({ best, episodes, explored }) {
   if (!best) return `No terrain mapped to 99 % yet, in ${many(episodes, "episode")}.`;
   return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to 99 %.`;

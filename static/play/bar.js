@@ -4,14 +4,9 @@ import { elementsOf, paintLink, put } from "../common/page.js";
 import { sizeText } from "../common/words.js";
 import { goal, standing } from "./words.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
-
-/**
- * Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
- * @param {State} state
- * @param {Document} page
- * @param {string} rival the policy that will play after a ranked episode
- */
+/** Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
+ * @param {GameState} state @param {Document} page
+ * @param {string} rival the policy that will play after a ranked episode */
 export function paintBar(state, page, rival) {
   const by = elementsOf(page);
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("button[data-mode]"))) {
@@ -34,22 +29,18 @@ export function paintBar(state, page, rival) {
   page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
 }
 
-/**
- * Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until the end.
- * @param {State} state
- * @param {boolean} isFirstVisit
- */
+/** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until
+ * the end.
+ * @param {GameState} state @param {boolean} isFirstVisit */
 export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
   if (mode === "watch") return true;
   if (!player) return !isFirstVisit;
   return rival !== null && !isFirstVisit;
 }
 
-/**
- * Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the chart.
- * @param {Document} page
- * @returns {(name: string) => void} shows one of them
- */
+/** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the
+ * chart.
+ * @param {Document} page @returns {(name: string) => void} shows one of them */
 export function startTabs(page) {
   const buttons = /** @type {HTMLElement[]} */ ([...page.querySelectorAll("[data-show]")]);
   /** @param {string} name */
@@ -61,10 +52,8 @@ export function startTabs(page) {
   return show;
 }
 
-/**
- * Open the help by its button and by the key "?", outside fields and other dialogs.
- * @param {Document} page
- */
+/** Open the help by its button and by the key "?", outside fields and other dialogs.
+ * @param {Document} page */
 export function startHelp(page) {
   const by = elementsOf(page);
   const dialog = by("help-dialog", HTMLDialogElement);

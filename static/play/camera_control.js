@@ -4,19 +4,12 @@
 /** A board with a longer side, cells, is followed until somebody chooses (app/viewer3d/scene.py). */
 export const LARGE_SIDE = 30;
 
-/**
- * Return which camera shows a board: the one chosen, else by its size.
- * @param {string | null} choice what is kept in mars.camera
- * @param {number} side the longer one, cells
- */
+/** Return which camera shows a board: the one chosen, else by its size.
+ * @param {string | null} choice what is kept in mars.camera @param {number} side the longer one, cells */
 export const cameraOf = (choice, side) => (choice === "map" || choice === "follow" ? choice : side > LARGE_SIDE ? "follow" : "map");
 
-/**
- * Fill the group with its buttons; return a function that paints them for a board's longer side.
- * @param {HTMLElement} group
- * @param {Storage} storage
- * @param {() => void} onChange
- */
+/** Fill the group with its buttons; return a function that paints them for a board's longer side.
+ * @param {HTMLElement} group @param {Storage} storage @param {() => void} onChange */
 export function startCameraControl(group, storage, onChange) {
   let side = 0;
   const button = group.ownerDocument.createElement("button");

@@ -4,12 +4,9 @@ import { put } from "../common/page.js";
 import { compare, score } from "../common/words.js";
 import { ending, scoreWhy } from "./words.js";
 
-/**
- * Paint the end card of the player's board; return whether it has just appeared.
- * @param {Record<string, HTMLElement>} part of the player's panel
- * @param {import("../common/game_state.js").State} state
- * @param {boolean} paysBonus whether the level pays for finishing
- */
+/** Paint the end card of the player's board; return whether it has just appeared.
+ * @param {Record<string, HTMLElement>} part of the player's panel @param {GameState} state
+ * @param {boolean} paysBonus whether the level pays for finishing */
 export function paintEndCard(part, { mode, player, rival }, paysBonus) {
   const frame = player?.frame;
   const wasHidden = part.end.hidden;

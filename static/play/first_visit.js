@@ -5,24 +5,23 @@ import { put } from "../common/page.js";
 import { hintAfter } from "./coach.js";
 import { promptText } from "./words.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
 const VISITED = "mars.visited";
 
 /**
  *   part     of the player's panel
  *   onEnded  the first episode has ended, and the page has room for two boards
- * @param {{page: Document, part: Record<string, HTMLElement>, storage: Storage, isTouch: boolean, onEnded: () => void}} how
- */
+ * @param {{page: Document, part: Record<string, HTMLElement>, storage: Storage, isTouch: boolean,
+ *   onEnded: () => void}} how */
 export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
   const { body } = page;
   /** @type {Set<string>} */
   const said = new Set();
-  /** @type {import("./coach.js").Hint | null} */
+  /** @type {Play.Hint | null} */
   let hint = null;
   let isCoaching = true;
   const isFirst = () => body.dataset.visit === "first";
 
-  /** @param {State} state */
+  /** @param {GameState} state */
   function paint({ mode, player, link }) {
     const isDriven = isFirst() && (mode === "practice" || mode === "ranked");
     const frame = player?.frame;
@@ -38,11 +37,8 @@ export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
   });
   return {
     isFirst,
-    /**
-     * Take note of a change of the player's board.
-     * @param {State} before
-     * @param {State} after
-     */
+    /** Take note of a change of the player's board.
+     * @param {GameState} before @param {GameState} after */
     follow(before, after) {
       const [was, is] = [before.player?.frame, after.player?.frame];
       if (!isFirst() || !is || was === is || after.mode === "watch") return;

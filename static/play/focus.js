@@ -4,20 +4,15 @@
 /** What a click leaves focused without a need for it. */
 const CONTROLS = "button, summary, label, input[type=checkbox], [role=tab]";
 
-/**
- * Return whether a click on a control may give the focus back: it was made by a pointer, outside of dialogs and of what is typed in.
- * @param {{detail: number}} event
- * @param {{closest: (selector: string) => unknown} | null} target
- */
+/** Return whether a click on a control may give the focus back: it was made by a pointer, outside of dialogs and of
+ * what is typed in.
+ * @param {{detail: number}} event @param {{closest: (selector: string) => unknown} | null} target */
 export const givesBack = (event, target) => event.detail > 0 && Boolean(target?.closest(CONTROLS)) && !target?.closest("dialog, [data-keeps-focus]");
 
-/**
- * Keep the focus on the board.
+/** Keep the focus on the board.
  *   board  the player's
  *   next   what Enter means once the episode is over, or null while it runs
- * @param {Document} page
- * @param {{board: HTMLElement, next: () => HTMLElement | null}} how
- */
+ * @param {Document} page @param {{board: HTMLElement, next: () => HTMLElement | null}} how */
 export function keepFocusOnBoard(page, { board, next }) {
   board.tabIndex = -1;
   /** @type {EventTarget | null} the choice that a pointer opened */

@@ -2,17 +2,14 @@
 // A key, an arrow button or a swipe that is held: its move is repeated at a set pace until it is let go. No document here, and the
 // clock is an argument, so node can test every rule.
 
-/** @typedef {import("../common/messages.js").Action} Action */
 /** Held for so long, a key repeats. */
 export const DELAY_MS = 250;
 /** Moves a second that can be chosen; 0 turns repeating off. */
 export const PACES = Object.freeze([0, 4, 8, 12]);
 export const DEFAULT_PACE = 8;
 
-/**
- * Return the moves a second that a stored setting stands for.
- * @param {string | null} stored
- */
+/** Return the moves a second that a stored setting stands for.
+ * @param {string | null} stored */
 export function paceOf(stored) {
   const pace = Number(stored ?? DEFAULT_PACE);
   return PACES.includes(pace) ? pace : DEFAULT_PACE;
@@ -24,8 +21,7 @@ export function paceOf(stored) {
  *   repeat     moves once more; false lets go of the key
  *   after      calls a function in so many ms and returns what cancels it
  * @param {{pace: () => number, mayRepeat: () => boolean, repeat: (action: Action) => boolean, now_ms: () => number,
- *   after: (wait_ms: number, work: () => void) => () => void}} how
- */
+ *   after: (wait_ms: number, work: () => void) => () => void}} how */
 export function createHeldKey({ pace, mayRepeat, repeat, now_ms, after }) {
   /** @type {{holder: string, action: Action} | null} */
   let held = null;
@@ -46,11 +42,8 @@ export function createHeldKey({ pace, mayRepeat, repeat, now_ms, after }) {
     });
   }
   return {
-    /**
-     * A key went down, after which its own move was made; it takes the place of the one that was held before.
-     * @param {string} holder what is held: a key's code, or the name of a button
-     * @param {Action} action
-     */
+    /** A key went down, after which its own move was made; it takes the place of the one that was held before.
+     * @param {string} holder what is held: a key's code, or the name of a button @param {Action} action */
     down(holder, action) {
       stop();
       if (pace() === 0 || !mayRepeat()) return;
@@ -58,10 +51,8 @@ export function createHeldKey({ pace, mayRepeat, repeat, now_ms, after }) {
       due_ms = now_ms() + DELAY_MS;
       schedule();
     },
-    /**
-     * A key came up; nothing changes when it is not the one that is held.
-     * @param {string} holder
-     */
+    /** A key came up; nothing changes when it is not the one that is held.
+     * @param {string} holder */
     up(holder) { if (held?.holder === holder) stop(); },
     stop,
     holder: () => held?.holder ?? null,

@@ -11,15 +11,12 @@ import { createPressQueue } from "./press_queue.js";
 import { createSound, soundOf } from "./sound.js";
 import { startSwipes } from "./swipe.js";
 
-/** @typedef {import("../common/messages.js").Frame} Frame */
-/** @typedef {import("../common/messages.js").Timing} Timing */
 /** Where events without an answer wait for the next load of this tab. */
 const KEPT = "mars.events";
 /** How many moves a second a held key makes in practice. */
 export const REPEAT_SETTING = "mars.repeat";
 
-/**
- * Start the controls; return the moves and the telemetry, for the server's answers.
+/** Start the controls; return the moves and the telemetry, for the server's answers.
  *   board       the player's: it can be swiped on, and says which presses were dropped
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
  *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
@@ -31,10 +28,9 @@ export const REPEAT_SETTING = "mars.repeat";
  *   announce    says a sentence to screen readers, politely
  *   onActivity  anything was pressed: the user is there
  * @param {{page: Window & typeof globalThis, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
- *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean, driven: () => Frame | null,
- *   painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean, announce: (text: string) => void,
- *   onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how
- */
+ *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
+ *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
+ *   announce: (text: string) => void, onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
 export function startInput({ page, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
   const now_ms = () => page.performance.now();
   const sendEvents = () => telemetry.sendAll();
@@ -50,10 +46,8 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
   const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(page.sessionStorage.getItem(KEPT) ?? "[]"),
     store: (batches) => page.sessionStorage.setItem(KEPT, JSON.stringify(batches)),
     context: () => onScreen(driven(), painted(), moves.round_trip_ms()) });
-  /**
-   * Of the press that is held.
-   * @type {{timing: Timing, episode: string} | null}
-   */
+  /** Of the press that is held.
+   * @type {{timing: Timing, episode: string} | null} */
   let held = null;
   const heldKey = createHeldKey({
     now_ms, pace: () => paceOf(page.localStorage.getItem(REPEAT_SETTING)),
@@ -99,10 +93,8 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
     telemetry,
     moves: {
       drop: moves.drop,
-      /**
-       * Take the moves that a message answers off the list, and return them.
-       * @param {import("../common/messages.js").FromServer} message
-       */
+      /** Take the moves that a message answers off the list, and return them.
+       * @param {FromServer} message */
       receive(message) {
         if (message.kind === "frame") sound.play(soundOf(driven(), message));
         return moves.receive(message);

@@ -3,26 +3,14 @@
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
 
-/**
- * @typedef {import("../common/game_state.js").State} State
- * @typedef {import("../common/game_state.js").Mode} Mode
- * @typedef {import("./terrain_dialog.js").Wish} Wish
- */
-
-/**
- * Return whether leaving the board would abandon an episode that counts.
- * @param {State} state
- */
+/** Return whether leaving the board would abandon an episode that counts.
+ * @param {GameState} state */
 export function isUnfinished({ mode, counts, player }) {
   return mode === "ranked" && counts && player !== null && player.frame.step > 0 && player.frame.outcome === null;
 }
 
-/**
- * Return whether a wish asks for the very board that is being played: it goes on then.
- * @param {State} state
- * @param {Mode} wanted
- * @param {Wish} wish
- */
+/** Return whether a wish asks for the very board that is being played: it goes on then.
+ * @param {GameState} state @param {Mode} wanted @param {Play.Wish} wish */
 export function isSameBoard({ mode, level, player }, wanted, wish) {
   const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
   const frame = player?.frame;
@@ -32,10 +20,8 @@ export function isSameBoard({ mode, level, player }, wanted, wish) {
 /**
  *   state  the newest state
  *   start  begins a board
- * @param {HTMLDialogElement} dialog
- * @param {Window} view
- * @param {{state: () => State, start: (mode: Mode, wish: Wish) => unknown}} how
- */
+ * @param {HTMLDialogElement} dialog @param {Window} view
+ * @param {{state: () => GameState, start: (mode: Mode, wish: Play.Wish) => unknown}} how */
 export function createLeaving(dialog, view, { state, start }) {
   const part = (/** @type {string} */ name) => /** @type {HTMLElement} */ (dialog.querySelector(`[data-part=${name}]`));
   /** @type {(() => void) | null} */
@@ -58,11 +44,8 @@ export function createLeaving(dialog, view, { state, start }) {
     dialog.showModal();
   }
   return {
-    /**
-     * Begin a board, once the player has agreed where that abandons a ranked episode.
-     * @param {Mode} mode
-     * @param {Wish} wish
-     */
+    /** Begin a board, once the player has agreed where that abandons a ranked episode.
+     * @param {Mode} mode @param {Play.Wish} wish */
     start(mode, wish) {
       if (!isUnfinished(state()) || isSameBoard(state(), mode, wish)) start(mode, wish);
       else ask(() => start(mode, wish));

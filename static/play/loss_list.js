@@ -3,16 +3,10 @@
 import { create } from "../common/page.js";
 import { sentenceOf, summaryOf } from "../common/loss_words.js";
 
-/** @typedef {import("../common/loss_words.js").Analysis} Analysis */
-/** @typedef {import("../common/loss_words.js").CostlyMove} CostlyMove */
-
-/**
- * Fill a place with the list.
- * @param {HTMLElement} place
- * @param {Analysis} analysis
- * @param {{onPoint: (index: number | null) => void, onPin: (index: number) => void, onTry: (loss: CostlyMove) => void}} how
- *   onPoint: null when the pointer or the focus has left
- */
+/** Fill a place with the list.
+ * @param {HTMLElement} place @param {Analysis} analysis
+ * @param {{onPoint: (index: number | null) => void, onPin: (index: number) => void,
+ *   onTry: (loss: CostlyMove) => void}} how onPoint: null when the pointer or the focus has left */
 export function paintLossList(place, analysis, { onPoint, onPin, onTry }) {
   const list = create("ol", analysis.losses.map((loss, index) => {
     const show = create("button", [create("b", String(index + 1), { "aria-hidden": "true" }), create("span", sentenceOf(loss))],
@@ -31,12 +25,8 @@ export function paintLossList(place, analysis, { onPoint, onPin, onTry }) {
   place.replaceChildren(create("p", summaryOf(analysis), { role: "status" }), list, ...hint);
 }
 
-/**
- * Show which of the list is chosen, and which is pinned.
- * @param {HTMLElement} place
- * @param {number | null} chosen
- * @param {number | null} pinned
- */
+/** Show which of the list is chosen, and which is pinned.
+ * @param {HTMLElement} place @param {number | null} chosen @param {number | null} pinned */
 export function markChosen(place, chosen, pinned) {
   place.querySelectorAll("li").forEach((item, index) => {
     item.classList.toggle("is-chosen", index === chosen);
@@ -44,21 +34,15 @@ export function markChosen(place, chosen, pinned) {
   });
 }
 
-/**
- * Show that the moves are being judged.
- * @param {HTMLElement} place
- * @param {number} cells of the board
- */
+/** Show that the moves are being judged.
+ * @param {HTMLElement} place @param {number} cells of the board */
 export function paintWorking(place, cells) {
   const time = cells > 600 ? "On a board of this size that can take a minute." : "That takes a few seconds.";
   place.replaceChildren(create("p", `Trying every other way you could have gone. ${time}`, { role: "status" }), create("progress", [], { "aria-label": "Judging your moves" }));
 }
 
-/**
- * Show why there is no list.
- * @param {HTMLElement} place
- * @param {string} reason
- */
+/** Show why there is no list.
+ * @param {HTMLElement} place @param {string} reason */
 export function paintFailure(place, reason) {
   place.replaceChildren(create("p", `${reason.slice(0, 1).toUpperCase()}${reason.slice(1)}.`.replace(/\.\.$/, "."), { role: "status" }));
 }

@@ -6,27 +6,14 @@ import { markAt } from "../common/loss_marks.js";
 import { put } from "../common/page.js";
 import { markChosen, paintFailure, paintLossList, paintWorking } from "./loss_list.js";
 
-/**
- * @typedef {import("../common/game_state.js").State} State
- * @typedef {import("../common/game_state.js").Board} Board
- * @typedef {import("../common/loss_words.js").Analysis} Analysis
- * @typedef {import("../common/loss_words.js").CostlyMove} CostlyMove
- */
-
 const ASK = "Where did I lose moves?";
 
-/**
- * Return whether all cells count, as the analysis of moves takes it.
- * @param {import("../common/messages.js").Frame | undefined} frame
- */
+/** Return whether all cells count, as the analysis of moves takes it.
+ * @param {Frame | undefined} frame */
 const isWhole = (frame) => frame !== undefined && frame.cells === frame.rows * frame.cols;
 
-/**
- * Return a board as it was known before a costly move.
- * @param {Board} board
- * @param {CostlyMove} loss
- * @returns {Board}
- */
+/** Return a board as it was known before a costly move.
+ * @param {Board} board @param {CostlyMove} loss @returns {Board} */
 export function boardBefore(board, { step, grid, position, discovered, previous }) {
   const { frame, trail } = board;
   const coverage = discovered / frame.cells;
@@ -37,10 +24,9 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
  *   load      the regret of a finished episode
  *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
  *   onChange  something else is to be painted
- * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLCanvasElement, state: () => State,
- *   load: (episode: string) => Promise<Analysis>, tryFrom: (state: State, step: number) => void, onChange: () => void}} how
- *   part of the player's panel, whose matrix is `canvas`
- */
+ * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLCanvasElement,
+ *   state: () => GameState, load: (episode: string) => Promise<Analysis>, tryFrom: (state: GameState,
+ *   step: number) => void, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
 export function createLosses({ page, part, canvas, chart, state, load, tryFrom, onChange }) {
   /** @type {string | null} the episode whose moves are shown or asked for */
   let episode = null;
@@ -50,9 +36,9 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
   let pinned = null;
   /** @type {number | null} */
   let pointed = null;
-  /** @type {import("../common/chart_marks.js").Point[]} where the numbers stand on the chart */
+  /** @type {Point[]} where the numbers stand on the chart */
   let onChart = [];
-  /** @type {import("../common/loss_marks.js").Marks | null} */
+  /** @type {Marks | null} */
   let marks = null;
   const chosen = () => pointed ?? pinned;
 
@@ -140,24 +126,18 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
       part.losses.hidden = true;
       part.ask.hidden = ended === null || player?.frame.step === 0 || !isWhole(player?.frame);
     },
-    /**
-     * Return what is to be marked on the player's board, the same object as long as it stays the same.
-     * @returns {import("../common/loss_marks.js").Marks | null}
-     */
+    /** Return what is to be marked on the player's board, the same object as long as it stays the same.
+     * @returns {Marks | null} */
     marks: () => marks,
-    /**
-     * Return the player's board as it is to be shown: as before the chosen move, else as it is.
-     * @param {Board} board
-     */
+    /** Return the player's board as it is to be shown: as before the chosen move, else as it is.
+     * @param {Board} board */
     boardOf(board) {
       const index = chosen();
       return analysis && index !== null ? boardBefore(board, analysis.losses[index]) : board;
     },
-    /**
-     * Paint the numbers on the player's curve.
+    /** Paint the numbers on the player's curve.
      * @param {NonNullable<ReturnType<import("../common/coverage_chart.js").paintCoverage>>} plot
-     * @param {{you: string, ground: string, ink: string}} colours
-     */
+     * @param {{you: string, ground: string, ink: string}} colours */
     paintChart({ at, context }, { you, ground, ink }) {
       const frame = state().player?.frame;
       if (!analysis || !frame) return;

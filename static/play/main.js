@@ -23,10 +23,6 @@ import { createVolunteers } from "./volunteers.js";
 import { showInstead } from "./watching.js";
 import { announcement } from "./words.js";
 
-/**
- * @typedef {import("../common/game_state.js").Event} Event
- * @typedef {import("../common/game_state.js").Mode} Mode
- */
 const by = elementsOf(document);
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
@@ -105,10 +101,8 @@ const { moves, telemetry } = startInput({
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 
-/**
- * Apply an event: the only place where the state changes.
- * @param {Event} event
- */
+/** Apply an event: the only place where the state changes.
+ * @param {GameEvent} event */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);

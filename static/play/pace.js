@@ -4,10 +4,8 @@
 /** @type {Record<string, Record<string, unknown>>} */
 const WISHES = { follow: { follow: true }, paused: { pause: true }, step: { step: true } };
 
-/**
- * @param {HTMLElement} bar
- * @param {(wish: Record<string, unknown>) => void} ask what POST api/sessions/{id}/pace takes
- */
+/** @param {HTMLElement} bar
+ * @param {(wish: Record<string, unknown>) => void} ask what POST api/sessions/{id}/pace takes */
 export function startPace(bar, ask) {
   const slider = /** @type {HTMLInputElement} */ (bar.querySelector("input"));
   const askSpeed = () => ask({ moves_per_second: Number(slider.value) });

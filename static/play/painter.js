@@ -10,7 +10,6 @@ import { hasTwoBoards, paintBar } from "./bar.js";
 import { paintEndCard } from "./end_card.js";
 import * as panel from "./panels.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
 const ROLES = /** @type {const} */ (["player", "rival"]);
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
 const LIDAR_CELLS = 6;
@@ -22,26 +21,21 @@ const FIRST_FRAME = "mars.first-frame";
  *   paysBonus  whether the level being played pays for finishing
  *   thinking   what the policies think: it is drawn on their boards alone
  *   losses     the costly moves of an ended episode
- * @param {{page: Document, panels: Record<string, panel.Panel>, views: ReturnType<import("./views.js").createViews>,
+ * @param {{page: Document, panels: Record<string, Play.Panel>, views: ReturnType<import("./views.js").createViews>,
  *   visit: Pick<ReturnType<import("./first_visit.js").createFirstVisit>, "isFirst" | "paint">, rivalName: () => string,
  *   paysBonus: (level: string) => boolean, thinking: ReturnType<import("./thinking.js").createThinking>,
- *   losses: () => ReturnType<import("./losses.js").createLosses>, dismiss: (id: number) => void}} how
- */
+ *   losses: () => ReturnType<import("./losses.js").createLosses>, dismiss: (id: number) => void}} how */
 export function createPainter({ page, panels, views, visit, rivalName, paysBonus, thinking, losses, dismiss }) {
   const by = elementsOf(page);
   const chart = by("chart", HTMLCanvasElement);
-  /** @type {State | null} */
+  /** @type {GameState | null} */
   let painted = null;
   /** @type {{pressed_ms: number}[]} answered moves that wait for their repaint */
   let waiting = [];
   /** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
   const latencies = [];
 
-  /**
-   * @param {State} state
-   * @param {State | null} before
-   * @param {number} dpr
-   */
+  /** @param {GameState} state @param {GameState | null} before @param {number} dpr */
   function paintBoards(state, before, dpr) {
     const { soil, you, policy } = boardColours(page.documentElement);
     const colours = { player: you, rival: policy };
@@ -62,10 +56,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     latencies.splice(0, latencies.length - 1000);
     waiting = [];
   }
-  /**
-   * @param {State} state
-   * @param {State | null} before
-   */
+  /** @param {GameState} state @param {GameState | null} before */
   function paintPanels(state, before) {
     const hasTwo = hasTwoBoards(state, visit.isFirst());
     for (const role of ROLES) {
@@ -76,10 +67,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       views.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
     }
   }
-  /**
-   * @param {State} state
-   * @param {number} dpr
-   */
+  /** @param {GameState} state @param {number} dpr */
   function paintCurves(state, dpr) {
     const { inks, font, you, policy, ground } = chartColours(page.documentElement);
     const colours = { player: you, rival: policy };
@@ -98,7 +86,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
   return {
     /** Return the frame of the player's board that was painted last. */
     playersFrame: () => painted?.player?.frame ?? null,
-    /** @param {State} state */
+    /** @param {GameState} state */
     paint(state) {
       const before = painted;
       painted = state;
@@ -116,10 +104,8 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     },
     /** Paint everything next time, because sizes changed. */
     forget() { painted = null; },
-    /**
-     * Note moves whose answer the next repaint shows.
-     * @param {{pressed_ms: number}[]} moves
-     */
+    /** Note moves whose answer the next repaint shows.
+     * @param {{pressed_ms: number}[]} moves */
     answered(moves) { waiting.push(...moves); },
     latencies: () => [...latencies],
   };

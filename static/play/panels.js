@@ -4,21 +4,9 @@ import * as words from "../common/words.js";
 import { put } from "../common/page.js";
 import { outcomeWord } from "./words.js";
 
-/**
- * @typedef {import("../common/game_state.js").Board} Board
- * @typedef {import("../common/game_state.js").Role} Role
- */
-/**
- * @typedef {{role: Role, root: HTMLElement, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, viewer: HTMLIFrameElement}} Panel
- */
-
-/**
- * Make the panel of a board, its parts named and marked for tests.
- * @param {HTMLElement} root
- * @param {HTMLTemplateElement} template
- * @param {HTMLElement[]} [elsewhere] what belongs to the board and stands outside of it
- * @returns {Panel}
- */
+/** Make the panel of a board, its parts named and marked for tests.
+ * @param {HTMLElement} root @param {HTMLTemplateElement} template
+ * @param {HTMLElement[]} [elsewhere] what belongs to the board and stands outside of it @returns {Play.Panel} */
 export function createPanel(root, template, elsewhere = []) {
   root.append(template.content.cloneNode(true));
   const role = /** @type {Role} */ (root.dataset.role);
@@ -41,11 +29,8 @@ export function createPanel(root, template, elsewhere = []) {
   return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
 
-/**
- * Paint the numbers of one board.
- * @param {Panel} panel
- * @param {Board | null} board
- */
+/** Paint the numbers of one board.
+ * @param {Play.Panel} panel @param {Board | null} board */
 export function paintPanel({ role, root, part, canvas }, board) {
   root.classList.toggle("is-empty", !board);
   if (!board) {
@@ -65,20 +50,14 @@ export function paintPanel({ role, root, part, canvas }, board) {
   canvas.setAttribute("aria-label", words.describeBoard(frame, board.name));
 }
 
-/**
- * Offer the policies that a board can be given.
- * @param {Panel} panel
- * @param {string[]} names
- */
+/** Offer the policies that a board can be given.
+ * @param {Play.Panel} panel @param {string[]} names */
 export function offerPolicies({ part }, names) {
   part.pick.replaceChildren(...names.map((name) => new Option(name, name)));
 }
 
-/**
- * Paint the choice of a policy in the place of its name; a person's board has none.
- * @param {Panel} panel
- * @param {Board | null} board
- */
+/** Paint the choice of a policy in the place of its name; a person's board has none.
+ * @param {Play.Panel} panel @param {Board | null} board */
 export function paintPick({ part }, board) {
   const pick = /** @type {HTMLSelectElement} */ (part.pick);
   const isOffered = Boolean(board) && [...pick.options].some(({ value }) => value === board?.name);
@@ -87,12 +66,9 @@ export function paintPick({ part }, board) {
   if (board && isOffered && pick.value !== board.name) pick.value = board.name;
 }
 
-/**
- * Paint the pace of a policy's board.
- * @param {Panel} panel
- * @param {Board | null} board
- * @param {boolean} mayFollow true where there is a player to follow
- */
+/** Paint the pace of a policy's board.
+ * @param {Play.Panel} panel @param {Board | null} board
+ * @param {boolean} mayFollow true where there is a player to follow */
 export function paintPace({ part }, board, mayFollow) {
   const pace = board?.pace;
   part.pace.hidden = !pace;

@@ -4,15 +4,6 @@
 // Presses on a session whose socket is not open yet wait for its first frame.
 import { groundAhead } from "./known_ground.js";
 
-/**
- * @typedef {import("../common/messages.js").Action} Action
- * @typedef {import("../common/messages.js").Frame} Frame
- * @typedef {import("../common/messages.js").Timing} Timing
- * @typedef {ReturnType<import("../common/pending_moves.js").createMoveSender>} Sender
- */
-/** @typedef {"rock" | "edge" | "ended" | "lost" | "refused" | "full"} Reason  why presses were dropped */
-/** @typedef {{action: Action, timing: Timing, pressed_ms: number}} Press */
-
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
 /** Hardly anybody answers what they see sooner than this, so a press after it goes where its player wants, into a known rock too. */
@@ -24,57 +15,44 @@ export const MAX_WAITING = 400;
  *   sender       sends moves, and says which wait for their answer
  *   frame        the newest of the board that is driven here, else null
  *   isPractice   whether presses into known rocks and edges are dropped
- *   isConnecting  whether the socket of the session on the board is being opened: nothing can be sent, and nothing is lost
+ *   isConnecting  whether the socket of the session on the board is being opened: nothing can be sent, and nothing is
+ *   lost
  *   sendEvents   sends the input events of the presses, which go before their moves
  *   onDropped    some presses will make no move; 0 where a held key has stopped
- * @param {{sender: Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean, sendEvents: () => void,
- *   now_ms: () => number, onDropped: (reason: Reason, count: number) => void}} how
- */
+ * @param {{sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
+ *   sendEvents: () => void, now_ms: () => number, onDropped: (reason: Play.Reason, count: number) => void}} how */
 export function createPressQueue({ sender, frame, isPractice, isConnecting, sendEvents, now_ms, onDropped }) {
-  /** @type {Press[]} */
+  /** @type {Play.Press[]} */
   let queue = [];
   let last_ms = -Infinity;
-  /**
-   * Whether the rest of a burst is dropped, and why.
-   * @type {"rock" | "edge" | null}
-   */
+  /** Whether the rest of a burst is dropped, and why.
+   * @type {"rock" | "edge" | null} */
   let stop = null;
-  /**
-   * The episode on the board, and since when.
-   * @type {{episode: string | null, since_ms: number}}
-   */
+  /** The episode on the board, and since when.
+   * @type {{episode: string | null, since_ms: number}} */
   let board = { episode: null, since_ms: -Infinity };
   const sentActions = () => sender.pending().map(({ action }) => action);
 
-  /**
-   * @param {Reason} reason
-   * @param {number} [more] moves that were sent and will have no answer
-   */
+  /** @param {Play.Reason} reason @param {number} [more] moves that were sent and will have no answer */
   function dropAll(reason, more = 0) {
     const count = queue.length + more;
     queue = [];
     if (count > 0) onDropped(reason, count);
   }
-  /**
-   * Note which terrain is on the board: presses of an earlier time were made for another one.
-   * @param {Frame} on
-   * @param {number} since_ms
-   */
+  /** Note which terrain is on the board: presses of an earlier time were made for another one.
+   * @param {Frame} on @param {number} since_ms */
   function noteBoard({ episode }, since_ms) {
     if (episode === board.episode) return;
     dropAll("ended");
     stop = null;
     board = { episode, since_ms: board.episode === null ? -Infinity : since_ms };
   }
-  /**
-   * Return how many of the moves that were sent a frame leaves without an answer.
-   * @param {Frame} on
-   */
+  /** Return how many of the moves that were sent a frame leaves without an answer.
+   * @param {Frame} on */
   const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
-  /**
-   * Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
-   * @param {Frame} on of an episode that has not ended
-   */
+  /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are
+   * there.
+   * @param {Frame} on of an episode that has not ended */
   function pump(on) {
     while (queue.length > 0 && !isConnecting() && !sender.isFull()) {
       const { action, timing, pressed_ms } = queue[0];
@@ -88,13 +66,9 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
       queue = queue.slice(1);
     }
   }
-  /**
-   * Return why a press in practice makes no move, or null: it belongs to a burst that has stopped, or would hit what the page knows
-   * sooner than its player can have looked.
-   * @param {Frame} on
-   * @param {Action} action
-   * @param {number} gap_ms since the press before
-   */
+  /** Return why a press in practice makes no move, or null: it belongs to a burst that has stopped, or would hit what
+   * the page knows sooner than its player can have looked.
+   * @param {Frame} on @param {Action} action @param {number} gap_ms since the press before */
   function stoppedBy(on, action, gap_ms) {
     const isAlone = queue.length === 0 && sender.pending().length === 0;
     if (isAlone && gap_ms >= BURST_MS) stop = null;
@@ -104,12 +78,8 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
     return (stop = ground);
   }
   return {
-    /**
-     * Take a press: it becomes a move now or after those before it, or it is dropped.
-     * @param {Action} action
-     * @param {Timing} timing
-     * @param {number} pressed_ms
-     */
+    /** Take a press: it becomes a move now or after those before it, or it is dropped.
+     * @param {Action} action @param {Timing} timing @param {number} pressed_ms */
     press(action, timing, pressed_ms) {
       const on = frame();
       if (!on) return;
@@ -128,12 +98,8 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
       }
       if (!sender.press(on, action, timing, pressed_ms)) onDropped("lost", 1);
     },
-    /**
-     * Move once more while a key is held: never ahead of what waits, and never into what the page knows.
-     * @param {Action} action
-     * @param {Timing} timing
-     * @returns {boolean} whether the key may go on
-     */
+    /** Move once more while a key is held: never ahead of what waits, and never into what the page knows.
+     * @param {Action} action @param {Timing} timing @returns {boolean} whether the key may go on */
     repeat(action, timing) {
       const on = frame();
       if (!on || on.outcome !== null) return false;
@@ -147,10 +113,8 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
       }
       return sender.press(on, action, timing, now_ms());
     },
-    /**
-     * Take the moves that a message answers off the list, send what may follow, and return them.
-     * @param {import("../common/messages.js").FromServer} message
-     */
+    /** Take the moves that a message answers off the list, send what may follow, and return them.
+     * @param {FromServer} message */
     receive(message) {
       const on = message.kind === "refused" ? message.frame : message.kind === "frame" ? message : null;
       if (!on) return sender.receive(message);
@@ -162,10 +126,8 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
       else pump(on);
       return answered;
     },
-    /**
-     * Drop all that waits, sent or not: no answer can come.
-     * @param {Reason} [reason]
-     */
+    /** Drop all that waits, sent or not: no answer can come.
+     * @param {Play.Reason} [reason] */
     drop(reason = "lost") {
       const sent = sender.pending().length;
       sender.drop();

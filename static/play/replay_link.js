@@ -4,12 +4,11 @@ import { put } from "../common/page.js";
 
 const SAID_MS = 2000;
 
-/**
- * Let the button copy the address of the link next to it.
+/** Let the button copy the address of the link next to it.
  * @param {Record<string, HTMLElement>} part of the end card
- * @param {{clipboard: Clipboard | undefined, announce: (text: string) => void, ask: (text: string, link: string) => unknown}} how
- *   clipboard is missing on a page that came without TLS: the link is shown to be copied by hand then (`ask`)
- */
+ * @param {{clipboard: Clipboard | undefined, announce: (text: string) => void, ask: (text: string,
+ *   link: string) => unknown}} how clipboard is missing on a page that came without TLS: the link is shown to be copied
+ *   by hand then (`ask`) */
 export function startReplayLink(part, { clipboard, announce, ask }) {
   const link = /** @type {HTMLAnchorElement} */ (part["replay-link"]);
   const button = part["copy-replay"];

@@ -2,39 +2,25 @@
 // Sessions and episodes: which to open, when the next begins, what follows the end of a ranked one.
 import { ApiError } from "../common/api.js";
 
-/**
- * @typedef {import("../common/game_state.js").Mode} Mode
- * @typedef {import("./terrain_dialog.js").Wish} Wish
- * @typedef {import("../common/game_state.js").Event} Event
- * @typedef {import("../common/messages.js").About} About
- */
-
-/** @param {Pick<Wish, "level" | "map" | "size" | "seed">} wish */
+/** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed">} wish */
 const terrainOf = ({ level, map, size, seed }) => (map ? { map } : seed === null ? { level, size } : { level, size, seed });
 
-/**
- * Return the body of POST api/sessions.
- * @param {Mode} mode
- * @param {Wish} wish
- */
+/** Return the body of POST api/sessions.
+ * @param {Mode} mode @param {Play.Wish} wish */
 export function sessionWish(mode, { rival, player, ...terrainWish }) {
   const terrain = terrainOf(terrainWish);
   if (mode === "ranked") return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
 
-/**
- * Return the session that an address of an earlier version names, if any.
- * @param {string} hash
- */
+/** Return the session that an address of an earlier version names, if any.
+ * @param {string} hash */
 export function sessionInHash(hash) {
   return /^#s=([\w-]{4,128})$/.exec(hash)?.[1] ?? null;
 }
 
-/**
- * Return the id that an address lets anybody watch, if any: a board's, or in links of an earlier version an episode's.
- * @param {string} hash
- */
+/** Return the id that an address lets anybody watch, if any: a board's, or in links of an earlier version an episode's.
+ * @param {string} hash */
 export function watchedInHash(hash) {
   return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
 }
@@ -44,20 +30,16 @@ export function watchedInHash(hash) {
  *   storage   of this tab: its session, and the id for watching that it put into the address
  *   setHash   puts the shareable link into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
- * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Wish, dispatch: (event: Event) => void,
- *   hash: () => string, storage: Storage, setHash: (hash: string) => void, watch: (id: string) => Promise<void>,
- *   onBegun: (about: About) => void}} how
- */
+ * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Play.Wish,
+ *   dispatch: (event: GameEvent) => void, hash: () => string, storage: Storage, setHash: (hash: string) => void,
+ *   watch: (id: string) => Promise<void>, onBegun: (about: About) => void}} how */
 export function createSessions({ api, wish, dispatch, hash, storage, setHash, watch, onBegun }) {
   let isBusy = false;
   /** @type {string | null} */
   let replayedEpisode = null;
 
-  /**
-   * Do something, and show its failure as a sentence.
-   * @template T
-   * @param {() => Promise<T>} work
-   */
+  /** Do something, and show its failure as a sentence.
+   * @template T @param {() => Promise<T>} work */
   async function attempt(work) {
     try {
       await work();
@@ -65,11 +47,8 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       dispatch({ kind: "notice", text: error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}` });
     }
   }
-  /**
-   * Do one thing at a time that the player asked for.
-   * @template T
-   * @param {() => Promise<T>} work
-   */
+  /** Do one thing at a time that the player asked for.
+   * @template T @param {() => Promise<T>} work */
   async function once(work) {
     if (isBusy) return;
     isBusy = true;
@@ -87,11 +66,8 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     onBegun(about);
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
-  /**
-   * Return the answer; null where it is that there is no such thing here.
-   * @template T
-   * @param {Promise<T>} asked
-   */
+  /** Return the answer; null where it is that there is no such thing here.
+   * @template T @param {Promise<T>} asked */
   const orNull = (asked) => asked.catch((error) => {
     if (error instanceof ApiError && error.status === 404) return null;
     throw error;
@@ -111,10 +87,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     if (named && !found) note("This address belongs to somebody else's board, or to one that is gone; this is a board of your own.");
     return found ?? (session ? await orNull(api.about(session)) : null);
   }
-  /**
-   * @param {Mode} mode
-   * @param {Wish} [chosen]
-   */
+  /** @param {Mode} mode @param {Play.Wish} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
@@ -132,39 +105,28 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
         setTimeout(() => this.restore(), 1000);
       }
     },
-    /**
-     * Go on with a board of one's own, the newest unless another is given, or begin one.
-     * @param {About | null} [found]
-     */
+    /** Go on with a board of one's own, the newest unless another is given, or begin one.
+     * @param {About | null} [found] */
     async resume(found = null) {
       const about = found ?? await api.mySession();
       if (!about) return start("practice");
       begin(about);
       if (!found && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
-    /**
-     * Begin the next terrain of the same session.
-     * @param {string} session
-     * @param {number | null} seed
-     */
+    /** Begin the next terrain of the same session.
+     * @param {string} session @param {number | null} seed */
     next: (session, seed) => once(async () => {
       begin(await api.nextEpisode(session, terrainOf({ ...wish(), seed })));
     }),
-    /**
-     * Begin the terrain just finished once more.
-     * @param {string} session
-     * @param {string} episode
-     */
+    /** Begin the terrain just finished once more.
+     * @param {string} session @param {string} episode */
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
       const { level, size } = wish();
       begin(await api.nextEpisode(session, seed === null ? {} : { level, size, seed })); // a map stays when nothing is said
     }),
-    /**
-     * Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
-     * @param {import("../common/game_state.js").State} state
-     * @param {number} moves
-     */
+    /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
+     * @param {GameState} state @param {number} moves */
     tryFrom: ({ mode, player }, moves) => once(async () => {
       if (!player) return;
       const { level, rows, cols, seed, actions } = await api.episode(player.frame.episode);
@@ -175,11 +137,9 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
       note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
     }),
-    /**
-     * Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.
-     * @param {import("../common/game_state.js").State} state
-     * @param {boolean} [isAgain]
-     */
+    /** Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for
+     * it.
+     * @param {GameState} state @param {boolean} [isAgain] */
     async replay({ player, level, size }, isAgain = false) {
       const episode = player?.frame.episode;
       if (!player || !episode || (replayedEpisode === episode && !isAgain)) return;

@@ -1,21 +1,14 @@
 // @ts-check
 // Short tones for what happens on one's own board. Off until somebody turns them on.
 
-/** @typedef {import("../common/messages.js").Frame} Frame */
-/** @typedef {{kind: "discovery", cells: number} | {kind: "blocked" | "crash" | "finish" | "over"}} Sound */
-/** @typedef {{hertz: number, at_s: number, for_s: number, wave: OscillatorType, loud: number}} Tone */
 /** Where the choice is kept: "on" or absent. */
 export const SOUND_SETTING = "mars.sound";
 /** A pentatonic scale upwards, in semitones: no two of its tones are unpleasant together. */
 const SCALE = [0, 2, 4, 7, 9, 12, 14, 16, 19, 21, 24, 26, 28];
 const LOWEST_HZ = 262;
 
-/**
- * Return the sound of a new frame of one's own board, or null where nothing is to be heard.
- * @param {Frame | null | undefined} before
- * @param {Frame | null | undefined} after
- * @returns {Sound | null}
- */
+/** Return the sound of a new frame of one's own board, or null where nothing is to be heard.
+ * @param {Frame | null | undefined} before @param {Frame | null | undefined} after @returns {Play.Sound | null} */
 export function soundOf(before, after) {
   if (!before || !after || before.episode !== after.episode || after.step <= before.step) return null;
   if (after.outcome === "explored") return { kind: "finish" };
@@ -25,13 +18,10 @@ export function soundOf(before, after) {
   return cells > 0 ? { kind: "discovery", cells } : null;
 }
 
-/**
- * Return the tones of a sound; the more cells, the higher.
- * @param {Sound} sound
- * @returns {Tone[]}
- */
+/** Return the tones of a sound; the more cells, the higher.
+ * @param {Play.Sound} sound @returns {Play.Tone[]} */
 export function tonesOf(sound) {
-  const tone = (/** @type {number} */ semitones, /** @type {number} */ at_s, /** @type {Partial<Tone>} */ other = {}) =>
+  const tone = (/** @type {number} */ semitones, /** @type {number} */ at_s, /** @type {Partial<Play.Tone>} */ other = {}) =>
     ({ hertz: LOWEST_HZ * 2 ** (semitones / 12), at_s, for_s: 0.11, wave: /** @type {const} */ ("sine"), loud: 0.1, ...other });
   switch (sound.kind) {
     case "discovery": return [tone(SCALE[Math.min(sound.cells, SCALE.length) - 1], 0)];
@@ -42,21 +32,15 @@ export function tonesOf(sound) {
   }
 }
 
-/**
- * Return what plays sounds while the button is pressed.
- * @param {HTMLElement} button
- * @param {{storage: Storage, makeContext: () => AudioContext}} how
- */
+/** Return what plays sounds while the button is pressed.
+ * @param {HTMLElement} button @param {{storage: Storage, makeContext: () => AudioContext}} how */
 export function createSound(button, { storage, makeContext }) {
   let isOn = storage.getItem(SOUND_SETTING) === "on";
   /** @type {AudioContext | null} */
   let context = null;
   const show = () => button.setAttribute("aria-pressed", String(isOn));
 
-  /**
-   * @param {AudioContext} audio
-   * @param {Tone} tone
-   */
+  /** @param {AudioContext} audio @param {Play.Tone} tone */
   function sound(audio, { hertz, at_s, for_s, wave, loud }) {
     const from_s = audio.currentTime + at_s;
     const gain = new GainNode(audio, { gain: 0 });
@@ -68,7 +52,7 @@ export function createSound(button, { storage, makeContext }) {
     source.start(from_s);
     source.stop(from_s + for_s + 0.02);
   }
-  /** @param {Sound | null} what */
+  /** @param {Play.Sound | null} what */
   function play(what) {
     if (!isOn || !what) return;
     context ??= makeContext();

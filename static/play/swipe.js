@@ -2,18 +2,13 @@
 // Swipes on the board: one swipe is one move, and a finger that stays down holds it as a key is held. No document in the rules, so
 // node can test them.
 
-/** @typedef {import("../common/messages.js").Action} Action */
 /** A finger that went so far has swiped. */
 export const SWIPE_PX = 22;
 /** So many times further along one axis than along the other: what is more diagonal waits until it is clear. */
 const CLEAR = 1.25;
 
-/**
- * Return where a finger went, or null while that is not clear.
- * @param {number} right_px
- * @param {number} down_px
- * @returns {Action | null}
- */
+/** Return where a finger went, or null while that is not clear.
+ * @param {number} right_px @param {number} down_px @returns {Action | null} */
 export function directionOf(right_px, down_px) {
   const [across, along] = [Math.abs(right_px), Math.abs(down_px)];
   if (Math.max(across, along) < SWIPE_PX) return null;
@@ -22,23 +17,18 @@ export function directionOf(right_px, down_px) {
   return null;
 }
 
-/**
- * Return what follows the fingers on one surface.
+/** Return what follows the fingers on one surface.
  *   isOn     whether swipes drive now
  *   onSwipe  a swipe, with the event that made it clear
  *   onEnd    the finger that swiped came up
- * @param {{isOn: () => boolean, onSwipe: (action: Action, event: PointerEvent) => void, onEnd: (action: Action, event: PointerEvent) => void}} how
- */
+ * @param {{isOn: () => boolean, onSwipe: (action: Action, event: PointerEvent) => void, onEnd: (action: Action,
+ *   event: PointerEvent) => void}} how */
 export function createSwipe({ isOn, onSwipe, onEnd }) {
-  /**
-   * The first finger; `isOver` once it has swiped, or a second one has joined it.
-   * @type {{id: number, x: number, y: number, action: Action | null, isOver: boolean} | null}
-   */
+  /** The first finger; `isOver` once it has swiped, or a second one has joined it.
+   * @type {{id: number, x: number, y: number, action: Action | null, isOver: boolean} | null} */
   let finger = null;
-  /**
-   * Take a pointer event; return whether it belongs to a swipe, so that nothing else is to be done with it.
-   * @param {PointerEvent} event
-   */
+  /** Take a pointer event; return whether it belongs to a swipe, so that nothing else is to be done with it.
+   * @param {PointerEvent} event */
   return function take(event) {
     if (event.pointerType === "mouse") return false;
     if (event.type === "pointerdown") {
@@ -64,18 +54,13 @@ export function createSwipe({ isOn, onSwipe, onEnd }) {
 
 const TYPES = /** @type {const} */ (["pointerdown", "pointermove", "pointerup", "pointercancel"]);
 
-/**
- * Follow the swipes on elements of the page and inside frames on it, before any other listener.
+/** Follow the swipes on elements of the page and inside frames on it, before any other listener.
  *   onSwipe, onEnd  as of `createSwipe`, with the window in which the event happened
  * @param {{page: Window & typeof globalThis, surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
- *   onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void,
- *   onEnd: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void}} how
- */
+ *   onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void, onEnd: (action: Action,
+ *   event: PointerEvent, view: Window & typeof globalThis) => void}} how */
 export function startSwipes({ page, surfaces, frames, isOn, onSwipe, onEnd }) {
-  /**
-   * @param {HTMLElement | (Window & typeof globalThis)} target
-   * @param {Window & typeof globalThis} view
-   */
+  /** @param {HTMLElement | (Window & typeof globalThis)} target @param {Window & typeof globalThis} view */
   function follow(target, view) {
     const take = createSwipe({ isOn, onSwipe: (action, event) => onSwipe(action, event, view), onEnd: (action, event) => onEnd(action, event, view) });
     for (const type of TYPES) {

@@ -1,17 +1,12 @@
 // @ts-check
 // The dialog in which a terrain and the policies are chosen.
 
-/** @typedef {{level: string, map: string | null, size: number | [number, number], seed: number | null, rival: string, player: string}} Wish  map: by name, instead of level, size and seed */
-/** @typedef {import("../common/api.js").Level} Level */
 export const MAX_SEED = 2 ** 53 - 1;
 /** How the value of a map begins among the levels. */
 const MAP = "map:";
 
-/**
- * Return the wish that the filled form stands for, or a sentence that says what is wrong.
- * @param {Record<string, string>} fields
- * @returns {Wish | string}
- */
+/** Return the wish that the filled form stands for, or a sentence that says what is wrong.
+ * @param {Record<string, string>} fields @returns {Play.Wish | string} */
 export function readWish({ level, side, rows, cols, seed, rival, player }) {
   if (level?.startsWith(MAP)) return { level: "map", map: level.slice(MAP.length), size: 21, seed: null, rival, player };
   /** @type {number | [number, number]} */
@@ -26,27 +21,19 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   return { level, map: null, size, seed: digits ? Number(digits) : null, rival, player };
 }
 
-/**
- * Return the policy that a newcomer plays with.
- * @param {string[]} names
- */
+/** Return the policy that a newcomer plays with.
+ * @param {string[]} names */
 export function favourite(names) {
   return names.find((name) => name.includes("ppo")) ?? names.find((name) => name === "frontier-utility") ?? names.at(-1) ?? "";
 }
 
-/**
- * @param {HTMLSelectElement} select
- * @param {{name: string, summary?: string}[]} choices
- * @param {string} chosen
- */
+/** @param {HTMLSelectElement} select @param {{name: string, summary?: string}[]} choices @param {string} chosen */
 function fill(select, choices, chosen) {
   select.replaceChildren(...choices.map(({ name }) => new Option(name, name, false, name === chosen)));
 }
 
-/**
- * Return maps as a group of options below the levels.
- * @param {import("../common/api.js").GivenMap[]} maps
- */
+/** Return maps as a group of options below the levels.
+ * @param {GivenMap[]} maps */
 function mapGroup(maps) {
   const group = document.createElement("optgroup");
   group.label = "Maps";
@@ -54,11 +41,9 @@ function mapGroup(maps) {
   return group;
 }
 
-/**
- * @param {HTMLDialogElement} dialog
- * @param {{onStart: (wish: Wish) => void, onWrong: (sentence: string) => void,
- *   onPad: (isShown: boolean) => void}} handlers
- */
+/** @param {HTMLDialogElement} dialog
+ * @param {{onStart: (wish: Play.Wish) => void, onWrong: (sentence: string) => void,
+ *   onPad: (isShown: boolean) => void}} handlers */
 export function createTerrainDialog(dialog, handlers) {
   const form = /** @type {HTMLFormElement} */ (dialog.querySelector("form"));
   const input = (/** @type {string} */ name) => /** @type {HTMLInputElement} */ (form.elements.namedItem(name));
@@ -69,7 +54,7 @@ export function createTerrainDialog(dialog, handlers) {
   const drawn = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-drawn]"));
   /** @type {Level[]} */
   let levels = [];
-  /** @type {import("../common/api.js").GivenMap[]} */
+  /** @type {GivenMap[]} */
   let maps = [];
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   function follow() {
@@ -95,32 +80,21 @@ export function createTerrainDialog(dialog, handlers) {
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return {
     open: () => dialog.showModal(),
-    /**
-     * Return whether a level pays for finishing an episode.
-     * @param {string} level
-     */
+    /** Return whether a level pays for finishing an episode.
+     * @param {string} level */
     paysBonus: (level) => levels.find(({ name }) => name === level)?.pays_bonus ?? true,
-    /**
-     * Return the wish as it stands; a form with an error counts as an untouched one.
-     * @returns {Wish}
-     */
+    /** Return the wish as it stands; a form with an error counts as an untouched one.
+     * @returns {Play.Wish} */
     wish() {
       const wish = read();
       return typeof wish === "string" ? { level: "random", map: null, size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;
     },
-    /**
-     * Choose the policy of a board.
-     * @param {import("../common/game_state.js").Role} role
-     * @param {string} name
-     */
+    /** Choose the policy of a board.
+     * @param {Role} role @param {string} name */
     choose(role, name) { select(role).value = name; },
     /** Forget a chosen seed: it serves one terrain, and the server draws the next. */
     forgetSeed() { input("seed").value = ""; },
-    /**
-     * @param {Level[]} found
-     * @param {{name: string, summary: string}[]} policies
-     * @param {import("../common/api.js").GivenMap[]} given
-     */
+    /** @param {Level[]} found @param {{name: string, summary: string}[]} policies @param {GivenMap[]} given */
     offer(found, policies, given) {
       levels = found;
       maps = given;
@@ -132,10 +106,8 @@ export function createTerrainDialog(dialog, handlers) {
       fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);
       follow();
     },
-    /**
-     * Show what is being played, after a reload.
-     * @param {import("../common/messages.js").About} about
-     */
+    /** Show what is being played, after a reload.
+     * @param {About} about */
     show({ level, map, frame, player, rival }) {
       select("level").value = map ? MAP + map : level;
       if (select("level").selectedIndex < 0) select("level").value = "random"; // a map that is not on offer any more

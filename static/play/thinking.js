@@ -6,18 +6,10 @@ import { elementsOf, put } from "../common/page.js";
 import { goalText } from "../common/thoughts.js";
 import { paintValues, valueLine } from "../common/value_strip.js";
 
-/**
- * @typedef {import("../common/game_state.js").State} State
- * @typedef {import("../common/game_state.js").Role} Role
- * @typedef {import("../common/game_state.js").Board} Board
- */
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
-/**
- * Return the boards that policies drive, the player's among them only while two policies are watched.
- * @param {State} state
- * @returns {[Role, Board][]}
- */
+/** Return the boards that policies drive, the player's among them only while two policies are watched.
+ * @param {GameState} state @returns {[Role, Board][]} */
 export function policyBoards(state) {
   return ROLES.flatMap((role) => {
     const board = state[role];
@@ -25,20 +17,15 @@ export function policyBoards(state) {
   });
 }
 
-/**
- * Return what a policy expects now, in words.
- * @param {string} name
- * @param {(number | null)[]} values
- */
+/** Return what a policy expects now, in words.
+ * @param {string} name @param {(number | null)[]} values */
 function newestText(name, values) {
   const newest = values.filter((value) => typeof value === "number").pop();
   return newest === undefined || newest === null ? `${name} has not said yet what it expects` : `${name} expects ${newest.toFixed(1)}`;
 }
 
-/**
- * @param {{page: Document, storage: Storage, send: (role: Role, message: object) => boolean, onChange: () => void}} how
- *   onChange: the switch was used
- */
+/** @param {{page: Document, storage: Storage, send: (role: Role, message: object) => boolean,
+ *   onChange: () => void}} how onChange: the switch was used */
 export function createThinking({ page, storage, send, onChange }) {
   const by = elementsOf(page);
   const wanted = by("show-thoughts", HTMLInputElement);
@@ -47,7 +34,7 @@ export function createThinking({ page, storage, send, onChange }) {
   wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); arrange(); onChange(); });
   arrange();
   const isShown = () => wanted.checked && page.body.dataset.boards !== "1";
-  /** @type {Map<Role, import("../common/messages.js").Frame>} the frame that was asked about last */
+  /** @type {Map<Role, Frame>} the frame that was asked about last */
   const asked = new Map();
   /** @type {Set<string>} policies that have said what they expect: their strip stays between two episodes */
   const outspoken = new Set();
@@ -73,23 +60,18 @@ export function createThinking({ page, storage, send, onChange }) {
   }
   return {
     isShown,
-    /**
-     * Return what tints a board, and the most cells of any tint now.
-     * @param {State} state
-     * @param {Role} role
-     */
+    /** Return what tints a board, and the most cells of any tint now.
+     * @param {GameState} state @param {Role} role */
     tintOf(state, role) {
       if (!isShown()) return null;
       const boards = policyBoards(state);
       const own = expectedOf(boards.find(([each]) => each === role)?.[1] ?? null);
       return own && { expected: own, most: Math.max(...boards.map(([, board]) => { const each = expectedOf(board); return each ? mostExpected(each) : 1; })) };
     },
-    /**
-     * Ask for what is missing, and paint the legend and the strip.
-     * @param {State} state
-     * @param {{width_px: number, height_px: number, dpr: number, font: string, inks: import("../common/chart.js").Inks, end: number,
-     *   colours: Record<Role, string>}} look
-     */
+    /** Ask for what is missing, and paint the legend and the strip.
+     * @param {GameState} state
+     * @param {{width_px: number, height_px: number, dpr: number, font: string, inks: Inks, end: number,
+     *   colours: Record<Role, string>}} look */
     paint(state, { colours, ...look }) {
       const boards = isShown() ? policyBoards(state) : [];
       ask(boards);

@@ -7,21 +7,17 @@ const RELOADS_MS = [300, 3000, 15_000];
 /** A client that has drawn for so long begins to count anew, ms. */
 const HEALTHY_MS = 60_000;
 
-/**
- * Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a canvas
- * of its own (software_canvas.js), so that keys stay quick.
- * @param {boolean} isSoftware
- */
+/** Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a
+ * canvas of its own (software_canvas.js), so that keys stay quick.
+ * @param {boolean} isSoftware */
 export function clientUrl(isSoftware) {
   return `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
 }
 
-/**
- * Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes its socket.
- * @param {HTMLIFrameElement} viewer
- * @param {string | null} name session and wishes; null: nothing
- * @param {boolean} isSoftware
- */
+/** Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes
+ * its socket.
+ * @param {HTMLIFrameElement} viewer @param {string | null} name session and wishes; null: nothing
+ * @param {boolean} isSoftware */
 export function showBoard(viewer, name, isSoftware) {
   const inside = insideOf(viewer);
   const before = viewer.dataset.name ?? "";
@@ -33,11 +29,9 @@ export function showBoard(viewer, name, isSoftware) {
   else inside?.showBoard?.();
 }
 
-/**
- * Return what the page needs of the frame's window, or null where the browser keeps it closed, as it does its own error page.
- * @param {HTMLIFrameElement} viewer
- * @returns {{name: string, showBoard?: () => void} | null}
- */
+/** Return what the page needs of the frame's window, or null where the browser keeps it closed, as it does its own
+ * error page.
+ * @param {HTMLIFrameElement} viewer @returns {{name: string, showBoard?: () => void} | null} */
 function insideOf(viewer) {
   try {
     const inside = /** @type {{name: string, showBoard?: () => void} | null} */ (/** @type {unknown} */ (viewer.contentWindow));
@@ -47,11 +41,8 @@ function insideOf(viewer) {
   }
 }
 
-/**
- * Load the client again where it was not served, broke, or lost what it draws with.
- * @param {HTMLIFrameElement} viewer
- * @param {boolean} isSoftware
- */
+/** Load the client again where it was not served, broke, or lost what it draws with.
+ * @param {HTMLIFrameElement} viewer @param {boolean} isSoftware */
 export function reloadWhenLost(viewer, isSoftware) {
   let reloads = 0;
   let lost_ms = -Infinity;

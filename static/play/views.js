@@ -4,10 +4,8 @@ import { elementsOf } from "../common/page.js";
 import { startCameraControl } from "./camera_control.js";
 import { reloadWhenLost, showBoard } from "./viewer_frame.js";
 
-/**
- * Return whether this browser can draw the 3-D view, and whether its processor has to do it.
- * @param {Document} page
- */
+/** Return whether this browser can draw the 3-D view, and whether its processor has to do it.
+ * @param {Document} page */
 export function probeWebGL(page) {
   try {
     const canvas = page.createElement("canvas");
@@ -22,17 +20,13 @@ export function probeWebGL(page) {
   }
 }
 
-/**
- * Return whether shadows, haze and movement are drawn: as chosen ("on", "off"), else where a GPU draws and nobody asks for calm.
- * @param {string | null} choice what is kept in mars.effects
- * @param {boolean} isSoftware
- * @param {boolean} isCalm the system asks for reduced motion
- */
+/** Return whether shadows, haze and movement are drawn: as chosen ("on", "off"), else where a GPU draws and nobody asks
+ * for calm.
+ * @param {string | null} choice what is kept in mars.effects @param {boolean} isSoftware
+ * @param {boolean} isCalm the system asks for reduced motion */
 export const hasEffects = (choice, isSoftware, isCalm) => choice === "on" || (choice !== "off" && !isSoftware && !isCalm);
 
-/**
- * @param {{page: Document, panels: import("./panels.js").Panel[], storage: Storage, onChange: () => void}} how
- */
+/** @param {{page: Document, panels: Play.Panel[], storage: Storage, onChange: () => void}} how */
 export function createViews({ page, panels, storage, onChange }) {
   const { can3d, isSoftware } = probeWebGL(page);
   let view = can3d && storage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
@@ -74,10 +68,8 @@ export function createViews({ page, panels, storage, onChange }) {
   show();
   return {
     can3d,
-    /**
-     * Leave the 3-D view out, which is for a player's own boards, or offer it again.
-     * @param {boolean} isWanted
-     */
+    /** Leave the 3-D view out, which is for a player's own boards, or offer it again.
+     * @param {boolean} isWanted */
     showMatrixOnly(isWanted) {
       if (isMatrixOnly === isWanted) return;
       isMatrixOnly = isWanted;
@@ -87,17 +79,14 @@ export function createViews({ page, panels, storage, onChange }) {
     watch: (element) => observer.observe(element),
     /** @param {HTMLElement} element */
     size: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
-    /**
-     * Show a session in 3-D as it is wished for now; nothing is loaded while the matrix is on stage.
-     * @param {import("./panels.js").Panel} panel
-     * @param {string | null} session
-     */
+    /** Show a session in 3-D as it is wished for now; nothing is loaded while the matrix is on stage.
+     * @param {Play.Panel} panel @param {string | null} session */
     load({ viewer }, session) {
       const name = session && nameOf(session);
       if (view !== "3d" || viewer.dataset.name === (name ?? "")) return;
       showBoard(viewer, name, isSoftware);
     },
-    /** @param {import("../common/messages.js").Frame | null | undefined} frame */
+    /** @param {Frame | null | undefined} frame */
     paintCamera: (frame) => repaintCamera(Math.max(frame?.rows ?? 0, frame?.cols ?? 0)),
   };
 }

@@ -3,12 +3,8 @@
 import { elementsOf, put } from "../common/page.js";
 import { figure, notCounted } from "../common/words.js";
 
-/** @typedef {import("../common/game_state.js").State} State */
-
-/**
- * @param {{page: Document, api: Pick<ReturnType<import("../common/api.js").createApi>, "about" | "humanLevel">, state: () => State,
- *   dispatch: (event: import("../common/game_state.js").Event) => void}} how
- */
+/** @param {{page: Document, api: Pick<ReturnType<import("../common/api.js").createApi>, "about" | "humanLevel">,
+ *   state: () => GameState, dispatch: (event: GameEvent) => void}} how */
 export function createVolunteers({ page, api, state, dispatch }) {
   const by = elementsOf(page);
 

@@ -2,21 +2,12 @@
 // The playground's own sentences; no document here, so that node can test every one.
 import { many, percent, score } from "../common/words.js";
 
-/**
- * @typedef {import("../common/messages.js").Frame} Frame
- * @typedef {import("../common/game_state.js").State} State
- */
-
-/**
- * Return what asks for the first move.
- * @param {boolean} isTouch
- */
+/** Return what asks for the first move.
+ * @param {boolean} isTouch */
 export const promptText = (isTouch) => (isTouch ? "Swipe or tap an arrow" : "Press an arrow key");
 
-/**
- * Return a coverage in whole percent, rounded down, so that 99 never stands before the goal is reached.
- * @param {number} share 0..1
- */
+/** Return a coverage in whole percent, rounded down, so that 99 never stands before the goal is reached.
+ * @param {number} share 0..1 */
 export const wholePercent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 
 /** @type {Record<string, {short: string, title: string, line: string}>} */
@@ -28,38 +19,27 @@ const ENDINGS = {
   abandoned: { short: "abandoned", title: "Abandoned at {coverage} after {moves}", line: "The episode was left before its end." },
 };
 
-/**
- * Return the state of a board in a word or two; "" while it explores.
- * @param {string | null} outcome
- */
+/** Return the state of a board in a word or two; "" while it explores.
+ * @param {string | null} outcome */
 export const outcomeWord = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? outcome : "");
 
-/**
- * Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
- * @param {Pick<Frame, "rows" | "cols" | "cells">} frame
- */
+/** Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
+ * @param {Pick<Frame, "rows" | "cols" | "cells">} frame */
 export const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
 
-/**
- * Return the task in one sentence.
- * @param {Frame | null} frame
- */
+/** Return the task in one sentence.
+ * @param {Frame | null} frame */
 export const goal = (frame) => `Map 99 % of ${frame ? ground(frame) : "the ground"} in as few moves as you can`;
 
-/**
- * Return how an episode ended, as a heading and as a sentence.
- * @param {Frame} frame
- */
+/** Return how an episode ended, as a heading and as a sentence.
+ * @param {Frame} frame */
 export function ending(frame) {
   const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
   return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
 }
 
-/**
- * Return the sentence that explains the score of an ended episode.
- * @param {Frame} frame
- * @param {boolean} paysBonus whether the level pays for finishing and fines a failure
- */
+/** Return the sentence that explains the score of an ended episode.
+ * @param {Frame} frame @param {boolean} paysBonus whether the level pays for finishing and fines a failure */
 export function scoreWhy({ outcome, score: value }, paysBonus) {
   if (value === null) return "";
   const earned = "The score adds up what you discovered";
@@ -69,11 +49,8 @@ export function scoreWhy({ outcome, score: value }, paysBonus) {
   return `${earned}, less a little for each move${outcome === "timed_out" || outcome === "abandoned" ? "" : " and a fine for the accident"}. Finishing would have added a bonus. ${scale}`;
 }
 
-/**
- * Return what stands below the goal while one board fills the page.
- * @param {State} state
- * @param {string} rival
- */
+/** Return what stands below the goal while one board fills the page.
+ * @param {GameState} state @param {string} rival */
 export function standing({ mode, counts, player }, rival) {
   if (mode === "ranked" && player) {
     const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
@@ -83,11 +60,8 @@ export function standing({ mode, counts, player }, rival) {
   return "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.";
 }
 
-/**
- * Return what a screen reader announces after a change: each tenth of the ground, and the end; "" for all else.
- * @param {Frame | null} before
- * @param {Frame} after
- */
+/** Return what a screen reader announces after a change: each tenth of the ground, and the end; "" for all else.
+ * @param {Frame | null} before @param {Frame} after */
 export function announcement(before, after) {
   if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
   if (after.outcome && !before.outcome) {

@@ -30,23 +30,16 @@ export function crashAt(course, step) {
   return row === beforeRow && col === beforeCol ? [row + down, col + right] : [row, col];
 }
 
-/**
- * Return the elements of a run's section by their `data-part`.
- * @param {HTMLElement} root
- * @returns {Record<string, HTMLElement>}
- */
+/** Return the elements of a run's section by their `data-part`.
+ * @param {HTMLElement} root @returns {Record<string, HTMLElement>} */
 export function partsOf(root) {
   return Object.fromEntries(Array.from(root.querySelectorAll("[data-part]"), (each) => [/** @type {HTMLElement} */ (each).dataset.part, each]));
 }
 
-/**
- * Paint a run as it stood after `step` moves.
- * @param {Record<string, HTMLElement>} part
- * @param {Course} course
- * @param {number} step
- * @param {{accent: string, soil: import("../common/board.js").Soil, other: {course: Course, accent: string} | null, dpr: number}} look
- *   other is the run whose path is drawn dashed
- */
+/** Paint a run as it stood after `step` moves.
+ * @param {Record<string, HTMLElement>} part @param {Course} course @param {number} step
+ * @param {{accent: string, soil: Soil, other: {course: Course, accent: string} | null, dpr: number}} look other is the
+ *   run whose path is drawn dashed */
 export function paintRun(part, course, step, look) {
   const canvas = /** @type {HTMLCanvasElement} */ (part.canvas);
   const frame = paintCourse(canvas, part.ground, course, step, look);
@@ -61,12 +54,8 @@ export function paintRun(part, course, step, look) {
   part.outcome.dataset.outcome = hasEnded(course, step) ? course.outcome ?? "" : "";
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Course} course
- * @param {number} step
- * @param {number} size of a cell in device pixels
- */
+/** @param {CanvasRenderingContext2D} context @param {Course} course @param {number} step
+ * @param {number} size of a cell in device pixels */
 function paintEvents(context, course, step, size) {
   const at = course.positions[Math.min(step, course.positions.length - 1)];
   context.fillStyle = SHOWN_NOW;
@@ -88,14 +77,9 @@ function paintEvents(context, course, step, size) {
   context.stroke();
 }
 
-/**
- * Draw a ring round a rover that is too small to be found at once.
- * @param {CanvasRenderingContext2D} context
- * @param {import("../common/messages.js").Cell} position
- * @param {number} size of a cell in device pixels
- * @param {string} accent
- * @param {number} dpr
- */
+/** Draw a ring round a rover that is too small to be found at once.
+ * @param {CanvasRenderingContext2D} context @param {Cell} position @param {number} size of a cell in device pixels
+ * @param {string} accent @param {number} dpr */
 function paintRing(context, [row, col], size, accent, dpr) {
   context.beginPath();
   context.arc((col + 0.5) * size, (row + 0.5) * size, 8 * dpr, 0, 2 * Math.PI);
@@ -104,12 +88,8 @@ function paintRing(context, [row, col], size, accent, dpr) {
   context.stroke();
 }
 
-/**
- * Fill the choice of policies; the last one shows none.
- * @param {HTMLSelectElement} select
- * @param {string[]} names
- * @param {string | null} chosen
- */
+/** Fill the choice of policies; the last one shows none.
+ * @param {HTMLSelectElement} select @param {string[]} names @param {string | null} chosen */
 export function offerGhosts(select, names, chosen) {
   select.replaceChildren(...names.map((name) => create("option", name, { value: name })), create("option", "no policy", { value: "" }));
   select.value = chosen ?? "";

@@ -4,37 +4,21 @@ import { drawDot, drawGoal, drawGrid, drawLabel, drawLine, openChart } from "../
 import { linearScale, sampled, tickStep } from "../common/chart_scale.js";
 import { clamped, coverageAt, movesOf } from "../common/player.js";
 
-/**
- * @typedef {import("../common/chart_scale.js").Box} Box
- * @typedef {{course: Course, colour: string, isDashed: boolean}} Line
- */
 const GOAL = 0.99;
 const MAX_POINTS = 800;
 
-/**
- * Return the box that the curves are drawn in, in CSS pixels.
- * @param {number} width_px
- * @param {number} height_px
- * @returns {Box}
- */
+/** Return the box that the curves are drawn in, in CSS pixels.
+ * @param {number} width_px @param {number} height_px @returns {Box} */
 export const plotBox = (width_px, height_px) => ({ left: 42, right: Math.max(43, width_px - 14), top: 10, bottom: Math.max(11, height_px - 22) });
 
-/**
- * Return the move at a place of the picture: the nearest one, the first or last outside the box.
- * @param {number} x_px
- * @param {Box} box
- * @param {number} last
- */
+/** Return the move at a place of the picture: the nearest one, the first or last outside the box.
+ * @param {number} x_px @param {Box} box @param {number} last */
 export function stepAt(x_px, { left, right }, last) {
   return Math.max(0, Math.min(last, Math.round((last * (x_px - left)) / (right - left))));
 }
 
-/**
- * @param {HTMLCanvasElement} canvas
- * @param {Line[]} lines the episode's own first
- * @param {{step: number, last: number}} where
- * @param {import("../common/chart.js").ChartSize & {inks: import("../common/chart.js").Inks}} look
- */
+/** @param {HTMLCanvasElement} canvas @param {ReplayLine[]} lines the episode's own first
+ * @param {{step: number, last: number}} where @param {ChartSize & {inks: Inks}} look */
 export function paintCurve(canvas, lines, { step, last }, look) {
   const { width_px, height_px, inks } = look;
   if (width_px < 60 || height_px < 40) return;
@@ -61,12 +45,7 @@ export function paintCurve(canvas, lines, { step, last }, look) {
   for (const { course, colour } of [...lines].reverse()) drawDot(context, { x: at.x(clamped(course, step)), y: at.y(coverageAt(course, step)) }, 4.5, colour);
 }
 
-/**
- * @param {CanvasRenderingContext2D} context
- * @param {Line} line
- * @param {import("../common/chart_scale.js").Scale} at
- * @param {number} step
- */
+/** @param {CanvasRenderingContext2D} context @param {ReplayLine} line @param {Scale} at @param {number} step */
 function paintLine(context, { course, colour, isDashed }, at, step) {
   const point = (/** @type {number} */ move) => ({ x: at.x(move), y: at.y(coverageAt(course, move)) });
   const whole = sampled(movesOf(course) + 1, MAX_POINTS).map(point);
@@ -76,11 +55,9 @@ function paintLine(context, { course, colour, isDashed }, at, step) {
   drawLine(context, done, { colour, width: 3, dashes: isDashed ? [6, 4] : [] });
 }
 
-/**
- * Let the pointer go through a replay: hovering shows a move, pressing goes there, dragging goes along.
+/** Let the pointer go through a replay: hovering shows a move, pressing goes there, dragging goes along.
  * @param {HTMLElement} root
- * @param {{last: () => number, onMove: (step: number) => void, onHover: (step: number | null) => void}} how
- */
+ * @param {{last: () => number, onMove: (step: number) => void, onHover: (step: number | null) => void}} how */
 export function startScrubber(root, { last, onMove, onHover }) {
   /** @param {PointerEvent} event */
   function at({ clientX }) {

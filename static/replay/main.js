@@ -58,10 +58,8 @@ function paint() {
   scrubber.setAttribute("aria-valuetext", inWords());
 }
 
-/**
- * Show a policy's course, or none.
- * @param {Course | null} course
- */
+/** Show a policy's course, or none.
+ * @param {Course | null} course */
 function showGhost(course) {
   ghost = course;
   document.body.dataset.ghost = String(chosen !== null);

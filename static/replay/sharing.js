@@ -1,20 +1,17 @@
 // @ts-check
 // Addresses of a replay: what a link holds besides the episode, and where its files are. No document here, so that node can test it.
 
-/**
- * Return the move in an address, null without one.
- * @param {string} hash
- */
+/** Return the move in an address, null without one.
+ * @param {string} hash */
 export function moveInHash(hash) {
   const found = /^#move=(\d{1,6})$/.exec(hash);
   return found ? Number(found[1]) : null;
 }
 
-/**
- * Return the link to a replay: with the policy if another one than usual is shown, and the move if it is neither the first nor the last.
+/** Return the link to a replay: with the policy if another one than usual is shown, and the move if it is neither the
+ * first nor the last.
  * @param {string} page the address of the page
- * @param {{ghost: string | null, preferred: string | null, step: number, last: number}} shown
- */
+ * @param {{ghost: string | null, preferred: string | null, step: number, last: number}} shown */
 export function linkTo(page, { ghost, preferred, step, last }) {
   const url = new URL(page);
   url.search = ghost === preferred ? "" : new URLSearchParams({ ghost: ghost ?? "none" }).toString();
@@ -22,21 +19,15 @@ export function linkTo(page, { ghost, preferred, step, last }) {
   return url.href;
 }
 
-/**
- * Return the policy that an address asks for: null for none, undefined where it asks for nothing.
- * @param {string} search
- */
+/** Return the policy that an address asks for: null for none, undefined where it asks for nothing.
+ * @param {string} search */
 export function ghostInSearch(search) {
   const name = new URLSearchParams(search).get("ghost");
   return name === null ? undefined : name === "none" || name === "" ? null : name;
 }
 
-/**
- * Return the address of a replay's file, relative to its page.
- * @param {string} episode
- * @param {string} format html, gif, mp4 or png
- * @param {string | null} ghost
- */
+/** Return the address of a replay's file, relative to its page.
+ * @param {string} episode @param {string} format html, gif, mp4 or png @param {string | null} ghost */
 export function fileAddress(episode, format, ghost) {
   const query = format === "png" ? "" : `?${new URLSearchParams({ ghost: ghost ?? "none" })}`;
   return `${encodeURIComponent(episode)}.${format}${query}`;

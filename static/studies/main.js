@@ -9,7 +9,7 @@ const request = createRequest((path, options) => fetch(path, options), "");
 
 async function load() {
   try {
-    /** @type {import("./words.js").StudyListing[]} */
+    /** @type {StudyListing[]} */
     const listed = await request("studies");
     const open = joinable(listed);
     by("studies").replaceChildren(...open.map((study) => create("li", [

@@ -1,16 +1,10 @@
 // @ts-check
 // Which studies the page /study lists, and what it says of each. No document here, so that node can test it.
 
-/** @typedef {{name: string, title: string, status: string, recruitment: string, warm_up: number, ranked: number}} StudyListing */
-
-/**
- * Return the studies that anybody may join now: those by invitation or from a panel are nobody else's.
- * @param {StudyListing[]} listed
- */
+/** Return the studies that anybody may join now: those by invitation or from a panel are nobody else's.
+ * @param {StudyListing[]} listed */
 export const joinable = (listed) => listed.filter(({ status, recruitment }) => status === "open" && recruitment === "open");
 
-/**
- * Return how long a study is.
- * @param {StudyListing} study
- */
+/** Return how long a study is.
+ * @param {StudyListing} study */
 export const lengthLine = ({ warm_up, ranked }) => `${warm_up} rounds to warm up, then ${ranked} that count`;

@@ -10,10 +10,9 @@ import { goesOn, knowsTheEnd, screenOf } from "./state.js";
  *   look        shows the debrief again to whoever has finished, or the completion code
  *   isBlocked   whether a dialog is open
  * @param {Document} page
- * @param {{state: () => import("./state.js").State, study: ReturnType<import("./api.js").createStudyApi>,
- *   navigation: ReturnType<import("./navigation.js").createNavigation>, onPassed: (episode: string) => void, resume: () => void,
- *   look: (back: boolean) => void, isBlocked: () => boolean}} how
- */
+ * @param {{state: () => Study.State, study: ReturnType<import("./api.js").createStudyApi>,
+ *   navigation: ReturnType<import("./navigation.js").createNavigation>, onPassed: (episode: string) => void,
+ *   resume: () => void, look: (back: boolean) => void, isBlocked: () => boolean}} how */
 export function startActions(page, { state, study, navigation, onPassed, resume, look, isBlocked }) {
   const by = elementsOf(page);
   const frame = () => state().game.player?.frame;

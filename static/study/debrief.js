@@ -7,30 +7,20 @@ import { many, outcomeShort, percent, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 
-/**
- * @typedef {import("./state.js").State} State
- * @typedef {import("./api.js").Debrief} Debrief
- * @typedef {"warm_up" | "ranked"} Shown  the phase of a terrain
- */
-
 /** Moves per second. */
 const SPEED = 6.25;
 
-/**
- * @param {Document} page
- * @param {{look: () => import("./play_screen.js").Look, terrain: (index: number, phase: Shown) => Promise<import("./api.js").Runs>,
- *   losses: (index: number, phase: Shown) => Promise<import("../common/losses.js").Regret>, dispatch: (event: import("./state.js").Event) => void, warmUps: () => number, index: () => number | undefined}} how
- *   index of the terrain whose replay is shown
- */
+/** @param {Document} page
+ * @param {{look: () => Study.Look, terrain: (index: number, phase: Study.Shown) => Promise<Study.Runs>,
+ *   losses: (index: number, phase: Study.Shown) => Promise<Regret>, dispatch: (event: Study.Event) => void,
+ *   warmUps: () => number, index: () => number | undefined}} how index of the terrain whose replay is shown */
 export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, index: shown }) {
   const by = elementsOf(page);
   /** @type {ReturnType<typeof createPlayer> | null} */
   let player = null;
 
-  /**
-   * Load both runs of a terrain: the warm-up ones first, then the ranked ones, which a closed study shows.
-   * @param {number} index
-   */
+  /** Load both runs of a terrain: the warm-up ones first, then the ranked ones, which a closed study shows.
+   * @param {number} index */
   async function load(index) {
     const phase = index < warmUps() ? "warm_up" : "ranked";
     const number = phase === "ranked" ? index - warmUps() : index;
@@ -38,17 +28,14 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       by("own-losses").replaceChildren();
       show(index, await terrain(number, phase));
       const regret = await losses(number, phase).catch(() => null); // a board too large for it, or a busy server: nothing is shown
-      const onChoose = (/** @type {import("../common/losses.js").Loss} */ { step }) => player?.goTo(step);
+      const onChoose = (/** @type {Loss} */ { step }) => player?.goTo(step);
       if (regret && shown() === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
     } catch (error) {
       dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     }
   }
-  /**
-   * Show the runs of a terrain from their start.
-   * @param {number} index
-   * @param {import("./api.js").Runs} answer
-   */
+  /** Show the runs of a terrain from their start.
+   * @param {number} index @param {Study.Runs} answer */
   function show(index, { own, policy }) {
     const runs = { own: courseOf("You", own), policy: courseOf(policy.name, policy.frames) };
     const last = Math.max(0, ...Object.values(runs).map((course) => (course ? movesOf(course) : 0)));
@@ -61,7 +48,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
   by("replay-at").addEventListener("input", () => player?.goTo(Number(by("replay-at", HTMLInputElement).value)));
   by("replay-index").addEventListener("change", () => load(Number(by("replay-index", HTMLSelectElement).value)));
 
-  /** @param {Debrief} debrief */
+  /** @param {Study.Debrief} debrief */
   function paintFigures(debrief) {
     const { episodes, mean_score, mean_steps, warm_up_terrains: terrains, ranked_terrains: ranked } = debrief;
     put(by("own-score"), score(mean_score));
@@ -77,10 +64,8 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       choice.replaceChildren(...named(terrains, ranked ? "warm-up " : "", 0), ...named(ranked, "ranked ", terrains));
     }
   }
-  /**
-   * Return a table with a row for each trial, its score as a bar.
-   * @param {Debrief["episodes"]} episodes
-   */
+  /** Return a table with a row for each trial, its score as a bar.
+   * @param {Study.Debrief["episodes"]} episodes */
   function trialTable(episodes) {
     const table = page.createElement("table");
     table.className = "bars";
@@ -98,7 +83,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     }
     return table;
   }
-  /** @param {import("./state.js").Replay} replay */
+  /** @param {Study.Replay} replay */
   function paintReplay({ index, runs, playback }) {
     const step = stepOf(playback);
     put(by("policy-name"), runs.policy?.name ?? "");
@@ -121,10 +106,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
   }
   return {
     load,
-    /**
-     * @param {State} state
-     * @param {State | null} before
-     */
+    /** @param {Study.State} state @param {Study.State | null} before */
     paint(state, before) {
       if (screenOf(state) !== "debrief" || !state.participant?.debrief) return;
       const isNew = before === null || screenOf(before) !== "debrief";

@@ -4,10 +4,7 @@ import { create, elementsOf } from "../common/page.js";
 import { describeBoard } from "../common/words.js";
 import { mapInWords } from "./words.js";
 
-/**
- * @param {Document} page
- * @param {{frame: () => import("../common/messages.js").Frame | undefined, onClose: () => void}} how
- */
+/** @param {Document} page @param {{frame: () => Frame | undefined, onClose: () => void}} how */
 export function startDialogs(page, { frame, onClose }) {
   const by = elementsOf(page);
   for (const dialog of page.querySelectorAll("dialog")) {

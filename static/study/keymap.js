@@ -2,10 +2,7 @@
 // Which key drives where: two keys for each direction, each remappable, never one key for two directions. No document here.
 import { ACTIONS } from "../common/messages.js";
 
-/** @typedef {import("../common/messages.js").Action} Action */
-/** @typedef {Record<Action, string[]>} KeyMap  codes of event.code, two a direction */
-/** @typedef {{get: (code: string) => string | undefined}} Layout  of navigator.keyboard, where a browser has it */
-/** @type {Readonly<KeyMap>} */
+/** @type {Readonly<Study.KeyMap>} */
 export const DEFAULT_KEYS = Object.freeze({ north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"],
   west: ["ArrowLeft", "KeyA"] });
 const DRIVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
@@ -13,28 +10,18 @@ const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", Ar
   Semicolon: ";", Quote: "'", BracketLeft: "[", BracketRight: "]", Backslash: "\\", Minus: "-", Equal: "=", Backquote: "`" };
 const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
 
-/**
- * Return whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
- * @param {string} code
- */
+/** Return whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
+ * @param {string} code */
 export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 
-/**
- * Return where a key drives, or undefined.
- * @param {KeyMap} keys
- * @param {string} code
- * @returns {Action | undefined}
- */
+/** Return where a key drives, or undefined.
+ * @param {Study.KeyMap} keys @param {string} code @returns {Action | undefined} */
 export const actionOf = (keys, code) => ACTIONS.find((action) => keys[action].includes(code));
 
-/**
- * Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the one it replaces.
- * @param {KeyMap} keys
- * @param {Action} action
- * @param {number} slot 0 or 1
- * @param {string} code
- * @returns {KeyMap | string}
- */
+/** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places
+ * with the one it replaces.
+ * @param {Study.KeyMap} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code
+ * @returns {Study.KeyMap | string} */
 export function assign(keys, action, slot, code) {
   if (!mayDrive(code)) return `${keyName(code)} cannot drive the rover: choose a letter, a digit, an arrow or a number-pad key.`;
   const old = keys[action][slot];
@@ -42,35 +29,26 @@ export function assign(keys, action, slot, code) {
     if (each === action && place === slot) return code;
     return known === code ? old : known;
   })]);
-  return /** @type {KeyMap} */ (Object.fromEntries(swapped));
+  return /** @type {Study.KeyMap} */ (Object.fromEntries(swapped));
 }
 
-/**
- * Return a kept map if it is a whole one, else the default.
- * @param {Partial<Record<Action, unknown>> | null | undefined} kept
- * @returns {KeyMap}
- */
+/** Return a kept map if it is a whole one, else the default.
+ * @param {Partial<Record<Action, unknown>> | null | undefined} kept @returns {Study.KeyMap} */
 export function readKeys(kept) {
   const lists = ACTIONS.map((action) => kept?.[action]);
   const isWhole = lists.every((list) => Array.isArray(list) && list.length === 2 && list.every((code) => typeof code === "string" && mayDrive(code)));
   if (!isWhole || new Set(lists.flat()).size !== 8) return { ...DEFAULT_KEYS };
-  return /** @type {KeyMap} */ (Object.fromEntries(ACTIONS.map((action, index) => [action, lists[index]])));
+  return /** @type {Study.KeyMap} */ (Object.fromEntries(ACTIONS.map((action, index) => [action, lists[index]])));
 }
 
-/**
- * Return what stands on a key.
- * @param {string} code
- * @param {Layout} [layout] of navigator.keyboard
- */
+/** Return what stands on a key.
+ * @param {string} code @param {Study.Layout} [layout] of navigator.keyboard */
 export function keyName(code, layout) {
   const own = /** @type {Record<string, string>} */ (NAMES)[code];
   const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/**
- * Return the same for a screen reader.
- * @param {string} code
- * @param {Layout} [layout]
- */
+/** Return the same for a screen reader.
+ * @param {string} code @param {Study.Layout} [layout] */
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);

@@ -25,7 +25,6 @@ import { createSettingsSync } from "./settings_sync.js";
 import { apply, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
 import { startSupervision } from "./supervision.js";
 
-/** @typedef {import("./keymap.js").Layout} Layout */
 const by = elementsOf(document);
 const ROOT = "../";
 const now_ms = () => performance.now();
@@ -33,9 +32,9 @@ const name = studyName(location.pathname);
 const keep = (/** @type {string} */ what) => `mars.study.${name}.${what}`;
 
 let state = initialState();
-/** @type {import("./state.js").State | null} */
+/** @type {Study.State | null} */
 let painted = null;
-/** @type {Layout | undefined} */
+/** @type {Study.Layout | undefined} */
 let layout;
 /** @type {typeof fetch} */
 const fetcher = (path, options) => fetch(path, options);
@@ -102,10 +101,8 @@ const connections = createConnections({
 });
 const repaint = createRepaint((isWhole) => paint(isWhole ? null : painted));
 
-/**
- * Apply an event: the only place where the state changes, but for a pause that goes on.
- * @param {import("./state.js").Event} event
- */
+/** Apply an event: the only place where the state changes, but for a pause that goes on.
+ * @param {Study.Event} event */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
@@ -123,17 +120,15 @@ function dispatch(event) {
   repaint();
 }
 
-/**
- * Begin an episode on the board: moves of the last one are void, and a pause that a reload interrupted goes on.
- * @param {import("../common/messages.js").Frame} first
- */
+/** Begin an episode on the board: moves of the last one are void, and a pause that a reload interrupted goes on.
+ * @param {Frame} first */
 function begun({ episode }) {
   moves.drop();
   idle.touch();
   if (pause.wasPaused(episode)) state = apply(state, { kind: "paused", isPaused: true });
 }
 
-/** @param {import("./state.js").State | null} before what is painted; null paints everything */
+/** @param {Study.State | null} before what is painted; null paints everything */
 function paint(before) {
   const { participant, game } = painted = state;
   pages.paint(state, before);
@@ -181,7 +176,7 @@ document.addEventListener("visibilitychange", () => (document.hidden ? settingsS
 channel?.addEventListener("message", () => navigation.refresh());
 new ResizeObserver(() => repaint(true)).observe(by("main"));
 
-/** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
+/** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
   layout = map;
   settings.paint();
   pages.paintKeys(settings.get().keys, layout);

@@ -3,34 +3,26 @@
 import { ApiError } from "../common/api.js";
 
 /**
- * @typedef {import("./api.js").Participant} Participant
- * @typedef {import("./state.js").Event} Event
- */
-
-/**
  *   study       the study's API
  *   dispatch    what changes the state
  *   ids         ids of another site, from the address
  *   invitation  the token in the address, null without one
  *   channel     to other tabs of this study; null where there is none
- * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Event) => void, ids: Record<string, string>, invitation: string | null,
- *   channel: BroadcastChannel | null, onJoined: (participant: Participant) => void}} how
- */
+ * @param {{study: ReturnType<import("./api.js").createStudyApi>, dispatch: (event: Study.Event) => void,
+ *   ids: Record<string, string>, invitation: string | null, channel: BroadcastChannel | null,
+ *   onJoined: (participant: Study.Participant) => void}} how */
 export function createNavigation({ study, dispatch, ids, invitation, channel, onJoined }) {
   /** @type {Promise<unknown>} */
   let queue = Promise.resolve();
   let isBusy = false;
 
-  /**
-   * @param {() => Promise<void>} work
-   * @returns {Promise<void>}
-   */
+  /** @param {() => Promise<void>} work @returns {Promise<void>} */
   function inTurn(work) {
     const done = queue.then(work);
     queue = done.catch(() => {});
     return /** @type {Promise<void>} */ (done);
   }
-  /** @param {Participant} participant */
+  /** @param {Study.Participant} participant */
   const arrive = (participant) => dispatch({ kind: "participant", participant });
   const refresh = () => inTurn(async () => {
     try {
@@ -39,12 +31,9 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
       if (error instanceof ApiError && error.status === 0) dispatch({ kind: "link", link: "lost" });
     }
   });
-  /**
-   * Show why a request was refused. A 409 means that another tab was quicker, or the study closed: what holds now is shown, and the server's
-   * sentence if nothing moved.
-   * @param {unknown} error
-   * @param {string | undefined} stage
-   */
+  /** Show why a request was refused. A 409 means that another tab was quicker, or the study closed: what holds now is
+   * shown, and the server's sentence if nothing moved.
+   * @param {unknown} error @param {string | undefined} stage */
   async function refused(error, stage) {
     if (!(error instanceof ApiError)) return dispatch({ kind: "notice", text: `Something went wrong on this page: ${error}` });
     if (error.status === 0) dispatch({ kind: "link", link: "lost" });
@@ -68,11 +57,8 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
     refresh,
     /** Return whether a request waits for its answer: another press of its button would be one too many. */
     isBusy: () => isBusy,
-    /**
-     * Make a request that moves the participant on, unless one is being answered.
-     * @param {() => Promise<Participant>} ask
-     * @param {string} [stage] the step is taken from
-     */
+    /** Make a request that moves the participant on, unless one is being answered.
+     * @param {() => Promise<Study.Participant>} ask @param {string} [stage] the step is taken from */
     async go(ask, stage) {
       if (isBusy) return;
       isBusy = true;

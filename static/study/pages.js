@@ -5,11 +5,6 @@ import { keyName } from "./keymap.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/**
- * @typedef {import("./state.js").State} State
- * @typedef {import("./api.js").Participant} Participant
- */
-
 /** @param {string[]} lines */
 const paragraphs = (lines) => lines.map((text) => create("p", text));
 
@@ -20,10 +15,8 @@ export function createPages(page) {
   /** @type {string | null} */
   let shown = null;
 
-  /**
-   * Show one screen, and give it the focus unless it is the first.
-   * @param {string} screen
-   */
+  /** Show one screen, and give it the focus unless it is the first.
+   * @param {string} screen */
   function show(screen) {
     if (shown === screen) return;
     const isFirst = shown === null || shown === "loading";
@@ -35,23 +28,21 @@ export function createPages(page) {
     if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
     page.defaultView?.scrollTo(0, 0);
   }
-  /** @param {Participant} participant */
+  /** @param {Study.Participant} participant */
   function paintConsent({ title, consent, invited }) {
     put(by("consent-title"), title);
     by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
     put(by("consent-version"), consent.version);
     by("consent-invited").hidden = !invited;
   }
-  /**
-   * Put the numbers of the protocol into the page's own sentences.
-   * @param {Participant} participant
-   */
+  /** Put the numbers of the protocol into the page's own sentences.
+   * @param {Study.Participant} participant */
   function paintRules({ rules }) {
     for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-rule]"))) {
       put(place, rules[/** @type {"coverage"} */ (place.dataset.rule)]);
     }
   }
-  /** @param {Participant} participant */
+  /** @param {Study.Participant} participant */
   function paintReady(participant) {
     const { title, lines, go } = words.readyText(participant);
     put(by("ready-step"), words.progress(participant, false));
@@ -59,7 +50,7 @@ export function createPages(page) {
     put(by("begin"), go);
     by("ready-lines").replaceChildren(...paragraphs(lines));
   }
-  /** @param {Participant} participant */
+  /** @param {Study.Participant} participant */
   function paintComplete({ debrief, participant }) {
     put(by("code"), debrief?.completion_code ?? "");
     by("return-line").hidden = !debrief?.return_url;
@@ -68,10 +59,7 @@ export function createPages(page) {
     put(by("label"), participant);
   }
   return {
-    /**
-     * @param {State} state
-     * @param {State | null} before
-     */
+    /** @param {Study.State} state @param {Study.State | null} before */
     paint(state, before) {
       const { participant, problem } = state;
       const screen = screenOf(state);
@@ -93,11 +81,8 @@ export function createPages(page) {
         show(screen);
       }
     },
-    /**
-     * Paint the keys as they drive now, wherever the page shows them.
-     * @param {import("./keymap.js").KeyMap} keys
-     * @param {import("./keymap.js").Layout} [layout]
-     */
+    /** Paint the keys as they drive now, wherever the page shows them.
+     * @param {Study.KeyMap} keys @param {Study.Layout} [layout] */
     paintKeys(keys, layout) {
       for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-keys]"))) {
         line.replaceChildren(...[0, 1].flatMap((slot) => [

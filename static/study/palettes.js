@@ -1,11 +1,9 @@
 // @ts-check
 // Three palettes for the page and its boards; the page's own colours stand in palettes.css under the same names.
 
-/** @typedef {import("./api.js").PaletteName} PaletteName */
-/** @typedef {{title: string, hint: string, soil: import("../common/board.js").Soil, inks: import("../common/chart.js").Inks}} Palette */
 /** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
 const MARS_SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
-/** @type {Record<PaletteName, Palette>} */
+/** @type {Record<Study.PaletteName, Study.Palette>} */
 export const PALETTES = {
   mars: {
     title: "Mars", hint: "Soil and night", soil: { shades: MARS_SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" },
@@ -23,13 +21,9 @@ export const PALETTES = {
   },
 };
 
-/**
- * Return a kept name if it is one of ours, else what the system asks for.
- * @param {unknown} name
- * @param {boolean} wantsContrast
- * @returns {PaletteName}
- */
+/** Return a kept name if it is one of ours, else what the system asks for.
+ * @param {unknown} name @param {boolean} wantsContrast @returns {Study.PaletteName} */
 export function readPalette(name, wantsContrast) {
-  if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {PaletteName} */ (name);
+  if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {Study.PaletteName} */ (name);
   return wantsContrast ? "high-contrast" : "mars";
 }

@@ -1,31 +1,26 @@
 // @ts-check
 // How long nothing was pressed, and the pause that follows. A reload finds a paused board paused.
 
-/**
- * Return a timer that counts from the last press. The clock is an argument, so that node can test it.
- * @param {() => number} now_ms
- */
+/** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
+ * @param {() => number} now_ms */
 export function createIdleTimer(now_ms) {
   let touchedAt_ms = now_ms();
   return {
     touch() { touchedAt_ms = now_ms(); },
-    /**
-     * Return whether a board that waits for a key should pause.
-     * @param {number} limit_s 0 never pauses
-     */
+    /** Return whether a board that waits for a key should pause.
+     * @param {number} limit_s 0 never pauses */
     isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
   };
 }
 
-/**
- * Return what begins and ends pauses.
+/** Return what begins and ends pauses.
  *   episode    the id of the episode on the board, or ""
  *   note       records an input event; `flush` sends what is recorded
  *   announce   says a sentence to screen readers
  *   storage    of this tab; `key` is where the paused episode stands in it
- * @param {{idle: ReturnType<typeof createIdleTimer>, episode: () => string, note: (kind: "pause" | "resume") => void, flush: () => void,
- *   announce: (text: string) => void, dispatch: (event: import("./state.js").Event) => void, storage: Storage, key: string}} how
- */
+ * @param {{idle: ReturnType<typeof createIdleTimer>, episode: () => string, note: (kind: "pause" | "resume") => void,
+ *   flush: () => void, announce: (text: string) => void, dispatch: (event: Study.Event) => void, storage: Storage,
+ *   key: string}} how */
 export function createPause({ idle, episode, note, flush, announce, dispatch, storage, key }) {
   return {
     /** @param {boolean} isPaused */
@@ -38,10 +33,8 @@ export function createPause({ idle, episode, note, flush, announce, dispatch, st
       dispatch({ kind: "paused", isPaused });
       flush();
     },
-    /**
-     * Return whether an episode was paused before a reload.
-     * @param {string} id
-     */
+    /** Return whether an episode was paused before a reload.
+     * @param {string} id */
     wasPaused: (id) => storage.getItem(key) === id,
   };
 }

@@ -7,33 +7,18 @@ import { describeBoard, outcomeShort, percent, score } from "../common/words.js"
 import { knowsTheEnd, screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/**
- * @typedef {import("./state.js").State} State
- * @typedef {import("./palettes.js").Palette} Palette
- */
-/** @typedef {{soil: Palette["soil"], inks: Palette["inks"], accent: string, rival: string, font: string}} Look  of the palette in force */
-
-/**
- * @param {Document} page
- * @param {{look: () => Look, keys: () => {east: string, south: string}}} how
- */
+/** @param {Document} page @param {{look: () => Study.Look, keys: () => {east: string, south: string}}} how */
 export function createPlayScreen(page, { look, keys }) {
   const by = elementsOf(page);
   const dpr = () => page.defaultView?.devicePixelRatio || 1;
   const room = (/** @type {HTMLElement} */ element) => ({ width_px: element.clientWidth, height_px: element.clientHeight });
 
-  /**
-   * @param {import("../common/game_state.js").Board} board
-   * @param {Look} colours
-   */
+  /** @param {Board} board @param {Study.Look} colours */
   function paintCurve(board, { accent, inks, font }) {
     const curve = curveOf(board, { colour: accent, isDashed: false });
     paintCoverage(by("chart", HTMLCanvasElement), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
   }
-  /**
-   * @param {import("../common/messages.js").Frame} frame
-   * @param {import("./api.js").Participant} participant
-   */
+  /** @param {Frame} frame @param {Study.Participant} participant */
   function paintNumbers(frame, { phase, rules }) {
     put(by("moves"), String(frame.step));
     put(by("coverage"), percent(frame.coverage));
@@ -49,10 +34,7 @@ export function createPlayScreen(page, { look, keys }) {
     put(by("coach-line"), line);
     by("board").setAttribute("aria-label", describeBoard(frame, "the terrain"));
   }
-  /**
-   * @param {State} state
-   * @returns {boolean} whether the card has just come up
-   */
+  /** @param {Study.State} state @returns {boolean} whether the card has just come up */
   function paintEnd(state) {
     const frame = state.game.player?.frame;
     const { participant } = state;
@@ -76,10 +58,7 @@ export function createPlayScreen(page, { look, keys }) {
     return wasHidden;
   }
   return {
-    /**
-     * @param {State} state
-     * @param {State | null} before
-     */
+    /** @param {Study.State} state @param {Study.State | null} before */
     paint(state, before) {
       const { game, participant, isPaused } = state;
       const { player } = game;

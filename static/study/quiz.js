@@ -4,13 +4,9 @@
 import { create, elementsOf } from "../common/page.js";
 import { questionsTitle } from "./words.js";
 
-/** @typedef {import("./api.js").Participant} Participant */
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 
-/**
- * @param {Document} page
- * @param {(answers: number[]) => void} onAnswers
- */
+/** @param {Document} page @param {(answers: number[]) => void} onAnswers */
 export function createQuiz(page, onAnswers) {
   const by = elementsOf(page);
   const form = by("quiz", HTMLFormElement);
@@ -19,10 +15,7 @@ export function createQuiz(page, onAnswers) {
   /** @type {boolean[] | null} */
   let shown = null;
 
-  /**
-   * @param {{question: string, choices: string[]}} each
-   * @param {number} number
-   */
+  /** @param {{question: string, choices: string[]}} each @param {number} number */
   function item({ question, choices }, number) {
     const labels = choices.map((choice, value) =>
       create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
@@ -30,10 +23,7 @@ export function createQuiz(page, onAnswers) {
     const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
     return field;
   }
-  /**
-   * @param {number} number
-   * @returns {number} -1 while nothing is chosen
-   */
+  /** @param {number} number @returns {number} -1 while nothing is chosen */
   const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
 
   form.addEventListener("submit", (event) => {
@@ -51,7 +41,7 @@ export function createQuiz(page, onAnswers) {
     /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
     by("quiz-status").textContent = "";
   });
-  /** @param {Participant} participant */
+  /** @param {Study.Participant} participant */
   function showVerdicts({ right, why }) {
     if (!right || right === shown) return;
     shown = right;
@@ -67,7 +57,7 @@ export function createQuiz(page, onAnswers) {
     /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
   }
   return {
-    /** @param {Participant} participant */
+    /** @param {Study.Participant} participant */
     paint(participant) {
       if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
         asked = participant.questions;

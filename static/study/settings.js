@@ -5,18 +5,11 @@ import { ACTIONS } from "../common/messages.js";
 import { assign, DEFAULT_KEYS, keyName, readKeys, spokenKey } from "./keymap.js";
 import { PALETTES, readPalette } from "./palettes.js";
 
-/**
- * @typedef {import("./api.js").Settings} Settings
- * @typedef {Settings & {pad: boolean}} Choices
- */
 const KEPT = "mars.study.settings";
 
-/**
- * Return the choices that were kept, with defaults for what is missing or wrong.
- * @param {Partial<Record<keyof Choices, unknown>> | null} kept
- * @param {{wantsContrast: boolean, isTouch: boolean}} system
- * @returns {Choices}
- */
+/** Return the choices that were kept, with defaults for what is missing or wrong.
+ * @param {Partial<Record<keyof Study.Choices, unknown>> | null} kept
+ * @param {{wantsContrast: boolean, isTouch: boolean}} system @returns {Study.Choices} */
 export function readChoices(kept, { wantsContrast, isTouch }) {
   const pad = typeof kept?.pad === "boolean" ? kept.pad : isTouch;
   const modality = kept?.modality === "touch" || kept?.modality === "keyboard" ? kept.modality : isTouch ? "touch" : "keyboard";
@@ -32,9 +25,8 @@ function parsed(text) {
   }
 }
 
-/**
- * @param {Document} page
- * @param {{storage: Storage, layout: () => import("./keymap.js").Layout | undefined, onChange: (choices: Choices) => void}} how
+/** @param {Document} page
+ * @param {{storage: Storage, layout: () => Study.Layout | undefined, onChange: (choices: Study.Choices) => void}} how
  */
 export function createSettings(page, { storage, layout, onChange }) {
   const by = elementsOf(page);
@@ -42,10 +34,10 @@ export function createSettings(page, { storage, layout, onChange }) {
   const isAsked = (/** @type {string} */ query) => view.matchMedia(query).matches;
   let choices = readChoices(parsed(storage.getItem(KEPT)), { wantsContrast: isAsked("(prefers-contrast: more)"),
     isTouch: isAsked("(pointer: coarse), (max-width: 700px)") });
-  /** @type {{action: import("../common/messages.js").Action, slot: number} | null} a slot that waits for its key */
+  /** @type {{action: Action, slot: number} | null} a slot that waits for its key */
   let awaited = null;
 
-  /** @param {Partial<Choices>} changed */
+  /** @param {Partial<Study.Choices>} changed */
   function change(changed) {
     choices = { ...choices, ...changed };
     storage.setItem(KEPT, JSON.stringify(choices));
@@ -58,7 +50,7 @@ export function createSettings(page, { storage, layout, onChange }) {
     by("show-pad", HTMLInputElement).checked = choices.pad;
     for (const input of /** @type {NodeListOf<HTMLInputElement>} */ (page.querySelectorAll("#palettes input"))) input.checked = input.value === choices.palette;
     for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (page.querySelectorAll("#keymap button"))) {
-      const action = /** @type {import("../common/messages.js").Action} */ (button.dataset.drive);
+      const action = /** @type {Action} */ (button.dataset.drive);
       const slot = Number(button.dataset.slot);
       const isAwaited = awaited?.action === action && awaited.slot === slot;
       put(button, isAwaited ? "press a key" : keyName(choices.keys[action][slot], layout()));
@@ -94,7 +86,7 @@ export function createSettings(page, { storage, layout, onChange }) {
   by("keymap").addEventListener("click", (event) => {
     const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
-    awaited = { action: /** @type {import("../common/messages.js").Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
+    awaited = { action: /** @type {Action} */ (button.dataset.drive), slot: Number(button.dataset.slot) };
     put(by("key-status"), `Press the key that should drive ${button.dataset.drive}; Escape leaves it as it is.`);
     paint();
   });
@@ -118,23 +110,19 @@ export function createSettings(page, { storage, layout, onChange }) {
   }
   by("settings").addEventListener("close", leave);
   return {
-    /** @returns {Choices} */
+    /** @returns {Study.Choices} */
     get: () => choices,
     paint,
-    /**
-     * Take over what the server keeps, in place of what this browser kept.
-     * @param {import("./api.js").Participant["settings"]} stored
-     */
+    /** Take over what the server keeps, in place of what this browser kept.
+     * @param {Study.Participant["settings"]} stored */
     adopt(stored) {
       if (!stored.keys || !stored.palette) return;
       choices = { ...choices, keys: readKeys(stored.keys), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
       storage.setItem(KEPT, JSON.stringify(choices));
       paint();
     },
-    /**
-     * Note how the last move was made.
-     * @param {Settings["modality"]} modality
-     */
+    /** Note how the last move was made.
+     * @param {Study.Settings["modality"]} modality */
     drove(modality) { if (modality !== choices.modality) change({ modality }); },
   };
 }

@@ -6,8 +6,8 @@
  *   settle_ms    how long the choices must stay the same before they are sent
  *   retry_ms     how long to wait after a request that failed
  *   patience_ms  how long a request may take
- * @param {{save: (signal: AbortSignal) => Promise<unknown>, settle_ms?: number, retry_ms?: number, patience_ms?: number}} how
- */
+ * @param {{save: (signal: AbortSignal) => Promise<unknown>, settle_ms?: number, retry_ms?: number,
+ *   patience_ms?: number}} how */
 export function createSettingsSync({ save, settle_ms = 300, retry_ms = 2000, patience_ms = 15000 }) {
   /** @type {AbortController | null} the request that waits for its answer */
   let current = null;

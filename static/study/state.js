@@ -2,59 +2,26 @@
 // The whole state of the study's page in one object. `apply` returns the next state; `screenOf` says which screen belongs to it.
 import * as gameState from "../common/game_state.js";
 
-/**
- * @typedef {import("./api.js").Participant} Participant
- * @typedef {{index: number, runs: {own: Course | null, policy: Course | null}, playback: Playback}} Replay
- */
-/**
- * @typedef {"loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions" | "debrief" | "complete" | "withdrawn"} Screen
- */
-/**
- *   game    the board, the connection and the notices: the playground's own state without a rival
- *   problem  one sentence when the study cannot be taken part in
- *   passed   the finished episode whose end card was passed by
- *   isPaused the board waits for a key
- *   replay   the debrief's, null until one is loaded
- *   looksBack  whoever has finished looks at the debrief again
- * @typedef {{game: import("../common/game_state.js").State, participant: Participant | null, problem: string | null, passed: string | null, isPaused: boolean,
- *   replay: Replay | null, looksBack: boolean}} State
- */
-/**
- * @typedef {import("../common/game_state.js").Event | {kind: "participant", participant: Participant} | {kind: "problem", text: string} | {kind: "passed", episode: string}
- *   | {kind: "paused", isPaused: boolean} | {kind: "replay-moved", replay: Replay} | {kind: "looked-back", looksBack: boolean}} Event
- */
-
-/** @returns {State} */
+/** @returns {Study.State} */
 export function initialState() {
   return { game: gameState.initialState(), participant: null, problem: null, passed: null, isPaused: false, replay: null, looksBack: false };
 }
 
-/**
- * @param {State} state
- * @param {Participant} participant
- * @returns {State}
- */
+/** @param {Study.State} state @param {Study.Participant} participant @returns {Study.State} */
 function arrived(state, participant) {
   const game = participant.about ? gameState.apply(state.game, { kind: "begun", about: participant.about }) : { ...state.game, player: null };
   return settled({ ...state, participant, game, problem: participant.stage === "withdrawn" ? null : participant.note ?? null });
 }
 
-/**
- * Return the state without a pause that its episode has outlived.
- * @param {State} state
- * @returns {State}
- */
+/** Return the state without a pause that its episode has outlived.
+ * @param {Study.State} state @returns {Study.State} */
 function settled(state) {
   const frame = state.game.player?.frame;
   return state.isPaused && (!frame || frame.outcome) ? { ...state, isPaused: false } : state;
 }
 
-/**
- * Return the state after `event`.
- * @param {State} state
- * @param {Event} event
- * @returns {State}
- */
+/** Return the state after `event`.
+ * @param {Study.State} state @param {Study.Event} event @returns {Study.State} */
 export function apply(state, event) {
   switch (event.kind) {
     case "participant": return arrived(state, event.participant);
@@ -72,20 +39,15 @@ export function apply(state, event) {
 
 const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
 
-/**
- * Return whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the one
- * before.
- * @param {Participant} participant
- */
+/** Return whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the
+ * one before.
+ * @param {Study.Participant} participant */
 function endsHere({ stage, phase }) {
   return phase !== null && (stage === phase || stage === FOLLOWS[phase]);
 }
 
-/**
- * Return the screen of a state: the participant's stage, or the board that belongs to it.
- * @param {State} state
- * @returns {Screen}
- */
+/** Return the screen of a state: the participant's stage, or the board that belongs to it.
+ * @param {Study.State} state @returns {Study.Screen} */
 export function screenOf({ participant, game, passed, problem, looksBack }) {
   if (problem !== null) return "problem";
   if (!participant) return "loading";
@@ -96,25 +58,19 @@ export function screenOf({ participant, game, passed, problem, looksBack }) {
   return stage === "complete" && looksBack ? "debrief" : stage;
 }
 
-/**
- * Return whether the board waits for a move.
- * @param {State} state
- */
+/** Return whether the board waits for a move.
+ * @param {Study.State} state */
 export function isDriving(state) {
   return screenOf(state) === "play" && state.game.player?.frame.outcome === null;
 }
 
-/**
- * Return whether the server's answer knows the end of the episode on the board.
- * @param {State} state
- */
+/** Return whether the server's answer knows the end of the episode on the board.
+ * @param {Study.State} state */
 export function knowsTheEnd({ participant, game }) {
   const frame = game.player?.frame;
   return Boolean(frame?.outcome && participant?.about?.frame.episode === frame.episode && participant.about.frame.outcome);
 }
 
-/**
- * Return whether the next episode follows at once: the same stage goes on and no break is due.
- * @param {Participant} participant
- */
+/** Return whether the next episode follows at once: the same stage goes on and no break is due.
+ * @param {Study.Participant} participant */
 export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due;

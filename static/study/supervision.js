@@ -4,14 +4,9 @@ import { elementsOf, put } from "../common/page.js";
 import { sentence, supervisedLine } from "./words.js";
 
 /**
- * @typedef {import("./api.js").Participant} Participant
- */
-
-/**
  *   supervise   sends what was typed
  * @param {Document} page
- * @param {{supervise: (code: string) => Promise<Participant>, dispatch: (event: import("./state.js").Event) => void}} how
- */
+ * @param {{supervise: (code: string) => Promise<Study.Participant>, dispatch: (event: Study.Event) => void}} how */
 export function startSupervision(page, { supervise, dispatch }) {
   const by = elementsOf(page);
   const code = by("code-typed", HTMLInputElement);
@@ -34,7 +29,7 @@ export function startSupervision(page, { supervise, dispatch }) {
     put(by("supervise-status"), "");
   });
   return {
-    /** @param {Participant} participant */
+    /** @param {Study.Participant} participant */
     paint(participant) {
       for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-supervised]"))) put(line, supervisedLine(participant.supervised_until_ms, Date.now()));
     },

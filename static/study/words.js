@@ -4,16 +4,8 @@ import { runs } from "../common/board.js";
 import { CELL_STATES } from "../common/messages.js";
 import { many, notCounted, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
 
-/**
- * @typedef {import("./api.js").Participant} Participant
- * @typedef {import("../common/messages.js").Frame} Frame
- */
-
-/**
- * Return the participant's progress, for the bar.
- * @param {Participant} participant
- * @param {boolean} isPlaying while an episode runs its number counts as begun
- */
+/** Return the participant's progress, for the bar.
+ * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
 export function progress(participant, isPlaying) {
   const { stage, questions } = participant;
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
@@ -25,41 +17,29 @@ export function progress(participant, isPlaying) {
 
 const COUNTS = ["No", "One", "Two", "Three", "Four", "Five"];
 
-/**
- * Return how many questions there are, as a heading.
- * @param {number} count
- * @param {string} [kind] of question, as in "short"
- */
+/** Return how many questions there are, as a heading.
+ * @param {number} count @param {string} [kind] of question, as in "short" */
 export const questionsTitle = (count, kind = "") => `${COUNTS[count] ?? count} ${kind && `${kind} `}question${count === 1 ? "" : "s"}`;
 
-/**
- * Return the share of the whole study, 0..1: each terrain weighs the same, the rest a little.
- * @param {Participant} participant
- */
+/** Return the share of the whole study, 0..1: each terrain weighs the same, the rest a little.
+ * @param {Study.Participant} participant */
 export function share({ stage, warm_up, ranked }) {
   const terrains = warm_up.of + ranked.of;
   const before = { consent: 0, instructions: 1, tutorial: 2, questions: 3, warm_up: 4, ranked: 4, debrief: 5, complete: 6, withdrawn: 0 }[stage];
   return (before + warm_up.done + ranked.done) / (terrains + 6);
 }
 
-/**
- * Return what the server said as a sentence of its own.
- * @param {string} text
- */
+/** Return what the server said as a sentence of its own.
+ * @param {string} text */
 export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 
-/**
- * Return until when a session is supervised, in local time; nothing when it is not.
- * @param {number | null} until_ms
- * @param {number} now_ms
- */
+/** Return until when a session is supervised, in local time; nothing when it is not.
+ * @param {number | null} until_ms @param {number} now_ms */
 export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms < until_ms
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
-/**
- * Return the screen before the first episode of a phase.
- * @param {Participant} participant
- */
+/** Return the screen before the first episode of a phase.
+ * @param {Study.Participant} participant */
 export function readyText({ stage, warm_up, ranked }) {
   if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
   if (stage === "warm_up") {
@@ -76,18 +56,13 @@ export function readyText({ stage, warm_up, ranked }) {
     : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? "Start the first terrain" : "Go on" };
 }
 
-/**
- * Return the break screen.
- * @param {Participant} participant
- */
+/** Return the break screen.
+ * @param {Study.Participant} participant */
 export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
-/**
- * Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
- * @param {Frame} frame
- * @param {Participant} participant
- */
+/** Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
+ * @param {Frame} frame @param {Study.Participant} participant */
 export function endCard(frame, participant) {
   const { phase } = participant;
   const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
@@ -95,10 +70,7 @@ export function endCard(frame, participant) {
   return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome, participant.rules.coverage), figures, note: endNote(frame, participant), go: endGo(participant, phase) };
 }
 
-/**
- * @param {Frame} frame
- * @param {Participant} participant
- */
+/** @param {Frame} frame @param {Study.Participant} participant */
 function endNote({ outcome, score: scored }, { phase, stage, rules, about }) {
   if (phase === "tutorial") {
     return outcome === "explored" ? "That is all there is to it."
@@ -109,21 +81,15 @@ function endNote({ outcome, score: scored }, { phase, stage, rules, about }) {
   return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
 }
 
-/**
- * @param {Participant} participant
- * @param {Participant["phase"]} phase
- */
+/** @param {Study.Participant} participant @param {Study.Participant["phase"]} phase */
 function endGo(participant, phase) {
   if (phase === "tutorial") return `Go on to ${questionsTitle(participant.questions.length).toLowerCase()}`;
   return participant.stage === participant.phase && !participant.break_due ? "Next terrain" : "Go on";
 }
 
-/**
- * Return what the coach says during the practice drive.
- * @param {Frame} frame
- * @param {{east: string, south: string}} keys as printed on them
- * @param {string} target share of the cells that completes a terrain, in words
- */
+/** Return what the coach says during the practice drive.
+ * @param {Frame} frame @param {{east: string, south: string}} keys as printed on them
+ * @param {string} target share of the cells that completes a terrain, in words */
 export function coach(frame, keys, target) {
   const { step, coverage } = frame;
   if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keys.east} or ${keys.south} to drive one cell.`];
@@ -134,10 +100,8 @@ export function coach(frame, keys, target) {
   return ["Nearly there", `The terrain is done at ${target}. The last black cells are often behind rocks and in corners.`];
 }
 
-/**
- * Return the debrief in one sentence.
- * @param {import("./api.js").Debrief} debrief
- */
+/** Return the debrief in one sentence.
+ * @param {Study.Debrief} debrief */
 export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";
@@ -146,10 +110,8 @@ export function debriefLine({ policy }) {
   return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
 }
 
-/**
- * Return the rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
- * @param {Frame} frame
- */
+/** Return the rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
+ * @param {Frame} frame */
 export function mapInWords({ grid }) {
   return grid.map((line) => runs(line).map(([, length, mark]) => {
     const name = CELL_STATES[/** @type {keyof typeof CELL_STATES} */ (mark)];

@@ -6,8 +6,8 @@
 (() => {
   if (!new URLSearchParams(location.search).has("software-canvas")) return;
 
-  /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within these, ms; the
-   * least while a scene is being built, which is not shown yet. */
+  /** How often a picture under way is asked for, and how long the processor rests after it: as long as it took, within
+   * these, ms; the least while a scene is being built, which is not shown yet. */
   const POLL_MS = 8;
   const LEAST_REST_MS = 30;
   const MOST_REST_MS = 250;
@@ -64,10 +64,7 @@
     return context;
   });
 
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {WebGL2RenderingContext} gl
-   */
+  /** @param {HTMLCanvasElement} canvas @param {WebGL2RenderingContext} gl */
   function createOverlay(canvas, gl) {
     const shown = document.createElement("canvas");
     shown.style.cssText = "position:absolute;inset:0;width:100%;height:100%;transform:scaleY(-1);pointer-events:none;background:#0e0b0d"; // rows come from the bottom up
@@ -104,11 +101,9 @@
       target.putImageData(picture, 0, 0);
     }
     return {
-      /**
-       * Ask for what was drawn since the last time; return false when nothing was. Not while a picture is under way: a buffer that
-       * changes its size then costs the browser its whole context.
-       * @param {(took_ms: number) => void} onDone
-       */
+      /** Ask for what was drawn since the last time; return false when nothing was. Not while a picture is under way: a
+       * buffer that changes its size then costs the browser its whole context.
+       * @param {(took_ms: number) => void} onDone */
       fetch(onDone) {
         if (isHeld) show();
         if (!isDrawn || gl.isContextLost()) return false;

@@ -12,7 +12,6 @@ import { follow } from "../common/socket.js";
 import { describeBoard, percent, sizeText } from "../common/words.js";
 import { idInPath, liveHeadline, watchedBoard } from "./watched.js";
 
-/** @typedef {import("../common/game_state.js").Event} Event */
 const by = elementsOf(document);
 const ROOT = new URL("../", document.baseURI).href;
 const api = createApi((path, options) => fetch(path, options), "../");
@@ -30,7 +29,7 @@ const repaint = createRepaint(() => paint());
 /** @type {ReturnType<typeof follow> | null} */
 let follower = null;
 
-/** @param {Event} event */
+/** @param {GameEvent} event */
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
@@ -71,10 +70,8 @@ function showLive(player) {
   by("ended").hidden = true;
 }
 
-/**
- * Say how an episode ended, and offer its replay where there is one for whoever asks.
- * @param {string} episode
- */
+/** Say how an episode ended, and offer its replay where there is one for whoever asks.
+ * @param {string} episode */
 async function showEnd(episode) {
   put(by("badge"), "ended");
   put(by("watching-text"), "This episode has ended");

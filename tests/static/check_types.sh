@@ -1,5 +1,5 @@
 #!/bin/sh
-# Checks the types of the page's modules (their JSDoc comments) with TypeScript's compiler, by the settings in tsconfig.json.
+# Checks the types of the page's modules (their JSDoc comments and the types.d.ts beside them) with TypeScript's compiler, by the settings in tsconfig.json.
 # The compiler comes from Debian's packages, else from npm, where it is missing. Without any of them the check is skipped, and says so.
 set -eu
 cd "$(dirname "$0")/../.."

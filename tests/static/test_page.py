@@ -48,12 +48,20 @@ def page_of(module):
     )
 
 
+ANY = re.compile(r"\{any\}|[:|] any\b|<any>|\bany\[\]")
+
+
+@pytest.mark.parametrize("path", sorted(STATIC.rglob("*.d.ts")), ids=name_of)
+def test_declared_types_say_the_type(path):
+    assert not ANY.search(path.read_text())
+
+
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_module_is_checked_small_and_alone(path):
     text = path.read_text()
     assert text.startswith("// @ts-check\n")
     assert len(text.splitlines()) <= 200
-    assert not re.search(r"\{any\}|[:|] any\b|<any>|\bany\[\]", text), "say the type"
+    assert not ANY.search(text), "say the type"
     for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
         assert (path.parent / name).is_file(), (
             f"{path.name} imports {name}: the page runs from its own files"
@@ -229,26 +237,36 @@ def listed(name):
     )
 
 
+def fields(name):
+    """The fields of a message's type in static/common/types.d.ts."""
+    text = (STATIC / "common/types.d.ts").read_text()
+    return re.findall(
+        r"(\w+): ", re.search(rf"^type {name} = \{{(.*?)\}};", text, re.S | re.M).group(1)
+    )
+
+
 def test_the_page_and_the_server_name_the_same_messages():
-    assert listed("FRAME_FIELDS") == [
-        field.alias or name for name, field in messages.Frame.model_fields.items()
-    ]
-    assert listed("THOUGHT_FIELDS") == list(messages.Thought.model_fields)
-    assert listed("EXPECTED_FIELDS") == list(messages.Expected.model_fields)
-    assert listed("KEPT_FIELDS") == list(messages.Kept.model_fields)
+    for model in (messages.Frame, messages.Thought, messages.Expected, messages.Kept):
+        named = [field.alias or name for name, field in model.model_fields.items()]
+        assert fields(model.__name__) == named
     sent = (messages.Expected, messages.Thought, messages.Kept)
     assert listed("FROM_SERVER")[-3:] == [
         get_args(model.model_fields["kind"].annotation)[0] for model in sent
     ]
     assert listed("ACTIONS") == list(ACTIONS)
-    assert listed("OUTCOMES") == [name for name in OUTCOMES if name != "running"]
+    types = (STATIC / "common/types.d.ts").read_text()
+    outcomes = re.findall(
+        r'"(\w+)"', re.search(r"^type Outcome = (.*?);", types, re.S | re.M).group(1)
+    )
+    assert outcomes == [name for name in OUTCOMES if name != "running"]
     sent = [
         messages.Act.model_fields["kind"].default,
         *get_args(messages.HistoryRequest.model_fields["kind"].annotation),
     ]
     sent += get_args(messages.Events.model_fields["kind"].annotation)
     sent += get_args(messages.ExpectedRequest.model_fields["kind"].annotation)
-    assert listed("TO_SERVER") == sent
     act = (STATIC / "common/messages.js").read_text()
-    for name in messages.Act.model_fields:
-        assert re.search(rf"\b{name}\b", act), f"an act carries {name}"
+    assert sorted(re.findall(r'return \{ kind: "(\w+)"', act)) == sorted(sent)
+    carried = re.search(r'\{ (kind: "act", .*?), \.\.\.timing \}', act).group(1)
+    carried = {name.split(":")[0] for name in carried.split(", ")} | set(fields("Timing"))
+    assert carried == set(messages.Act.model_fields)

@@ -1,0 +1,32 @@
+// What the modules of this folder hand on to each other, and what the server answers them.
+
+declare namespace Leaderboard {
+  /** HasDots: points with whiskers for a band. */
+  type Line = {
+    name: string, colour: string, dash: string, x: number[], y: number[], low: (number | null)[],
+    high: (number | null)[], hasDots?: boolean,
+  };
+  type Axis = {low: number, high: number, ticks: number[], text: (value: number) => string, title: string};
+  /** Values low..high stand at the shares from..to of the width. */
+  type Piece = {low: number, high: number, from: number, to: number};
+  type Scale = {near: Piece, far: Piece | null, ticks: number[], farTicks: number[]};
+  type Curve = {steps: number[], mean: number[], low: number[], high: number[]};
+  type Trial = {trial: number, players: number, score: Interval, steps: Interval};
+  type Figure = {
+    episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null,
+    visits: number[][] | null,
+  };
+  type People = Figure & {players: number, trials: Trial[], set?: string, abandoned?: number};
+  type Policy = {
+    name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
+    error: string | null, human_likeness?: number | null, summary?: string,
+    shipped?: {version: string, command: string} | null,
+  };
+  type BoardListing = {
+    id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number,
+    terrains: number, players: number, episodes: number,
+  };
+  type Detail = {board: BoardListing, people: People | null, policies: Policy[]};
+  type Measure = "steps" | "score";
+  type Row = {who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null};
+}

@@ -1,0 +1,14 @@
+// What the modules of this folder hand on to each other, and what the server answers them.
+
+declare namespace Me {
+  type Episode = {
+    episode: string, kind: "daily" | "ranked" | "practice", day: string | null, level: string, rows: number,
+    cols: number, outcome: string, moves: number, coverage: number, score: number, ended_ms: number,
+    not_attested: string | null,
+  };
+  type Best = {
+    level: string, rows: number, cols: number, max_steps: number, episodes: number, explored: number,
+    best: Episode | null, people: {means: number[], you: number | null, ranked: number},
+  };
+  type History = {total: number, episodes: Episode[], bests: Best[]};
+}
