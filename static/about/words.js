@@ -2,8 +2,7 @@
 // What stands under each picture of a board. No document here, so that node can test it.
 import { many } from "../common/words.js";
 
-/** Return the sentence about a board.
- * @param {string} name start, way, done or crash @param {ShownBoard} board */
+/** @param {string} name start, way, done or crash @param {ShownBoard} board @returns the sentence about a board */
 export function boardLine(name, { actions, coverage }) {
   const percent = `${Math.floor(100 * coverage)}\u00a0%`;
   const moves = many(actions.length, "move");

@@ -18,8 +18,7 @@ export function boardAfter(board, message) {
   return { frame: message, trail: isNew ? [message.position] : message.step === board.trail.length ? [...board.trail, message.position] : board.trail };
 }
 
-/** Return who plays and what is played, in short.
- * @param {Admin.BoardInfo} info */
+/** @param {Admin.BoardInfo} info @returns who plays and what is played, in short */
 export function caption({ label, kind, phase, trial }) {
   const who = label ? `${label}${kind === "script" ? " (script)" : ""}` : kind === "script" ? "a script" : "a player";
   return [who, phase ? `${stageName(phase)}${phase === "tutorial" ? "" : ` ${(trial ?? 0) + 1}`}` : "playground"];

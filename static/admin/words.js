@@ -32,8 +32,7 @@ export function size(bytes) {
   return `${k === 0 || bytes >= 100 ? Math.round(bytes) : bytes.toFixed(1)} ${units[k]}`;
 }
 
-/** Return the line under a study's title.
- * @param {Admin.Study} study */
+/** @param {Admin.Study} study @returns the line under a study's title */
 export function summary(study) {
   const people = study.participants.filter(({ kind }) => kind === "human");
   const done = people.filter(({ stage }) => stage === "debrief" || stage === "complete").length;
@@ -74,20 +73,17 @@ export function attention({ participants, labels }, health) {
   return found.sort((a, b) => Number(b.isWarning) - Number(a.isWarning));
 }
 
-/** Return how many invitations are in each state, those in none left out.
- * @param {Admin.Invitation[]} invitations */
+/** @param {Admin.Invitation[]} invitations @returns how many invitations are in each state, those in none left out */
 export function invitationCounts(invitations) {
   const states = /** @type {const} */ (["issued", "opened", "used", "revoked"]);
   const counts = states.map((state) => /** @type {const} */ ([state, invitations.filter((each) => each.state === state).length]));
   return counts.filter(([, count]) => count).map(([state, count]) => `${count} ${state === "issued" ? "not opened yet" : state === "opened" ? "opened, not agreed to yet" : state}`).join(", ");
 }
 
-/** Return the endings, the commonest first.
- * @param {Record<string, number>} outcomes */
+/** @param {Record<string, number>} outcomes @returns the endings, the commonest first */
 export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : outcomeShort(outcome)}`).join(", ");
 
-/** Return the flags of one participant.
- * @param {Admin.Participant} person @param {Admin.Study["labels"]} labels */
+/** @param {Admin.Participant} person @param {Admin.Study["labels"]} labels @returns the flags of one participant */
 export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");

@@ -10,8 +10,7 @@ export class ApiError extends Error {
   }
 }
 
-/** Return one readable sentence from FastAPI's `detail`.
- * @param {unknown} detail @param {number} status */
+/** @param {unknown} detail @param {number} status @returns one readable sentence from FastAPI's `detail` */
 export function readDetail(detail, status) {
   if (typeof detail === "string" && detail) return detail;
   if (Array.isArray(detail)) return detail.map((item) => `${(item.loc ?? []).slice(1).join(" ")} ${item.msg}`.trim()).join("; ");
@@ -39,8 +38,7 @@ export function createRequest(fetcher, root) {
   };
 }
 
-/** Return the playground's API.
- * @param {typeof fetch} fetcher @param {string} [root] */
+/** @param {typeof fetch} fetcher @param {string} [root] @returns the playground's API */
 export function createApi(fetcher, root = "") {
   const request = createRequest(fetcher, root);
   /** @param {string} id */

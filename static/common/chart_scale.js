@@ -24,14 +24,12 @@ export function axisEnd(steps) {
   return roundUp(wanted, wanted);
 }
 
-/** Return the distance between the labels of the step axis: at most eight of them.
- * @param {number} end */
+/** @param {number} end @returns the distance between the labels of the step axis: at most eight of them */
 export function tickStep(end) {
   return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
 }
 
-/** Return at most six round numbers that span low..high.
- * @param {number} low @param {number} high */
+/** @param {number} low @param {number} high @returns at most six round numbers that span low..high */
 export function ticks(low, high) {
   const rough = (high - low) / 5 || 1;
   const power = 10 ** Math.floor(Math.log10(rough));
@@ -41,8 +39,7 @@ export function ticks(low, high) {
   return found;
 }
 
-/** Return a round number as it stands at an axis.
- * @param {number} tick */
+/** @param {number} tick @returns a round number as it stands at an axis */
 export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
 
 /** Return the indices to draw: all of a short curve, an even choice of a long one, always the last.

@@ -8,14 +8,12 @@ const GOAL = 0.99;
 /** Points of a curve that are drawn at most. */
 const MAX_POINTS = 600;
 
-/** Return the curve of a board.
- * @param {Board} board @param {{colour: string, isDashed: boolean}} look @returns {Curve} */
+/** @param {Board} board @param {{colour: string, isDashed: boolean}} look @returns {Curve} the curve of a board */
 export function curveOf({ name, discovered, frame }, { colour, isDashed }) {
   return { name, colour, isDashed, discovered, cells: frame.cells };
 }
 
-/** Return the right end of the step axis of some curves, in moves.
- * @param {Curve[]} curves */
+/** @param {Curve[]} curves @returns the right end of the step axis of some curves, in moves */
 export const stepsEnd = (curves) => axisEnd(Math.max(0, ...curves.map((curve) => curve.discovered.length - 1)));
 
 /** Paint the curves; return the chart's scale and its context for whatever is drawn over them, null where there is no

@@ -9,8 +9,7 @@ const NEXT = [["\u2191", -1, 0], ["\u2192", 0, 1], ["\u2193", 1, 0], ["\u2190", 
  * @param {Board | null} board @returns {Expected | null} */
 export const expectedOf = (board) => (board?.expected && !board.frame.outcome ? board.expected : null);
 
-/** Return the most cells that a look should show from anywhere; at least 1.
- * @param {Expected} expected */
+/** @param {Expected} expected @returns the most cells that a look should show from anywhere; at least 1 */
 export const mostExpected = ({ cells }) => cells.reduce((most, [, , count]) => Math.max(most, count), 1);
 
 /** Return what a look after each possible next move should show, in words: an arrow and a number for each.

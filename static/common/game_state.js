@@ -7,8 +7,7 @@ export function initialState() {
     nextNotice: 1 };
 }
 
-/** Return the mode that a session stands for.
- * @param {About} about @returns {Mode} */
+/** @param {About} about @returns {Mode} the mode that a session stands for */
 export function modeOf(about) {
   if (about.player !== "human") return "watch";
   return about.rival ? "practice" : "ranked";
@@ -68,8 +67,7 @@ function noticed(state, text, tone) {
   return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
 }
 
-/** Return the state after `event`.
- * @param {GameState} state @param {GameEvent} event @returns {GameState} */
+/** @param {GameState} state @param {GameEvent} event @returns {GameState} the state after `event` */
 export function apply(state, event) {
   switch (event.kind) {
     case "begun": {

@@ -18,8 +18,7 @@ export function ownsKeys(element) {
   return Boolean(element.closest?.("[role=slider],[role=tab],dialog[open]"));
 }
 
-/** Return the element at which an event started, also inside a shadow tree.
- * @param {globalThis.Event} event */
+/** @param {globalThis.Event} event @returns the element at which an event started, also inside a shadow tree */
 export function keyOrigin(event) {
   return /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
 }

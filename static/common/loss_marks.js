@@ -6,8 +6,7 @@ const OUTWARD = { north: [0, -1], east: [1, 0], south: [0, 1], west: [-1, 0] };
 /** Where a number goes when another one stands there already, in its own diameters. */
 const ASIDE = [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [1, -1], [-1, -1]];
 
-/** Return the radius of a number.
- * @param {number} size cell, device pixels @param {number} dpr */
+/** @param {number} size cell, device pixels @param {number} dpr @returns the radius of a number */
 export const markRadius = (size, dpr) => Math.max(8.5 * dpr, Math.min(0.6 * size, 13 * dpr));
 
 /** Return where the numbers stand: at their cells, aside where one stands there already.

@@ -46,14 +46,12 @@ function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind 
   return kind === "last cells" ? `going ${better} was the shorter way to the last cells` : `going ${better} was the shorter way`;
 }
 
-/** Return the sentence about a move.
- * @param {CostlyMove} loss */
+/** @param {CostlyMove} loss @returns the sentence about a move */
 export function sentenceOf(loss) {
   return `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
 }
 
-/** Return the sentence above the list of moves.
- * @param {Analysis} analysis */
+/** @param {Analysis} analysis @returns the sentence above the list of moves */
 export function summaryOf({ policy, losses, given_up }) {
   const judged = `Judged by how ${policy} would have finished from each move, with the whole terrain known.`;
   if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there. ${judged}`;

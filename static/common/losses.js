@@ -3,15 +3,13 @@
 import { create } from "./page.js";
 import { many } from "./words.js";
 
-/** Return the sentence of one loss.
- * @param {Loss} loss */
+/** @param {Loss} loss @returns the sentence of one loss */
 export function lossLine({ step, regret, action, best_action, kind }) {
   const why = { "hidden pocket": ", leaving a pocket behind", "last cells": ", on the last cells" }[kind] ?? "";
   return `Move ${step + 1}: you lost ${many(regret, "move")} going ${action} instead of ${best_action}${why}.`;
 }
 
-/** Return the sentence above the list.
- * @param {Regret} regret */
+/** @param {Regret} regret @returns the sentence above the list */
 export function regretLine({ policy, losses, given_up }) {
   if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there.`;
   if (!losses.length) return "No single move cost you much.";

@@ -33,20 +33,17 @@ export function courseOf(name, frames) {
   };
 }
 
-/** Return the number of moves of a course.
- * @param {Course} course */
+/** @param {Course} course @returns the number of moves of a course */
 export const movesOf = ({ actions }) => actions.length;
 
 /** Return the moves that a course has made when a replay stands at `step`: one that has ended stays at its end.
  * @param {Course} course @param {number} step */
 export const clamped = (course, step) => Math.max(0, Math.min(step, movesOf(course)));
 
-/** Return the share of the cells that is known, 0..1.
- * @param {Course} course @param {number} step */
+/** @param {Course} course @param {number} step @returns the share of the cells that is known, 0..1 */
 export const coverageAt = (course, step) => course.discovered[clamped(course, step)] / course.cells;
 
-/** Return whether a course has ended when a replay stands at `step`.
- * @param {Course} course @param {number} step */
+/** @param {Course} course @param {number} step @returns whether a course has ended when a replay stands at `step` */
 export const hasEnded = (course, step) => step >= movesOf(course);
 
 /** Return the board as it stood after `step` moves, for the painter of boards.
@@ -88,14 +85,12 @@ export function begun(last, speed) {
   return { at: 0, last, isPlaying: false, speed: speed ?? fitting, hovered: null };
 }
 
-/** Return the number of moves after which the boards are shown.
- * @param {Playback} playback */
+/** @param {Playback} playback @returns the number of moves after which the boards are shown */
 export function stepOf({ at, hovered, isPlaying }) {
   return hovered !== null && !isPlaying ? hovered : Math.floor(at + 1e-9);
 }
 
-/** Return the replay at another move, not playing.
- * @param {Playback} playback @param {number} step @returns {Playback} */
+/** @param {Playback} playback @param {number} step @returns {Playback} the replay at another move, not playing */
 export function movedTo(playback, step) {
   return { ...playback, at: Math.max(0, Math.min(Math.round(step), playback.last)), isPlaying: false, hovered: null };
 }
@@ -111,16 +106,14 @@ export function toggled(playback) {
   return { ...playback, isPlaying: true, hovered: null, at: playback.at >= playback.last ? 0 : playback.at };
 }
 
-/** Return the replay some time later.
- * @param {Playback} playback @param {number} seconds @returns {Playback} */
+/** @param {Playback} playback @param {number} seconds @returns {Playback} the replay some time later */
 export function later(playback, seconds) {
   if (!playback.isPlaying) return playback;
   const at = Math.min(playback.last, playback.at + seconds * playback.speed);
   return { ...playback, at, isPlaying: at < playback.last };
 }
 
-/** Return the replay at the next speed up or down.
- * @param {Playback} playback @param {1 | -1} direction @returns {Playback} */
+/** @param {Playback} playback @param {1 | -1} direction @returns {Playback} the replay at the next speed up or down */
 function faster(playback, direction) {
   const index = SPEEDS.indexOf(playback.speed) + direction;
   return { ...playback, speed: SPEEDS[Math.max(0, Math.min(index, SPEEDS.length - 1))] };

@@ -5,8 +5,7 @@ import { askHistory, parse } from "./messages.js";
 /** How long a socket has to answer before it is taken for lost, ms. */
 const ANSWER_MS = 1500;
 
-/** Return the wait before attempt k, in ms: 250, 500, ... at most 5,000.
- * @param {number} attempt counted from 0 */
+/** @param {number} attempt counted from 0 @returns the wait before attempt k, in ms: 250, 500, ... at most 5,000 */
 export function backoff_ms(attempt) {
   return Math.min(5000, 250 * 2 ** attempt);
 }

@@ -31,8 +31,7 @@ export function thoughtOf(board) {
   return thought && !board.frame.outcome && thought.step === board.frame.step ? thought : null;
 }
 
-/** Return where the policies of boards head for, in words; "" while none of them says.
- * @param {Board[]} boards */
+/** @param {Board[]} boards @returns where the policies of boards head for, in words; "" while none of them says */
 export function goalText(boards) {
   const goals = boards.flatMap((board) => {
     const goal = thoughtOf(board)?.goal;

@@ -33,8 +33,7 @@ export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? 
  * @param {{score: {mean: number}, steps: {mean: number}}} figure */
 export const figure = ({ score: scores, steps }) => `${steps.mean.toFixed(1)} steps \u00b7 score ${score(scores.mean)}`;
 
-/** Return the moves until 99 % was known, or null when it never was.
- * @param {Frame} frame */
+/** @param {Frame} frame @returns the moves until 99 % was known, or null when it never was */
 export function stepsToGoal(frame) {
   return frame.outcome === "explored" ? frame.step : null;
 }

@@ -6,16 +6,14 @@ import { wholePercent } from "../play/words.js";
 /** The policy that the shared text names. */
 const NAMED = "ppo";
 
-/** Return how long it is until a time, as hours, minutes and seconds.
- * @param {number} left_ms */
+/** @param {number} left_ms @returns how long it is until a time, as hours, minutes and seconds */
 export function countdown(left_ms) {
   const seconds = Math.max(0, Math.ceil(left_ms / 1000));
   const two = (/** @type {number} */ value) => String(value).padStart(2, "0");
   return `${Math.floor(seconds / 3600)}:${two(Math.floor(seconds / 60) % 60)}:${two(seconds % 60)}`;
 }
 
-/** Return a day in words: "22 November 2026".
- * @param {string} day "2026-11-22" */
+/** @param {string} day "2026-11-22" @returns a day in words: "22 November 2026" */
 export function dayText(day) {
   return new Date(`${day}T00:00:00Z`).toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric", timeZone: "UTC" });
 }
@@ -54,16 +52,14 @@ export function rankText(attempt, people, policies) {
   return `${among}, and ${than}.`;
 }
 
-/** Return how many people stand behind a distribution.
- * @param {Daily.People} people */
+/** @param {Daily.People} people @returns how many people stand behind a distribution */
 export function peopleText({ players, unfinished }) {
   if (!players) return "Nobody has a rank yet.";
   const rest = unfinished ? `; ${unfinished} of them did not reach 99 %` : "";
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 
-/** Return what a policy did.
- * @param {Daily.PolicyResult} policy */
+/** @param {Daily.PolicyResult} policy @returns what a policy did */
 export function policyText({ state, moves, coverage }) {
   if (state !== "ready") return state === "failed" ? "not available" : "still exploring";
   return moves === null ? `stopped at ${wholePercent(coverage ?? 0)}` : many(moves, "move");

@@ -53,8 +53,7 @@ function painted(name, visits, top) {
   return canvas;
 }
 
-/** Return how visits divide over the quarters of the grid.
- * @param {number[][]} visits */
+/** @param {number[][]} visits @returns how visits divide over the quarters of the grid */
 export function inWords(visits) {
   const [rows, cols] = [visits.length, visits[0].length];
   const sums = { "north-west": 0, "north-east": 0, "south-west": 0, "south-east": 0 };

@@ -58,8 +58,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
   }
 }
 
-/** Return the row of people where nobody has played: it invites.
- * @param {Leaderboard.BoardListing} board */
+/** @param {Leaderboard.BoardListing} board @returns the row of people where nobody has played: it invites */
 export function invitation({ study }) {
   const head = create("th", [create("i", [], { class: "swatch" }), study ? "People" : "Volunteers"], { scope: "row" });
   const line = study
@@ -70,14 +69,12 @@ export function invitation({ study }) {
   return row;
 }
 
-/** Return a share of people's moves as text, a dash where it is not known.
- * @param {number | null | undefined} share */
+/** @param {number | null | undefined} share @returns a share of people's moves as text, a dash where it is not known */
 function likenessText(share) {
   return typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
 }
 
-/** Return the row of a policy without a figure: how far it is.
- * @param {Leaderboard.Row} row @param {number} columns */
+/** @param {Leaderboard.Row} row @param {number} columns @returns the row of a policy without a figure: how far it is */
 function missing({ policy }, columns) {
   const cell = document.createElement("td");
   cell.colSpan = columns;

@@ -52,8 +52,7 @@ export function movesTo({ steps, mean }, share) {
   return at < 0 ? null : steps[at];
 }
 
-/** Return the sentence under the heading.
- * @param {Leaderboard.Detail} detail */
+/** @param {Leaderboard.Detail} detail @returns the sentence under the heading */
 export function headline({ board, people, policies }) {
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
@@ -70,8 +69,7 @@ export function headline({ board, people, policies }) {
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${from}.${policy}`;
 }
 
-/** Return who people are here, and what policies play.
- * @param {Leaderboard.Detail} detail @returns {[string, string]} */
+/** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */
 export function reading({ board, people }) {
   if (!board.study) {
     return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. Each player weighs once, however much they played, so the interval is over players.",
@@ -97,8 +95,7 @@ export function ranksNote({ board, people, policies }, isBroken) {
   return parts.join(" ");
 }
 
-/** Return where a figure comes from.
- * @param {Leaderboard.Row} row */
+/** @param {Leaderboard.Row} row @returns where a figure comes from */
 export function source({ who, figure }) {
   if (!figure) return "";
   return who === "people" ? `${many(/** @type {Leaderboard.People} */ (figure).players, "player")}, ${many(figure.episodes, "episode")}` : many(figure.episodes, "terrain");
@@ -116,8 +113,7 @@ export function working(policies) {
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 
-/** Return a coverage curve in words.
- * @param {string} name @param {Leaderboard.Curve} curve */
+/** @param {string} name @param {Leaderboard.Curve} curve @returns a coverage curve in words */
 export function curveText(name, curve) {
   const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
   const last = curve.mean[curve.mean.length - 1];

@@ -7,8 +7,7 @@ import { shown } from "./standing.js";
 
 const people = (/** @type {number} */ count) => (count === 1 ? "1 player" : `${count} players`);
 
-/** Return what the points rest on.
- * @param {Leaderboard.Trial[]} trials */
+/** @param {Leaderboard.Trial[]} trials @returns what the points rest on */
 export function footing(trials) {
   const [first, last] = [trials[0], trials[trials.length - 1]];
   const few = last.players < first.players ? ": the later points rest on fewer people" : "";

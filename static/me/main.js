@@ -14,8 +14,7 @@ let shown = 0;
 /** @param {number} at_ms */
 const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 
-/** Return the panel of one configuration.
- * @param {Me.Best} figure */
+/** @param {Me.Best} figure @returns the panel of one configuration */
 function bestPanel(figure) {
   const { best, people } = figure;
   const number = best ? [create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
@@ -33,8 +32,7 @@ function bestPanel(figure) {
   ], { class: "panel" });
 }
 
-/** Return the row of one episode.
- * @param {Me.Episode} episode */
+/** @param {Me.Episode} episode @returns the row of one episode */
 function episodeRow(episode) {
   const { kind, day, outcome, moves, coverage, not_attested: reason } = episode;
   const when = create("a", timeText(episode.ended_ms), { href: `replay/${encodeURIComponent(episode.episode)}` });

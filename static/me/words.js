@@ -12,16 +12,14 @@ export const resultWord = (outcome) => RESULTS[outcome] ?? outcome;
 /** @param {{level: string, rows: number, cols: number}} terrain */
 export const terrainText = ({ level, rows, cols }) => `${level} ${rows} \u00d7 ${cols}`;
 
-/** Return the sentence below the heading.
- * @param {Me.History} history */
+/** @param {Me.History} history @returns the sentence below the heading */
 export function summary({ total, bests }) {
   if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
   const explored = bests.reduce((sum, { explored: count }) => sum + count, 0);
   return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to 99 %.`;
 }
 
-/** Return where a player's ranked episodes stand among the volunteers'.
- * @param {Me.Best} best */
+/** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */
 export function standingText({ people: { means, you, ranked } }) {
   if (you === null) {
     return means.length ? `${many(means.length, "person", "people")} played this ranked. Play it ranked, and your dot stands among theirs.`

@@ -7,8 +7,7 @@ const FIRST_MOVES = 8;
 /** @type {Record<string, [number, number]>} */
 const AHEAD = { north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] };
 
-/** Return what lies in front of the rover: the grid's character, or "edge".
- * @param {Frame} frame */
+/** @param {Frame} frame @returns what lies in front of the rover: the grid's character, or "edge" */
 export function ahead({ grid, position: [row, col], heading }) {
   const [down, right] = AHEAD[heading] ?? [0, 0];
   return grid[row + down]?.[col + right] ?? "edge";

@@ -8,8 +8,7 @@ export const DELAY_MS = 250;
 export const PACES = Object.freeze([0, 4, 8, 12]);
 export const DEFAULT_PACE = 8;
 
-/** Return the moves a second that a stored setting stands for.
- * @param {string | null} stored */
+/** @param {string | null} stored @returns the moves a second that a stored setting stands for */
 export function paceOf(stored) {
   const pace = Number(stored ?? DEFAULT_PACE);
   return PACES.includes(pace) ? pace : DEFAULT_PACE;

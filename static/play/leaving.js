@@ -3,8 +3,7 @@
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
 
-/** Return whether leaving the board would abandon an episode that counts.
- * @param {GameState} state */
+/** @param {GameState} state @returns whether leaving the board would abandon an episode that counts */
 export function isUnfinished({ mode, counts, player }) {
   return mode === "ranked" && counts && player !== null && player.frame.step > 0 && player.frame.outcome === null;
 }

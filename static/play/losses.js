@@ -8,12 +8,10 @@ import { markChosen, paintFailure, paintLossList, paintWorking } from "./loss_li
 
 const ASK = "Where did I lose moves?";
 
-/** Return whether all cells count, as the analysis of moves takes it.
- * @param {Frame | undefined} frame */
+/** @param {Frame | undefined} frame @returns whether all cells count, as the analysis of moves takes it */
 const isWhole = (frame) => frame !== undefined && frame.cells === frame.rows * frame.cols;
 
-/** Return a board as it was known before a costly move.
- * @param {Board} board @param {CostlyMove} loss @returns {Board} */
+/** @param {Board} board @param {CostlyMove} loss @returns {Board} a board as it was known before a costly move */
 export function boardBefore(board, { step, grid, position, discovered, previous }) {
   const { frame, trail } = board;
   const coverage = discovered / frame.cells;

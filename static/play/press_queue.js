@@ -47,8 +47,7 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
     stop = null;
     board = { episode, since_ms: board.episode === null ? -Infinity : since_ms };
   }
-  /** Return how many of the moves that were sent a frame leaves without an answer.
-   * @param {Frame} on */
+  /** @param {Frame} on @returns how many of the moves that were sent a frame leaves without an answer */
   const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
   /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are
    * there.

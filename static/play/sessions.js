@@ -5,16 +5,14 @@ import { ApiError } from "../common/api.js";
 /** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed">} wish */
 const terrainOf = ({ level, map, size, seed }) => (map ? { map } : seed === null ? { level, size } : { level, size, seed });
 
-/** Return the body of POST api/sessions.
- * @param {Mode} mode @param {Play.Wish} wish */
+/** @param {Mode} mode @param {Play.Wish} wish @returns the body of POST api/sessions */
 export function sessionWish(mode, { rival, player, ...terrainWish }) {
   const terrain = terrainOf(terrainWish);
   if (mode === "ranked") return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
 
-/** Return the session that an address of an earlier version names, if any.
- * @param {string} hash */
+/** @param {string} hash @returns the session that an address of an earlier version names, if any */
 export function sessionInHash(hash) {
   return /^#s=([\w-]{4,128})$/.exec(hash)?.[1] ?? null;
 }
@@ -66,8 +64,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     onBegun(about);
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
-  /** Return the answer; null where it is that there is no such thing here.
-   * @template T @param {Promise<T>} asked */
+  /** @template T @param {Promise<T>} asked @returns the answer; null where it is that there is no such thing here */
   const orNull = (asked) => asked.catch((error) => {
     if (error instanceof ApiError && error.status === 404) return null;
     throw error;

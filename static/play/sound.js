@@ -18,8 +18,7 @@ export function soundOf(before, after) {
   return cells > 0 ? { kind: "discovery", cells } : null;
 }
 
-/** Return the tones of a sound; the more cells, the higher.
- * @param {Play.Sound} sound @returns {Play.Tone[]} */
+/** @param {Play.Sound} sound @returns {Play.Tone[]} the tones of a sound; the more cells, the higher */
 export function tonesOf(sound) {
   const tone = (/** @type {number} */ semitones, /** @type {number} */ at_s, /** @type {Partial<Play.Tone>} */ other = {}) =>
     ({ hertz: LOWEST_HZ * 2 ** (semitones / 12), at_s, for_s: 0.11, wave: /** @type {const} */ ("sine"), loud: 0.1, ...other });

@@ -21,8 +21,7 @@ export function readWish({ level, side, rows, cols, seed, rival, player }) {
   return { level, map: null, size, seed: digits ? Number(digits) : null, rival, player };
 }
 
-/** Return the policy that a newcomer plays with.
- * @param {string[]} names */
+/** @param {string[]} names @returns the policy that a newcomer plays with */
 export function favourite(names) {
   return names.find((name) => name.includes("ppo")) ?? names.find((name) => name === "frontier-utility") ?? names.at(-1) ?? "";
 }
@@ -32,8 +31,7 @@ function fill(select, choices, chosen) {
   select.replaceChildren(...choices.map(({ name }) => new Option(name, name, false, name === chosen)));
 }
 
-/** Return maps as a group of options below the levels.
- * @param {GivenMap[]} maps */
+/** @param {GivenMap[]} maps @returns maps as a group of options below the levels */
 function mapGroup(maps) {
   const group = document.createElement("optgroup");
   group.label = "Maps";
@@ -80,11 +78,9 @@ export function createTerrainDialog(dialog, handlers) {
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return {
     open: () => dialog.showModal(),
-    /** Return whether a level pays for finishing an episode.
-     * @param {string} level */
+    /** @param {string} level @returns whether a level pays for finishing an episode */
     paysBonus: (level) => levels.find(({ name }) => name === level)?.pays_bonus ?? true,
-    /** Return the wish as it stands; a form with an error counts as an untouched one.
-     * @returns {Play.Wish} */
+    /** @returns {Play.Wish} the wish as it stands; a form with an error counts as an untouched one */
     wish() {
       const wish = read();
       return typeof wish === "string" ? { level: "random", map: null, size: 21, seed: null, rival: select("rival").value, player: select("player").value } : wish;

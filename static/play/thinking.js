@@ -17,8 +17,7 @@ export function policyBoards(state) {
   });
 }
 
-/** Return what a policy expects now, in words.
- * @param {string} name @param {(number | null)[]} values */
+/** @param {string} name @param {(number | null)[]} values @returns what a policy expects now, in words */
 function newestText(name, values) {
   const newest = values.filter((value) => typeof value === "number").pop();
   return newest === undefined || newest === null ? `${name} has not said yet what it expects` : `${name} expects ${newest.toFixed(1)}`;
@@ -60,8 +59,7 @@ export function createThinking({ page, storage, send, onChange }) {
   }
   return {
     isShown,
-    /** Return what tints a board, and the most cells of any tint now.
-     * @param {GameState} state @param {Role} role */
+    /** @param {GameState} state @param {Role} role @returns what tints a board, and the most cells of any tint now */
     tintOf(state, role) {
       if (!isShown()) return null;
       const boards = policyBoards(state);

@@ -2,8 +2,7 @@
 // The playground's own sentences; no document here, so that node can test every one.
 import { many, percent, score } from "../common/words.js";
 
-/** Return what asks for the first move.
- * @param {boolean} isTouch */
+/** @param {boolean} isTouch @returns what asks for the first move */
 export const promptText = (isTouch) => (isTouch ? "Swipe or tap an arrow" : "Press an arrow key");
 
 /** Return a coverage in whole percent, rounded down, so that 99 never stands before the goal is reached.
@@ -19,20 +18,17 @@ const ENDINGS = {
   abandoned: { short: "abandoned", title: "Abandoned at {coverage} after {moves}", line: "The episode was left before its end." },
 };
 
-/** Return the state of a board in a word or two; "" while it explores.
- * @param {string | null} outcome */
+/** @param {string | null} outcome @returns the state of a board in a word or two; "" while it explores */
 export const outcomeWord = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? outcome : "");
 
 /** Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
  * @param {Pick<Frame, "rows" | "cols" | "cells">} frame */
 export const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
 
-/** Return the task in one sentence.
- * @param {Frame | null} frame */
+/** @param {Frame | null} frame @returns the task in one sentence */
 export const goal = (frame) => `Map 99 % of ${frame ? ground(frame) : "the ground"} in as few moves as you can`;
 
-/** Return how an episode ended, as a heading and as a sentence.
- * @param {Frame} frame */
+/** @param {Frame} frame @returns how an episode ended, as a heading and as a sentence */
 export function ending(frame) {
   const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
   return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
@@ -49,8 +45,7 @@ export function scoreWhy({ outcome, score: value }, paysBonus) {
   return `${earned}, less a little for each move${outcome === "timed_out" || outcome === "abandoned" ? "" : " and a fine for the accident"}. Finishing would have added a bonus. ${scale}`;
 }
 
-/** Return what stands below the goal while one board fills the page.
- * @param {GameState} state @param {string} rival */
+/** @param {GameState} state @param {string} rival @returns what stands below the goal while one board fills the page */
 export function standing({ mode, counts, player }, rival) {
   if (mode === "ranked" && player) {
     const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."

@@ -10,8 +10,7 @@ const CRASH = "#ff5c45";
 const SMALL = 8;
 const TOWARD = { north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] };
 
-/** Return the cells that became known with the last move.
- * @param {Course} course @param {number} step @returns {Cell[]} */
+/** @param {Course} course @param {number} step @returns {Cell[]} the cells that became known with the last move */
 export function newCells(course, step) {
   if (step < 1 || step > movesOf(course)) return [];
   return course.known_since.flatMap((line, row) =>

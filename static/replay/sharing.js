@@ -1,8 +1,7 @@
 // @ts-check
 // Addresses of a replay: what a link holds besides the episode, and where its files are. No document here, so that node can test it.
 
-/** Return the move in an address, null without one.
- * @param {string} hash */
+/** @param {string} hash @returns the move in an address, null without one */
 export function moveInHash(hash) {
   const found = /^#move=(\d{1,6})$/.exec(hash);
   return found ? Number(found[1]) : null;

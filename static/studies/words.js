@@ -5,6 +5,5 @@
  * @param {StudyListing[]} listed */
 export const joinable = (listed) => listed.filter(({ status, recruitment }) => status === "open" && recruitment === "open");
 
-/** Return how long a study is.
- * @param {StudyListing} study */
+/** @param {StudyListing} study @returns how long a study is */
 export const lengthLine = ({ warm_up, ranked }) => `${warm_up} rounds to warm up, then ${ranked} that count`;

@@ -1,8 +1,7 @@
 // @ts-check
 // The study's API, and the types of its answers.
 
-/** Return the study's name in the page's address.
- * @param {string} pathname */
+/** @param {string} pathname @returns the study's name in the page's address */
 export function studyName(pathname) {
   return decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 }
@@ -15,8 +14,7 @@ export function outsideIds(search) {
   return Object.fromEntries(found.slice(0, 20));
 }
 
-/** Return the invitation's token in the page's address; null without one.
- * @param {string} search */
+/** @param {string} search @returns the invitation's token in the page's address; null without one */
 export const invitationIn = (search) => new URLSearchParams(search).get("invitation") || null;
 
 /** Return the page's address without the invitation's token: whoever copies it afterwards hands on nothing.

@@ -64,8 +64,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       choice.replaceChildren(...named(terrains, ranked ? "warm-up " : "", 0), ...named(ranked, "ranked ", terrains));
     }
   }
-  /** Return a table with a row for each trial, its score as a bar.
-   * @param {Study.Debrief["episodes"]} episodes */
+  /** @param {Study.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
   function trialTable(episodes) {
     const table = page.createElement("table");
     table.className = "bars";

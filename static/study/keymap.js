@@ -10,12 +10,10 @@ const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", Ar
   Semicolon: ";", Quote: "'", BracketLeft: "[", BracketRight: "]", Backslash: "\\", Minus: "-", Equal: "=", Backquote: "`" };
 const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
 
-/** Return whether a key may drive: Tab, Enter, Escape, space and the like stay with the page.
- * @param {string} code */
+/** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
 export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 
-/** Return where a key drives, or undefined.
- * @param {Study.KeyMap} keys @param {string} code @returns {Action | undefined} */
+/** @param {Study.KeyMap} keys @param {string} code @returns {Action | undefined} where a key drives, or undefined */
 export const actionOf = (keys, code) => ACTIONS.find((action) => keys[action].includes(code));
 
 /** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places
@@ -41,14 +39,12 @@ export function readKeys(kept) {
   return /** @type {Study.KeyMap} */ (Object.fromEntries(ACTIONS.map((action, index) => [action, lists[index]])));
 }
 
-/** Return what stands on a key.
- * @param {string} code @param {Study.Layout} [layout] of navigator.keyboard */
+/** @param {string} code @param {Study.Layout} [layout] of navigator.keyboard @returns what stands on a key */
 export function keyName(code, layout) {
   const own = /** @type {Record<string, string>} */ (NAMES)[code];
   const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
 
-/** Return the same for a screen reader.
- * @param {string} code @param {Study.Layout} [layout] */
+/** @param {string} code @param {Study.Layout} [layout] @returns the same for a screen reader */
 export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);

@@ -7,8 +7,7 @@ export function createIdleTimer(now_ms) {
   let touchedAt_ms = now_ms();
   return {
     touch() { touchedAt_ms = now_ms(); },
-    /** Return whether a board that waits for a key should pause.
-     * @param {number} limit_s 0 never pauses */
+    /** @param {number} limit_s 0 never pauses @returns whether a board that waits for a key should pause */
     isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
   };
 }
@@ -33,8 +32,7 @@ export function createPause({ idle, episode, note, flush, announce, dispatch, st
       dispatch({ kind: "paused", isPaused });
       flush();
     },
-    /** Return whether an episode was paused before a reload.
-     * @param {string} id */
+    /** @param {string} id @returns whether an episode was paused before a reload */
     wasPaused: (id) => storage.getItem(key) === id,
   };
 }

@@ -13,15 +13,13 @@ function arrived(state, participant) {
   return settled({ ...state, participant, game, problem: participant.stage === "withdrawn" ? null : participant.note ?? null });
 }
 
-/** Return the state without a pause that its episode has outlived.
- * @param {Study.State} state @returns {Study.State} */
+/** @param {Study.State} state @returns {Study.State} the state without a pause that its episode has outlived */
 function settled(state) {
   const frame = state.game.player?.frame;
   return state.isPaused && (!frame || frame.outcome) ? { ...state, isPaused: false } : state;
 }
 
-/** Return the state after `event`.
- * @param {Study.State} state @param {Study.Event} event @returns {Study.State} */
+/** @param {Study.State} state @param {Study.Event} event @returns {Study.State} the state after `event` */
 export function apply(state, event) {
   switch (event.kind) {
     case "participant": return arrived(state, event.participant);
@@ -58,14 +56,12 @@ export function screenOf({ participant, game, passed, problem, looksBack }) {
   return stage === "complete" && looksBack ? "debrief" : stage;
 }
 
-/** Return whether the board waits for a move.
- * @param {Study.State} state */
+/** @param {Study.State} state @returns whether the board waits for a move */
 export function isDriving(state) {
   return screenOf(state) === "play" && state.game.player?.frame.outcome === null;
 }
 
-/** Return whether the server's answer knows the end of the episode on the board.
- * @param {Study.State} state */
+/** @param {Study.State} state @returns whether the server's answer knows the end of the episode on the board */
 export function knowsTheEnd({ participant, game }) {
   const frame = game.player?.frame;
   return Boolean(frame?.outcome && participant?.about?.frame.episode === frame.episode && participant.about.frame.outcome);

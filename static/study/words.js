@@ -29,8 +29,7 @@ export function share({ stage, warm_up, ranked }) {
   return (before + warm_up.done + ranked.done) / (terrains + 6);
 }
 
-/** Return what the server said as a sentence of its own.
- * @param {string} text */
+/** @param {string} text @returns what the server said as a sentence of its own */
 export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 
 /** Return until when a session is supervised, in local time; nothing when it is not.
@@ -38,8 +37,7 @@ export const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(
 export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms < until_ms
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
-/** Return the screen before the first episode of a phase.
- * @param {Study.Participant} participant */
+/** @param {Study.Participant} participant @returns the screen before the first episode of a phase */
 export function readyText({ stage, warm_up, ranked }) {
   if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
   if (stage === "warm_up") {
@@ -56,8 +54,7 @@ export function readyText({ stage, warm_up, ranked }) {
     : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? "Start the first terrain" : "Go on" };
 }
 
-/** Return the break screen.
- * @param {Study.Participant} participant */
+/** @param {Study.Participant} participant @returns the break screen */
 export const breakLine = ({ ranked }) =>
   `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
@@ -100,8 +97,7 @@ export function coach(frame, keys, target) {
   return ["Nearly there", `The terrain is done at ${target}. The last black cells are often behind rocks and in corners.`];
 }
 
-/** Return the debrief in one sentence.
- * @param {Study.Debrief} debrief */
+/** @param {Study.Debrief} debrief @returns the debrief in one sentence */
 export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";

@@ -5,16 +5,13 @@
  * @param {string} pathname */
 export const idInPath = (pathname) => /\/watch\/([\w-]{4,64})$/.exec(pathname)?.[1] ?? null;
 
-/** Return the name of a watched board.
- * @param {string} player */
+/** @param {string} player @returns the name of a watched board */
 export const watchedName = (player) => ({ human: "Somebody", script: "A script" })[player] ?? player;
 
-/** Return the headline of the page while the episode runs.
- * @param {string} player */
+/** @param {string} player @returns the headline of the page while the episode runs */
 export const liveHeadline = (player) => `Live: ${({ human: "somebody else", script: "a script" })[player] ?? player} is exploring`;
 
-/** Return the board of a watched episode as it stands.
- * @param {Watched} watched @returns {Board} */
+/** @param {Watched} watched @returns {Board} the board of a watched episode as it stands */
 export function watchedBoard({ episode, player, frame, history }) {
   return { session: episode, name: watchedName(player), frame, trail: history.positions, discovered: history.discovered, hasGap: false, pace: null, isReplay: false };
 }
