@@ -1,9 +1,8 @@
 // @ts-check
 // Boards that are being played: one socket each, with the frames that the operator may see, scores included.
 import { paintBoard } from "../common/board.js";
-import { socketUrl } from "../common/connections.js";
+import { follow, socketUrl } from "../common/socket.js";
 import { create } from "../common/page.js";
-import { follow } from "../common/socket.js";
 import { outcomeShort, percent, score } from "../common/words.js";
 import { stageName } from "./words.js";
 

@@ -30,6 +30,18 @@ export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+/** Let a button copy a link; a page without TLS has no clipboard, and shows the link to be copied by hand.
+ * @param {HTMLElement} button @param {() => string} link @param {(text: string) => void} announce to screen readers */
+export function copyOnClick(button, link, announce) {
+  button.addEventListener("click", async () => {
+    const isCopied = await navigator.clipboard?.writeText(link()).then(() => true, () => false);
+    if (!isCopied) return void window.prompt("Copy this link:", link());
+    put(button, "Link copied");
+    announce("Link copied");
+    setTimeout(() => put(button, "Copy link"), 2000);
+  });
+}
+
 /** Show sentences that can be dismissed.
  * @param {HTMLElement} root @param {GameState["notices"]} notices @param {(id: number) => void} dismiss */
 export function paintNotices(root, notices, dismiss) {

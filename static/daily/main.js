@@ -1,7 +1,7 @@
 // @ts-check
 // The daily page: today's board, one attempt, and what it came to. The only module of this page that knows all the others.
 import { ApiError, createApi, createRequest } from "../common/api.js";
-import { createConnections } from "../common/connections.js";
+import { createConnections } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { createRepaint, elementsOf, put } from "../common/page.js";

@@ -6,9 +6,8 @@ import { tickText, ticks } from "../common/chart_scale.js";
 import { create, elementsOf } from "../common/page.js";
 import { paintLines } from "./line_chart.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
-import { invitation, paintRanks } from "./ranks.js";
+import { breakOf, invitation, paintRanks, scaleOf } from "./ranks.js";
 import { paintTrials } from "./trials.js";
-import { breakOf, scaleOf } from "./scale.js";
 import * as standing from "./standing.js";
 
 const by = elementsOf(document);

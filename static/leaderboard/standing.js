@@ -18,7 +18,7 @@ export const intervalText = (value, measure) => (value.low === null || value.hig
 
 /** Return what a board's people are called: those of a study are its participants, those of the playground volunteers.
  * @param {Leaderboard.BoardListing} board */
-export const peopleName = ({ study }) => (study ? "People" : "Volunteers");
+const peopleName = ({ study }) => (study ? "People" : "Volunteers");
 
 /** Return everyone on the board, the best first; those still without a figure last.
  * @param {Leaderboard.Detail} detail @param {Leaderboard.Measure} measure @returns {Leaderboard.Row[]} */
@@ -47,7 +47,7 @@ export function coverageEnd(curves) {
 
 /** Return the moves until a curve's mean first reaches a share, or null.
  * @param {Leaderboard.Curve} curve @param {number} share */
-export function movesTo({ steps, mean }, share) {
+function movesTo({ steps, mean }, share) {
   const at = mean.findIndex((each) => each >= share);
   return at < 0 ? null : steps[at];
 }

@@ -1,7 +1,8 @@
 // @ts-check
-// What stands round the boards: the top bar, the sentence below the goal, the choice of what a small screen shows, and the help.
+// What stands round the boards: the top bar, the sentence below the goal, the choice of what a small screen shows, the
+// help, and the volunteers' figure at the foot.
 import { elementsOf, paintLink, put } from "../common/page.js";
-import { sizeText } from "../common/words.js";
+import { figure, notCounted, sizeText } from "../common/words.js";
 import { goal, standing } from "./words.js";
 
 /** Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
@@ -66,4 +67,35 @@ export function startHelp(page) {
     event.preventDefault();
     dialog.showModal();
   });
+}
+
+/** @param {{page: Document, api: Pick<ReturnType<import("../common/api.js").createApi>, "about" | "humanLevel">,
+ *   state: () => GameState, dispatch: (event: GameEvent) => void}} how */
+export function createVolunteers({ page, api, state, dispatch }) {
+  const by = elementsOf(page);
+
+  /** Ask for the figure and paint it: that of the terrain being played, and the server's sentence. */
+  async function load() {
+    const answer = await api.humanLevel().catch(() => null);
+    if (!answer) return;
+    const { level, player } = state();
+    const found = answer.figures.find((each) => each.level === level && each.rows === player?.frame.rows && each.cols === player?.frame.cols);
+    const line = by("human-figure");
+    line.hidden = !found;
+    if (found) put(line, figure(found));
+    put(by("human-level"), answer.sentence);
+  }
+  return {
+    load,
+    /** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
+    async ended() {
+      const { mode, counts, player } = state();
+      const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
+      if (about?.not_attested) {
+        dispatch({ kind: "begun", about });
+        dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
+      }
+      await load();
+    },
+  };
 }

@@ -5,7 +5,7 @@
 /** Held for so long, a key repeats. */
 export const DELAY_MS = 250;
 /** Moves a second that can be chosen; 0 turns repeating off. */
-export const PACES = Object.freeze([0, 4, 8, 12]);
+const PACES = Object.freeze([0, 4, 8, 12]);
 export const DEFAULT_PACE = 8;
 
 /** @param {string | null} stored @returns the moves a second that a stored setting stands for */

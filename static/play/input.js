@@ -1,11 +1,11 @@
 // @ts-check
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
 import { startControls } from "../common/controls.js";
-import { recordInputEvents } from "../common/input_events.js";
+import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
 import { KEYS, timeOf_ms } from "../common/keyboard.js";
+import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
-import { createTelemetry, onScreen } from "../common/telemetry.js";
-import { createDropMark } from "./drop_mark.js";
+import { many } from "../common/words.js";
 import { createHeldKey, paceOf } from "./held_key.js";
 import { createPressQueue } from "./press_queue.js";
 import { createSound, soundOf } from "./sound.js";
@@ -14,7 +14,7 @@ import { startSwipes } from "./swipe.js";
 /** Where events without an answer wait for the next load of this tab. */
 const KEPT = "mars.events";
 /** How many moves a second a held key makes in practice. */
-export const REPEAT_SETTING = "mars.repeat";
+const REPEAT_SETTING = "mars.repeat";
 
 /** Start the controls; return the moves and the telemetry, for the server's answers.
  *   board       the player's: it can be swiped on, and says which presses were dropped
@@ -99,6 +99,53 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
         if (message.kind === "frame") sound.play(soundOf(driven(), message));
         return moves.receive(message);
       },
+    },
+  };
+}
+
+const SHOWN_MS = 2600;
+const QUIET_MS = 500;
+/** @type {Readonly<Record<Play.Reason, string>>} */
+const CAUSES = Object.freeze({
+  rock: "Stopped before a rock", edge: "Stopped before the edge", ended: "The episode has ended", lost: "No connection",
+  refused: "The board had changed meanwhile", full: "Too many presses at once",
+});
+
+/** Return the sentence about presses that make no move.
+ * @param {Play.Reason} reason @param {number} count 0 where a held key has stopped */
+export const droppedText = (reason, count) => (count === 0 ? `${CAUSES[reason]}.` : `${CAUSES[reason]}: ${many(count, "press", "presses")} dropped.`);
+
+/** Return what the mark shows after more presses were dropped: while it is shown, those of one reason are added up, and
+ * those of one burst, which may be too long for the grid first and then meet a rock that comes into sight.
+ * @param {{reason: Play.Reason, count: number} | null} shown @param {Play.Reason} reason @param {number} count */
+export function addedUp(shown, reason, count) {
+  const isSame = shown && (shown.reason === reason || (isStop(shown.reason) && isStop(reason)));
+  return { reason, count: (isSame ? shown.count : 0) + count };
+}
+/** @param {Play.Reason} reason */
+const isStop = (reason) => reason === "rock" || reason === "edge";
+
+/** @param {HTMLElement} board gets the mark @param {(text: string) => void} announce to screen readers, politely */
+function createDropMark(board, announce) {
+  const mark = create("p", [], { class: "drop-mark", "data-testid": "dropped", "aria-hidden": "true" });
+  mark.hidden = true;
+  board.append(mark);
+  /** @type {{reason: Play.Reason, count: number} | null} */
+  let shown = null;
+  let hiding = 0;
+  let saying = 0;
+  return {
+    /** @param {Play.Reason} reason @param {number} count */
+    show(reason, count) {
+      shown = addedUp(shown, reason, count);
+      const text = droppedText(shown.reason, shown.count);
+      put(mark, text);
+      mark.dataset.reason = reason;
+      mark.hidden = false;
+      clearTimeout(hiding);
+      clearTimeout(saying);
+      saying = setTimeout(() => announce(text), QUIET_MS);
+      hiding = setTimeout(() => { mark.hidden = true; shown = null; }, SHOWN_MS);
     },
   };
 }

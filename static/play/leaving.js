@@ -1,5 +1,6 @@
 // @ts-check
-// Leaving a ranked episode that is not finished: it counts as abandoned, so the page asks first.
+// Leaving a ranked episode that is not finished: it counts as abandoned, so the page asks first; and the way to
+// the live view of somebody else's board.
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
 
@@ -50,4 +51,13 @@ export function createLeaving(dialog, view, { state, start }) {
       else ask(() => start(mode, wish));
     },
   };
+}
+
+/** Leave the playground for the live view of a board; ApiError 404 where there is none to watch, and nothing is left
+ * then.
+ * @param {string} id @param {(id: string) => Promise<unknown>} load asks the server for it
+ * @param {{replace: (url: string) => void}} place the address of the page */
+export async function showInstead(id, load, place) {
+  await load(id);
+  place.replace(`watch/${encodeURIComponent(id)}`);
 }

@@ -1,26 +1,22 @@
 // @ts-check
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { ApiError, createApi } from "../common/api.js";
-import { createConnections } from "../common/connections.js";
+import { createConnections } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
-import { createRepaint, elementsOf } from "../common/page.js";
-import { startHelp, startTabs } from "./bar.js";
+import { copyOnClick, createRepaint, elementsOf } from "../common/page.js";
+import { createVolunteers, startHelp, startTabs } from "./bar.js";
 import { createFirstVisit } from "./first_visit.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createLeaving } from "./leaving.js";
+import { createLeaving, showInstead } from "./leaving.js";
 import { createLosses } from "./losses.js";
-import { startPace } from "./pace.js";
+import { createPanel, offerPolicies, startPace } from "./panels.js";
 import { createPainter } from "./painter.js";
-import { createPanel, offerPolicies } from "./panels.js";
-import { startReplayLink } from "./replay_link.js";
 import { createSessions } from "./sessions.js";
 import { createThinking } from "./thinking.js";
 import { createTerrainDialog } from "./terrain_dialog.js";
 import { createViews } from "./views.js";
-import { createVolunteers } from "./volunteers.js";
-import { showInstead } from "./watching.js";
 import { announcement } from "./words.js";
 
 const by = elementsOf(document);
@@ -146,7 +142,8 @@ by("open-terrain-dialog").addEventListener("click", terrainDialog.open);
 startHelp(document);
 keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome ? panels.player.part.next : null) });
 panels.player.part.next.addEventListener("click", goNext);
-startReplayLink(panels.player.part, { clipboard: navigator.clipboard, announce: (text) => { by("announcer").textContent = text; }, ask: (text, link) => prompt(text, link) });
+copyOnClick(panels.player.part["copy-replay"],
+  () => /** @type {HTMLAnchorElement} */ (panels.player.part["replay-link"]).href, (text) => { by("announcer").textContent = text; });
 panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 
 for (const role of ROLES) {

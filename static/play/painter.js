@@ -4,11 +4,12 @@ import { paintBoard } from "../common/board.js";
 import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { curveOf, paintCoverage, stepsEnd } from "../common/coverage_chart.js";
-import { elementsOf, paintNotices } from "../common/page.js";
+import { elementsOf, paintNotices, put } from "../common/page.js";
 import { ghostOf, thoughtOf } from "../common/thoughts.js";
+import { compare, score } from "../common/words.js";
 import { hasTwoBoards, paintBar } from "./bar.js";
-import { paintEndCard } from "./end_card.js";
 import * as panel from "./panels.js";
+import { ending, scoreWhy } from "./words.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
@@ -109,4 +110,25 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     answered(moves) { waiting.push(...moves); },
     latencies: () => [...latencies],
   };
+}
+
+/** Paint the end card of the player's board; return whether it has just appeared.
+ * @param {Record<string, HTMLElement>} part of the player's panel @param {GameState} state
+ * @param {boolean} paysBonus whether the level pays for finishing */
+function paintEndCard(part, { mode, player, rival }, paysBonus) {
+  const frame = player?.frame;
+  const wasHidden = part.end.hidden;
+  part.end.hidden = !frame?.outcome;
+  if (!frame || part.end.hidden) return false;
+  const { title, line } = ending(frame);
+  put(part["end-title"], title);
+  put(part["end-line"], line);
+  put(part["end-score"], score(frame.score));
+  put(part["end-why"], mode === "watch" ? "" : scoreWhy(frame, paysBonus));
+  const compared = compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
+  put(part["end-compare"], compared);
+  part["end-compare"].hidden = !compared;
+  part.again.hidden = mode === "ranked"; // a terrain counts once
+  /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
+  return wasHidden;
 }

@@ -1,7 +1,7 @@
 // @ts-check
 // One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
-import * as words from "../common/words.js";
 import { put } from "../common/page.js";
+import * as words from "../common/words.js";
 import { outcomeWord } from "./words.js";
 
 /** Make the panel of a board, its parts named and marked for tests.
@@ -82,4 +82,24 @@ export function paintPace({ part }, board, mayFollow) {
   const slider = /** @type {HTMLInputElement} */ (speed.querySelector("input"));
   if (pace.mode === "timed" && document.activeElement !== slider) slider.value = String(pace.moves_per_second);
   put(/** @type {HTMLElement} */ (speed.querySelector("output")), `${slider.value}/s`);
+}
+
+/** @type {Record<string, Record<string, unknown>>} */
+const WISHES = { follow: { follow: true }, paused: { pause: true }, step: { step: true } };
+
+/** @param {HTMLElement} bar
+ * @param {(wish: Record<string, unknown>) => void} ask what POST api/sessions/{id}/pace takes */
+export function startPace(bar, ask) {
+  const slider = /** @type {HTMLInputElement} */ (bar.querySelector("input"));
+  const askSpeed = () => ask({ moves_per_second: Number(slider.value) });
+  bar.addEventListener("click", (event) => {
+    const button = /** @type {Element} */ (event.target).closest("[data-pace]");
+    const chosen = /** @type {HTMLElement | null} */ (button)?.dataset.pace;
+    if (chosen === "timed") askSpeed();
+    else if (chosen) ask(WISHES[chosen]);
+  });
+  slider.addEventListener("input", () => bar.querySelector("output")?.replaceChildren(`${slider.value}/s`));
+  slider.addEventListener("change", askSpeed);
+  // A slider left focused by the pointer would keep the arrow keys from the rover.
+  slider.addEventListener("pointerup", () => slider.blur());
 }

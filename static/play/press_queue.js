@@ -2,7 +2,6 @@
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
 // stops before a rock or an edge that the page knows; elsewhere each press is a move. No press acts on a terrain that it was not made for.
 // Presses on a session whose socket is not open yet wait for its first frame.
-import { groundAhead } from "./known_ground.js";
 
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
@@ -139,3 +138,29 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
 }
 /** @param {number} ms */
 const tenths = (ms) => Math.round(ms * 10) / 10;
+
+/** @type {Readonly<Record<Action, Cell>>} */
+const STEPS = Object.freeze({ north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] });
+
+/** Return the cell that the rover stands on once it has made some moves from the frame on, if none of them ends the
+ * episode.
+ * @param {Frame} frame @param {readonly Action[]} actions @returns {Cell} */
+export function cellAfter(frame, actions) {
+  let [row, col] = frame.position;
+  for (const action of actions) {
+    row += STEPS[action][0];
+    col += STEPS[action][1];
+  }
+  return [row, col];
+}
+
+/** Return what the page knows of the cell that a move leads to, after the moves that still wait for their answer.
+ * @param {Frame} frame the newest answer @param {readonly Action[]} waiting @param {Action} action
+ * @returns {Play.Ground} */
+export function groundAhead(frame, waiting, action) {
+  const [row, col] = cellAfter(frame, [...waiting, action]);
+  const mark = frame.grid[row]?.[col];
+  if (mark === undefined) return "edge";
+  if (mark === "#") return "rock";
+  return mark === "?" ? "unknown" : "free";
+}

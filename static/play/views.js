@@ -1,12 +1,11 @@
 // @ts-check
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and what the canvases measure.
 import { elementsOf } from "../common/page.js";
-import { startCameraControl } from "./camera_control.js";
 import { reloadWhenLost, showBoard } from "./viewer_frame.js";
 
 /** Return whether this browser can draw the 3-D view, and whether its processor has to do it.
  * @param {Document} page */
-export function probeWebGL(page) {
+function probeWebGL(page) {
   try {
     const canvas = page.createElement("canvas");
     const context = /** @type {WebGLRenderingContext | null} */ (canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
@@ -88,5 +87,33 @@ export function createViews({ page, panels, storage, onChange }) {
     },
     /** @param {Frame | null | undefined} frame */
     paintCamera: (frame) => repaintCamera(Math.max(frame?.rows ?? 0, frame?.cols ?? 0)),
+  };
+}
+
+/** A board with a longer side, cells, is followed until somebody chooses (app/viewer3d/scene.py). */
+export const LARGE_SIDE = 30;
+
+/** Return which camera shows a board: the one chosen, else by its size.
+ * @param {string | null} choice what is kept in mars.camera @param {number} side the longer one, cells */
+export const cameraOf = (choice, side) => (choice === "map" || choice === "follow" ? choice : side > LARGE_SIDE ? "follow" : "map");
+
+/** Fill the group with its buttons; return a function that paints them for a board's longer side.
+ * @param {HTMLElement} group @param {Storage} storage @param {() => void} onChange */
+function startCameraControl(group, storage, onChange) {
+  let side = 0;
+  const button = group.ownerDocument.createElement("button");
+  button.type = "button";
+  button.className = "quiet view";
+  button.dataset.testid = "camera";
+  button.addEventListener("click", () => {
+    storage.setItem("mars.camera", cameraOf(storage.getItem("mars.camera"), side) === "map" ? "follow" : "map");
+    onChange();
+  });
+  group.append(button);
+  return (/** @type {number} */ longer) => {
+    side = longer;
+    const isMap = cameraOf(storage.getItem("mars.camera"), side) === "map";
+    button.textContent = isMap ? "Follow" : "Whole map";
+    button.title = isMap ? "Follow the rover in 3-D. Drag the picture to turn it" : "Show the whole map in 3-D. Drag the picture to turn it";
   };
 }

@@ -23,7 +23,7 @@ export const outcomeWord = (outcome) => (outcome ? ENDINGS[outcome]?.short ?? ou
 
 /** Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
  * @param {Pick<Frame, "rows" | "cols" | "cells">} frame */
-export const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
+const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
 
 /** @param {Frame | null} frame @returns the task in one sentence */
 export const goal = (frame) => `Map 99 % of ${frame ? ground(frame) : "the ground"} in as few moves as you can`;

@@ -4,7 +4,7 @@ import { ApiError, createRequest } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { ownsKeys } from "../common/keyboard.js";
-import { create, createRepaint, elementsOf, put } from "../common/page.js";
+import { copyOnClick, create, createRepaint, elementsOf, put } from "../common/page.js";
 import { begun, coverageAt, createPlayer, movesOf, SPEEDS, withLast } from "../common/player.js";
 import { percent } from "../common/words.js";
 import { offerGhosts, paintRun, partsOf } from "./boards.js";
@@ -110,15 +110,10 @@ for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelec
     repaint();
   });
 }
+const address = () =>
+  linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: player.step, last: player.playback.last });
 const copy = document.getElementById("copy-link");
-copy?.addEventListener("click", async () => {
-  const link = linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: player.step, last: player.playback.last });
-  const isCopied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
-  if (!isCopied) window.prompt("Copy this link:", link);
-  put(copy, "Link copied");
-  put(by("announcer"), "Link copied");
-  setTimeout(() => put(copy, "Copy link"), 2000);
-});
+if (copy) copyOnClick(copy, address, (text) => put(by("announcer"), text));
 const sizes = new ResizeObserver(() => repaint());
 for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.observe(each);
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());

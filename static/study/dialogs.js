@@ -1,8 +1,8 @@
 // @ts-check
 // The page's dialogs: what opens them, what closes them, and the map in words.
-import { create, elementsOf } from "../common/page.js";
+import { create, elementsOf, put } from "../common/page.js";
 import { describeBoard } from "../common/words.js";
-import { mapInWords } from "./words.js";
+import { mapInWords, sentence, supervisedLine } from "./words.js";
 
 /** @param {Document} page @param {{frame: () => Frame | undefined, onClose: () => void}} how */
 export function startDialogs(page, { frame, onClose }) {
@@ -28,4 +28,37 @@ export function startDialogs(page, { frame, onClose }) {
     by("map-rows").replaceChildren(...mapInWords(on).map((text) => create("li", text)));
   }
   return { isOpen: () => Boolean(page.querySelector("dialog[open]")) };
+}
+
+/**
+ *   supervise   sends what was typed
+ * @param {Document} page
+ * @param {{supervise: (code: string) => Promise<Study.Participant>, dispatch: (event: Study.Event) => void}} how */
+export function startSupervision(page, { supervise, dispatch }) {
+  const by = elementsOf(page);
+  const code = by("code-typed", HTMLInputElement);
+  const dialog = by("supervise", HTMLDialogElement);
+
+  by("supervise-form").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    put(by("supervise-status"), "");
+    try {
+      const participant = await supervise(code.value);
+      dispatch({ kind: "participant", participant });
+      dialog.close();
+    } catch (error) {
+      put(by("supervise-status"), sentence(/** @type {Error} */ (error).message));
+      code.select();
+    }
+  });
+  dialog.addEventListener("close", () => {
+    code.value = "";
+    put(by("supervise-status"), "");
+  });
+  return {
+    /** @param {Study.Participant} participant */
+    paint(participant) {
+      for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-supervised]"))) put(line, supervisedLine(participant.supervised_until_ms, Date.now()));
+    },
+  };
 }

@@ -1,18 +1,17 @@
 // @ts-check
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
 import { createApi, createRequest } from "../common/api.js";
-import { createConnections } from "../common/connections.js";
+import { createConnections } from "../common/socket.js";
 import { startControls } from "../common/controls.js";
 import { startHeartbeat } from "../common/heartbeat.js";
-import { recordInputEvents } from "../common/input_events.js";
+import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
 import { createRepaint, elementsOf, paintLink, paintNotices } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
-import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { announcement } from "../common/words.js";
 import { startActions } from "./actions.js";
 import { createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
 import { createDebrief } from "./debrief.js";
-import { startDialogs } from "./dialogs.js";
+import { startDialogs, startSupervision } from "./dialogs.js";
 import { actionOf, keyName } from "./keymap.js";
 import { createNavigation } from "./navigation.js";
 import { createPages } from "./pages.js";
@@ -23,7 +22,6 @@ import { createQuiz } from "./quiz.js";
 import { createSettings } from "./settings.js";
 import { createSettingsSync } from "./settings_sync.js";
 import { apply, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
-import { startSupervision } from "./supervision.js";
 
 const by = elementsOf(document);
 const ROOT = "../";

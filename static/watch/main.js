@@ -3,12 +3,11 @@
 import { ApiError, createApi, createRequest } from "../common/api.js";
 import { paintBoard } from "../common/board.js";
 import { boardColours, chartColours } from "../common/colours.js";
-import { socketUrl } from "../common/connections.js";
+import { follow, socketUrl } from "../common/socket.js";
 import { curveOf, paintCoverage } from "../common/coverage_chart.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
-import { createRepaint, elementsOf, paintLink, put } from "../common/page.js";
-import { follow } from "../common/socket.js";
+import { copyOnClick, createRepaint, elementsOf, paintLink, put } from "../common/page.js";
 import { describeBoard, percent, sizeText } from "../common/words.js";
 import { idInPath, liveHeadline, watchedBoard } from "./watched.js";
 
@@ -116,13 +115,7 @@ async function begin() {
     } });
 }
 
-by("copy-link").addEventListener("click", async () => {
-  const isCopied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
-  if (!isCopied) window.prompt("Copy this link:", location.href);
-  put(by("copy-link"), "Link copied");
-  put(by("announcer"), "Link copied");
-  setTimeout(() => put(by("copy-link"), "Copy link"), 2000);
-});
+copyOnClick(by("copy-link"), () => location.href, (text) => put(by("announcer"), text));
 startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0, ask: api.health,
   onSuccess: () => { if (state.link === "lost") follower?.restart(); }, onFailure: () => dispatch({ kind: "link", link: "lost" }) });
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());

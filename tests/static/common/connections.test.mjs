@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { socketUrl } from "../../../static/common/connections.js";
+import { socketUrl } from "../../../static/common/socket.js";
 
 test("the socket keeps scheme and prefix of the page", () => {
   assert.equal(socketUrl("abc", "https://host/lab/mars/?x=1#s=abc"), "wss://host/lab/mars/ws/sessions/abc");

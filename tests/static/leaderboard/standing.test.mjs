@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { heat, inWords, topOf } from "../../../static/leaderboard/maps.js";
 import { tickText, ticks } from "../../../static/common/chart_scale.js";
 import { coverageEnd, curveText, headline, ranksNote, reading, rows, working } from "../../../static/leaderboard/standing.js";
-import { breakOf, placeOf, scaleOf } from "../../../static/leaderboard/scale.js";
+import { breakOf, placeOf, scaleOf } from "../../../static/leaderboard/ranks.js";
 import { footing } from "../../../static/leaderboard/trials.js";
 
 const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });

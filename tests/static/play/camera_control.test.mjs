@@ -1,7 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { LARGE_SIDE, cameraOf } from "../../../static/play/camera_control.js";
-import { hasEffects } from "../../../static/play/views.js";
+import { cameraOf, hasEffects, LARGE_SIDE } from "../../../static/play/views.js";
 
 test("large boards are followed until somebody chooses", () => {
   assert.equal(cameraOf(null, LARGE_SIDE), "map");

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { ahead, hintAfter } from "../../../static/play/coach.js";
+import { ahead, hintAfter } from "../../../static/play/first_visit.js";
 
 const frame = (changes = {}) => ({ episode: "e1", step: 1, rows: 4, cols: 5, grid: ["@....", ".....", "?????", "?????"], position: [0, 0],
   discovered: 10, coverage: 0.1, heading: "east", outcome: null, ...changes });

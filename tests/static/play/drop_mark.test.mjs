@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { addedUp, droppedText } from "../../../static/play/drop_mark.js";
+import { addedUp, droppedText } from "../../../static/play/input.js";
 
 test("what became of presses is one sentence", () => {
   assert.equal(droppedText("rock", 5), "Stopped before a rock: 5 presses dropped.");

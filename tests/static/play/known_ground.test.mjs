@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { cellAfter, groundAhead } from "../../../static/play/known_ground.js";
+import { cellAfter, groundAhead } from "../../../static/play/press_queue.js";
 
 const frame = { position: [1, 1], grid: ["?#..", ".@..", "...."] };
 

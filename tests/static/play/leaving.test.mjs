@@ -1,7 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { isSameBoard, isUnfinished } from "../../../static/play/leaving.js";
-import { showInstead } from "../../../static/play/watching.js";
+import { isSameBoard, isUnfinished, showInstead } from "../../../static/play/leaving.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 2, rows: 9, cols: 12, grid: [], position: [0, 0], discovered: 3, outcome: null, ...changes });
 const state = (changes = {}) => ({ mode: "ranked", counts: true, level: "random", player: { frame: frame() }, ...changes });
