@@ -74,7 +74,7 @@ class Episode:
     discoveries  cells discovered after 0, 1, 2, ... moves
     rewards      of each move
 
-    Its moves are kept as arrays of numbers: a server copies them at each move, and Python would look at lists for garbage.
+    Its moves are kept as arrays of numbers: Python would look through lists for garbage.
     """
 
     def __init__(self, worlds: Worlds, start: tuple[int, int]) -> None:
@@ -117,21 +117,6 @@ class Episode:
         assert terrain is not None
         worlds.start_on(0, terrain, start)
         return cls(worlds, (int(start[0]), int(start[1])))
-
-    def copy(self) -> Episode:
-        """Return the same episode as it stands, which goes on by itself; not for two threads at once."""
-        other = object.__new__(Episode)
-        vars(other).update(vars(self))
-        other._worlds = self._worlds.copy()
-        other._scalars = other._worlds.head(0)
-        other.actions, other._cells = self.actions.copy(), self._cells[:]
-        other.discoveries, other.rewards = self.discoveries[:], self.rewards[:]
-        other._hash = self._hash.copy()
-        return other
-
-    def become(self, other: Episode) -> None:
-        """Stand where another episode stands, a copy of this one that went on; do not use that one any more."""
-        vars(self).update(vars(other))
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""

@@ -90,22 +90,6 @@ class Worlds:
         self.ended = np.zeros(num, np.bool_)
         self._which = np.zeros(num, np.int64)
 
-    def copy(self) -> Worlds:
-        """Return the same worlds as they stand, which go on by themselves.
-
-        The two share scratch space: not for two threads at once.
-        """
-        other = object.__new__(Worlds)
-        vars(other).update(vars(self))
-        other._state = self._state.copy()
-        other._scalars = other._state.reshape(self.num, self._record)[:, :HEAD]
-        other.codes = self.codes.copy()
-        other._codes = other.codes.reshape(-1)
-        other.rewards, other.outcomes = self.rewards.copy(), self.outcomes.copy()
-        for name in ("_arrays", "_described_arrays"):
-            vars(other).pop(name, None)
-        return other
-
     def start(self, seeds: ArrayLike) -> None:
         """Start every world on its seed (int[num], 0..2^53-1); ValueError when a seed has no solvable terrain."""
         given = np.ascontiguousarray(seeds, np.uint64)

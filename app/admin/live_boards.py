@@ -40,7 +40,7 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
                 "kind": participant.kind if participant else session.current.driver,
                 "phase": trial and trial.phase,
                 "trial": trial and trial.trial,
-                "ended": session.episode.ended,
+                "ended": session.shown.ended,
                 "level": session.current.config.level,
             }
         )
@@ -63,13 +63,13 @@ async def board_messages(session: Session) -> AsyncGenerator[str, None]:
     try:
         while await woken.wait():
             woken.clear()
-            newest = encode_frame(session.current.id, session.episode, hides)
+            newest = encode_frame(session.current.id, session.shown, hides)
             if newest == frame:
                 continue
             frame = newest
             yield frame
-            if session.current.id != episode or session.episode.steps > steps + 1:
-                yield encode_history(session.current.id, session.episode)
-            episode, steps = session.current.id, session.episode.steps
+            if session.current.id != episode or session.shown.steps > steps + 1:
+                yield encode_history(session.current.id, session.shown)
+            episode, steps = session.current.id, session.shown.steps
     finally:
         leave()

@@ -29,7 +29,7 @@ from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
 from app.play.session import Move, RefusedError, Session
 from app.storage.store import EpisodeRow, StoreError
-from marsexplorer.episode import Episode
+from app.tasks.mars.view import View
 from marsexplorer.policies import Policy, goal_of
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.policies.network.batch import act_many, shared_net
@@ -255,7 +255,7 @@ class Agent:
 
     def _delay(self) -> float | None:
         """Return seconds until the next move, 0 or less for now, None for not before something changes."""
-        episode, pace = self._session.episode, self._session.pace
+        episode, pace = self._session.shown, self._session.pace
         if episode.ended or self._session.fault or pace is None:
             return None
         if self._single_moves:
@@ -263,9 +263,9 @@ class Agent:
         if pace.mode == "paused":
             return None
         if pace.mode == "follow" and self._player is not None:
-            if episode.steps < self._player.episode.steps:
+            if episode.steps < self._player.shown.steps:
                 return 0.0
-            if not self._player.episode.ended:
+            if not self._player.shown.ended:
                 return None
         return self._due - asyncio.get_running_loop().time()
 
@@ -280,11 +280,11 @@ class Agent:
     def _is_undecided(self) -> bool:
         """Return whether the newest frame asks for a decision that has not been made."""
         session = self._session
-        if session.episode.ended or session.fault:
+        if session.shown.ended or session.fault:
             return False
         return self._decided is None or self._decided[:2] != (
             session.current.id,
-            session.episode.steps,
+            session.shown.steps,
         )
 
     async def _decide(self) -> None:
@@ -293,8 +293,8 @@ class Agent:
         policy = await self._prepared_policy(row)
         if policy is None or session.current.id != row.id:
             return
-        step = session.episode.steps
-        action = await self._decisions.act(policy, session.episode.codes.copy(), self._owner)
+        step = session.shown.steps
+        action = await self._decisions.act(policy, session.shown.codes.copy(), self._owner)
         if session.current.id != row.id:
             return
         self._decided = (row.id, step, action)
@@ -328,9 +328,7 @@ class Agent:
         if self._policy is None:
             self._policy = await asyncio.to_thread(self._load)
         if self._prepared_for is None or self._prepared_for.id != row.id:
-            actions = (
-                bytes(self._session.episode.actions) if self._session.current.id == row.id else None
-            )
+            actions = self._session.shown.actions if self._session.current.id == row.id else None
             if actions is None:
                 return None
             await asyncio.to_thread(replay_decisions, self._policy, row, actions)
@@ -363,12 +361,12 @@ class ExpectedDiscoveries:
             raise PermissionError(
                 "what a look is expected to show is told of a policy's own board alone"
             )
-        episode, asked = session.episode, (session.current.id, session.episode.steps)
+        episode, asked = session.shown, (session.current.id, session.shown.steps)
         if asked != self._asked:
             self._asked, self._answer = asked, self._encode(session.current.id, episode)
         return self._answer
 
-    def _encode(self, episode_id: str, episode: Episode) -> str:
+    def _encode(self, episode_id: str, episode: View) -> str:
         shape, radius = episode.codes.shape, episode.config.sensor_radius
         if self._map is None or (self._map.shape, self._map.radius) != (shape, radius):
             self._map = VisibilityMap(shape, radius)

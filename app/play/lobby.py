@@ -24,6 +24,7 @@ from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources, WatchIds
 from app.play.terrains import ChosenTerrain, MapCatalogue, terrain_of
 from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store
+from app.tasks.mars.view import View
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -256,7 +257,7 @@ class Lobby:
         session = await self.get(session_id)
         if driver == HUMAN:
             raise ValueError("only a policy replays another session's episode; name one as player")
-        if session.participation is not None or not session.episode.ended:
+        if session.participation is not None or not session.shown.ended:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
@@ -301,18 +302,16 @@ class Lobby:
                 for board, episode in zip(boards, episodes, strict=True)
             ]
             running = [
-                board for board in (*boards, *left) if board.number and not board.episode.ended
+                board for board in (*boards, *left) if board.number and not board.shown.ended
             ]
-            abandoned = [(board, board.current, board.abandoned()) for board in running]
+            abandoned = [(board, board.current, await board.take_abandoned()) for board in running]
             endings = [await board.prepare_end(board.current) for board in running]
 
             def record() -> tuple[list[Attested | None], list[bool]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     found = [
-                        board.closing(current, episode, now, ending)
-                        for (board, current, episode), ending in zip(
-                            abandoned, endings, strict=True
-                        )
+                        board.closing(current, run, now, ending)
+                        for (board, current, run), ending in zip(abandoned, endings, strict=True)
                     ]
                     self.store.next_episode([closing for closing, _ in found], rows)
                 hidden = [
@@ -324,11 +323,10 @@ class Lobby:
                 levels, hidden = found
                 for board, row, episode, hides in zip(boards, rows, episodes, hidden, strict=True):
                     board.begin(row, episode, hides)
-                for (board, current, episode), level in zip(abandoned, levels, strict=True):
+                for (board, current, run), level in zip(abandoned, levels, strict=True):
                     if board not in boards:
-                        board.go_on(
-                            current, episode, level, hides_scores=False
-                        )  # a board that is left is no study's
+                        # a board that is left is no study's
+                        board.go_on(current, run, View(run), level, hides_scores=False)
 
             await self.store.write(record, then=publish)
 

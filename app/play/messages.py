@@ -25,6 +25,7 @@ from pydantic import (
 )
 
 from app.play.validation import Size, describe_errors
+from app.tasks.mars.view import View
 from marsexplorer.config import ACTIONS, ALL_LEVELS, MAP, MAX_SEED
 from marsexplorer.episode import Episode
 
@@ -320,7 +321,7 @@ def parse_message(text: str) -> FromPage:
         raise BadMessageError(describe_errors(error.errors(include_url=False))) from None
 
 
-def encode_frame(episode_id: str, episode: Episode, hides_scores: bool = False) -> str:
+def encode_frame(episode_id: str, episode: Episode | View, hides_scores: bool = False) -> str:
     """Return the frame of an episode as it stands, as JSON text; reward, return and score null where they are hidden."""
     rows, cols = episode.codes.shape
     row, col = episode.position
@@ -351,7 +352,7 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
 
 
-def encode_history(episode_id: str, episode: Episode) -> str:
+def encode_history(episode_id: str, episode: Episode | View) -> str:
     """Return the path so far as JSON text."""
     positions = [[int(row), int(col)] for row, col in episode.path]
     discovered = [int(count) for count in episode.discoveries]

@@ -13,7 +13,7 @@ from typing import Self
 
 from app.play.agent import Agent
 from app.play.session import Session
-from marsexplorer.episode import Episode
+from app.tasks.mars.view import View
 
 
 @dataclass
@@ -40,16 +40,16 @@ def player_board(session: Session) -> Session:
     return session.paired_with if session.is_second and session.paired_with is not None else session
 
 
-def paired_episode(session: Session) -> Episode | None:
+def paired_episode(session: Session) -> View | None:
     """Return the episode whose path is drawn under the board's own; None until the player's episode has ended.
 
     None also where no board is paired, or where the two are on different terrains.
     """
     other = session.paired_with
-    if other is None or not player_board(session).episode.ended:
+    if other is None or not player_board(session).shown.ended:
         return None
     here, there = session.current, other.current
-    return other.episode if (here.config, here.terrain) == (there.config, there.terrain) else None
+    return other.shown if (here.config, here.terrain) == (there.config, there.terrain) else None
 
 
 class PairedBoardListener:
@@ -73,7 +73,7 @@ class PairedBoardListener:
             self._remove = self._listened_to.channel.add_listener(self._on_change)
 
     def _on_change(self) -> None:
-        if player_board(self._session).episode.ended:
+        if player_board(self._session).shown.ended:
             self._wake()
 
     def _stop(self) -> None:

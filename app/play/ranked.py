@@ -70,14 +70,14 @@ class PageBoards:
         async with self._lock(player_id):
             found = await self._open(player_id)
             terrain = self._lobby.maps.next_terrain(session.current, wanted)
-            if session in found and not session.episode.steps:
+            if session in found and not session.shown.steps:
                 return await self._begin(as_new_session(terrain.config, wanted), player_id)
             others = [board for board in found if board is not session]
             waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
             left = [
                 board
                 for board in others
-                if board.episode.steps and board is not waiting and not terrain.is_chosen
+                if board.shown.steps and board is not waiting and not terrain.is_chosen
             ]
             if waiting is None:
                 await self._lobby.restart(session, wanted, left)
@@ -174,7 +174,7 @@ class PageBoards:
         left = [
             board
             for board in found
-            if board.episode.steps and board is not waiting and wanted.replays is None
+            if board.shown.steps and board is not waiting and wanted.replays is None
         ]
         if waiting is None:
             return await self._lobby.create(wanted, player_id, "cookie", left), False
@@ -215,7 +215,7 @@ def as_new_session(config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSes
 def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:
     """Return the board whose open episode is of a configuration."""
     return next(
-        (board for board in boards if board.current.config == config and not board.episode.ended),
+        (board for board in boards if board.current.config == config and not board.shown.ended),
         None,
     )
 

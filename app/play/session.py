@@ -1,8 +1,9 @@
 """One board: its running episode, its record in the store, and the only method that moves its rover.
 
-Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the rules step a copy of the
-episode, the store commits, and only then the copy takes the episode's place and the new frame is published. A move that cannot
-be committed did not happen, and nobody has seen it.
+Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the run is taken off the board
+and steps, the store commits, and only then the run comes back and what it shows is published. Meanwhile everybody sees what was
+published last, since there is nothing else to be seen. A move that cannot be committed did not happen: its run does not come
+back, and the next move's is made again by replay.
 
 `Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber finds the newest frame and
 never sees those between. All of it runs on one event loop, so there are no locks.
@@ -31,8 +32,10 @@ from app.play.attestation import (
     prepare_end,
 )
 from app.play.messages import Events, Pace, encode_frame
+from app.play.replays import restore_episode
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
+from app.tasks.mars.view import View
 from marsexplorer.episode import Episode
 
 
@@ -205,6 +208,7 @@ class Session:
 
     pace           how the policy that drives it moves, None for a person's board
     number         of the current episode, counting from 1; 0 before the first
+    shown          the episode as it was published last: all that anybody is told of it comes from here
     participation  the participant's, for a board of a study; else None
     fault          one sentence when the policy that drives it has failed, else None
     thought        the policy's thought about the newest frame, encoded; "" when there is none
@@ -239,7 +243,10 @@ class Session:
         self.touched = time.monotonic()
         self.changing = asyncio.Lock()
         self.current: EpisodeRow
-        self.episode: Episode
+        self.shown: View
+        self._run: Episode | None = None
+        """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
+        self._hides_scores = False
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
@@ -289,7 +296,7 @@ class Session:
 
         An episode that a person had begun before sessions had a control goes on as theirs.
         """
-        is_earlier = bool(self.number) and self.episode.steps > 0 and self.current.driver == HUMAN
+        is_earlier = bool(self.number) and self.shown.steps > 0 and self.current.driver == HUMAN
         return self.row.control == "cookie" or self.participation is not None or is_earlier
 
     @property
@@ -311,32 +318,33 @@ class Session:
                 raise RefusedError(
                     f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
                 )
-            current, episode = self.current, self.episode.copy()
-            is_deviation = move.driver == SCRIPT and current.driver == HUMAN
+            current, is_deviation = (
+                self.current,
+                move.driver == SCRIPT and self.current.driver == HUMAN,
+            )
             if is_deviation:
                 current = dataclasses.replace(current, driver=SCRIPT)
-            row = self._step_row(move, episode.step(move.action), episode.discovered)
-            ending = await self.prepare_end(current, row) if episode.ended else None
+            run = await self._take_run()
+            reward = run.step(move.action)
+            held = View(run)
+            row = self._step_row(move, reward, held.discovered)
+            ending = await self.prepare_end(current, row) if held.ended else None
 
             def record() -> tuple[Attested | None, bool]:
-                if (
-                    not is_deviation and not episode.ended
-                ):  # one statement, without a transaction around it
-                    self._store.add_step(row)
-                    return None, self.hides_scores(current.id)
+                if not is_deviation and not held.ended:
+                    self._store.add_step(row)  # one statement, without a transaction around it
+                    return None, self._hides_scores
                 with self._store.transaction():
                     if is_deviation and self.participation is not None:
                         self.participation.note_script(current.id)
                     self._store.add_step(row)
                     attested = (
-                        self._close(current, episode, row.server_ms, ending)
-                        if episode.ended
-                        else None
+                        self._close(current, run, row.server_ms, ending) if held.ended else None
                     )
                 return attested, self.hides_scores(current.id)
 
             def publish(found: tuple[Attested | None, bool]) -> None:
-                self.go_on(current, episode, *found)
+                self.go_on(current, run, held, *found)
                 metrics = self._store.metrics
                 metrics.count_move(move.driver)
                 metrics.step.observe(time.perf_counter() - began)
@@ -351,43 +359,58 @@ class Session:
         step  None: after whatever move is being made now
         """
         async with self.changing:
-            self._check_current(episode, self.episode.steps if step is None else step)
-            current, abandoned, at_ms = self.current, self.abandoned(), self._clock()
+            self._check_current(episode, self.shown.steps if step is None else step)
+            current, run, at_ms = self.current, await self.take_abandoned(), self._clock()
             ending = await self.prepare_end(current)
 
             def record() -> tuple[Attested | None, bool]:
                 with self._store.transaction():
                     if note is not None:
                         note()
-                    attested = self._close(current, abandoned, at_ms, ending)
+                    attested = self._close(current, run, at_ms, ending)
                 return attested, self.hides_scores(current.id)
 
             await self._store.write(
-                record, then=lambda found: self.go_on(current, abandoned, *found)
+                record, then=lambda found: self.go_on(current, run, View(run), *found)
             )
 
-    def begin(self, row: EpisodeRow, episode: Episode, hides_scores: bool) -> None:
+    def begin(self, row: EpisodeRow, run: Episode, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
-        self.current, self.episode, self.number = row, episode, row.number
-        self.fault = self.attested = None
-        self.publish_frame(hides_scores)
+        self.number, self.fault = row.number, None
+        self.go_on(row, run, View(run), None, hides_scores)
 
     def go_on(
-        self, current: EpisodeRow, episode: Episode, attested: Attested | None, hides_scores: bool
+        self,
+        current: EpisodeRow,
+        run: Episode,
+        shown: View,
+        attested: Attested | None,
+        hides_scores: bool,
     ) -> None:
-        """Let the episode stand where a copy of it stands, which the store holds now, and publish its frame.
+        """Put a run on the board as the store holds it now, and publish its frame.
 
         attested  the level of the episode if it has ended
         """
-        self.current, self.attested = current, attested
-        self.episode.become(episode)
-        self.publish_frame(hides_scores)
+        self.current, self._run, self.shown = current, run, shown
+        self.attested, self._hides_scores = attested, hides_scores
+        self.thought = ""
+        self.channel.publish(encode_frame(current.id, shown, hides_scores))
 
-    def abandoned(self) -> Episode:
-        """Return a copy of the running episode that is abandoned; the board stays as it is."""
-        episode = self.episode.copy()
-        episode.abandon()
-        return episode
+    async def take_abandoned(self) -> Episode:
+        """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
+        run = await self._take_run()
+        run.abandon()
+        return run
+
+    async def _take_run(self) -> Episode:
+        """Take the run off the board, made again by replay where a move of it was not recorded.
+
+        Call it with `changing` held. `go_on` puts it back; whoever fails need do nothing.
+        """
+        run, self._run = self._run, None
+        if run is not None:
+            return run
+        return await asyncio.to_thread(restore_episode, self.current, self.shown.actions)
 
     async def prepare_end(self, current: EpisodeRow, last: StepRow | None = None) -> Ending | None:
         """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
@@ -411,7 +434,7 @@ class Session:
         return await self._store.read(prepare)
 
     def closing(
-        self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None
+        self, current: EpisodeRow, run: Episode, at_ms: int, ending: Ending | None
     ) -> tuple[Closing, Attested | None]:
         """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
 
@@ -425,7 +448,7 @@ class Session:
         )
         level, reason = (None, None) if attested is None else (attested.level, attested.reason)
         events = None if ending is None else ending.events
-        return Closing(current.id, episode.record(), at_ms, level, reason, events), attested
+        return Closing(current.id, run.record(), at_ms, level, reason, events), attested
 
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
@@ -502,16 +525,11 @@ class Session:
         self.thought = thought
         self.channel.notify()
 
-    def publish_frame(self, hides_scores: bool = False) -> None:
-        """Publish the frame as it stands, encoded once, with its scores or without."""
-        self.thought = ""
-        self.channel.publish(encode_frame(self.current.id, self.episode, hides_scores))
-
     def _close(
-        self, current: EpisodeRow, episode: Episode, at_ms: int, ending: Ending | None
+        self, current: EpisodeRow, run: Episode, at_ms: int, ending: Ending | None
     ) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
-        closing, attested = self.closing(current, episode, at_ms, ending)
+        closing, attested = self.closing(current, run, at_ms, ending)
         self._store.next_episode([closing], ())
         if self.participation is not None:
             self.participation.note_end()
@@ -533,12 +551,10 @@ class Session:
             raise RefusedError(
                 f"episode {episode!r} is not the current one, which is {self.current.id!r}"
             )
-        if self.episode.ended:
-            raise RefusedError(
-                f"the episode has ended ({self.episode.outcome}); begin the next one"
-            )
-        if step != self.episode.steps:
-            raise RefusedError(f"step {step} is not the current one, which is {self.episode.steps}")
+        if self.shown.ended:
+            raise RefusedError(f"the episode has ended ({self.shown.outcome}); begin the next one")
+        if step != self.shown.steps:
+            raise RefusedError(f"step {step} is not the current one, which is {self.shown.steps}")
 
     def _step_row(self, move: Move, reward: float, discovered: int) -> StepRow:
         return StepRow(

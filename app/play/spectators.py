@@ -109,7 +109,7 @@ class Spectators:
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
                 episode = (
-                    (await self._stored(episode_id, link))[1] if board is None else board.episode
+                    (await self._stored(episode_id, link))[1] if board is None else board.shown
                 )
                 frame = encode_frame(episode_id, episode) if board is None else board.frame
                 has_ended, is_behind = episode.ended, episode.steps > steps + 1

@@ -251,7 +251,7 @@ class ParticipantProgress:
         participant = await self.lobby.store.read(partial(self.participant, name, player_id))
         session = await self.session(participant)
         note = partial(self._note_withdrawal, participant.id)
-        if session is None or session.episode.ended or not self.study(name).is_open:
+        if session is None or session.shown.ended or not self.study(name).is_open:
             await self.lobby.store.write(note)
             return
         try:

@@ -1,6 +1,6 @@
 """The 3-D scene of one board in one browser: soil, fog, rocks, rover, trail and the range of the lidar, under a dusty sky.
 
-It is built from what the rover knows (`Episode.codes`, `Episode.path`) and nothing else, so it cannot show what is hidden.
+It is built from what the rover knows (`View.codes`, `View.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
 a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move. With
 effects the sun casts shadows, newly discovered cells rise and the lidar sweeps; without them nothing costs more than the
@@ -20,9 +20,9 @@ import viser
 from numpy.typing import NDArray
 from PIL import Image
 
+from app.tasks.mars.view import View
 from app.viewer3d import models
 from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
-from marsexplorer.episode import Episode
 
 LARGE_SIDE = 30
 """A board with a side longer than this, in cells, is followed unless the browser asks for the whole map."""
@@ -168,15 +168,16 @@ class Scene:
     def __init__(
         self,
         scene: viser.SceneApi,
-        episode: Episode,
+        episode: View,
         is_rival: bool,
         options: ViewOptions = DEFAULT_OPTIONS,
     ) -> None:
         self._scene, self._options = scene, options
         self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
+        self.episode = episode
         self._board, self._drawn = (0, 0), -1
         self._target: NDArray[np.float64] = np.zeros(3)
-        self._paired: Episode | None = None
+        self._paired: View | None = None
         self._episode_nodes: list[viser.SceneNodeHandle] = []
         self._add_light()
         self._add_ground()
@@ -186,10 +187,11 @@ class Scene:
         self._begin(episode)
         self.show(episode)
 
-    def show(self, episode: Episode) -> None:
+    def show(self, episode: View) -> None:
         """Bring the scene up to date with the episode; with effects, `glide` then moves the rover to its place."""
-        if episode is not self.episode:
+        if not _are_of_same_run(episode, self.episode):
             self._begin(episode)
+        self.episode = episode
         if episode.steps == self._drawn:
             return
         self._fog._data = fog(episode.codes)
@@ -250,15 +252,16 @@ class Scene:
             row, col = cell
             self._goal.position = (float(col), -float(row), 0.13)
 
-    def show_paired_path(self, paired: Episode | None) -> None:
+    def show_paired_path(self, paired: View | None) -> None:
         """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
-        if paired is not self._paired:
+        if not _are_of_same_run(paired, self._paired):
             for node in [
                 node for node in self._episode_nodes if node.name.startswith("/paired_path/")
             ]:
                 node.remove()
                 self._episode_nodes.remove(node)
-            self._paired, self._paired_steps = paired, 0
+            self._paired_steps = 0
+        self._paired = paired
         if paired is None or paired.steps == self._paired_steps:
             return
         for start in range(
@@ -271,7 +274,7 @@ class Scene:
                 )
         self._paired_steps = paired.steps
 
-    def _begin(self, episode: Episode) -> None:
+    def _begin(self, episode: View) -> None:
         """Remove what the last episode left, its rocks and its trail, and fit the ground to the new one."""
         for node in self._episode_nodes:
             node.remove()
@@ -428,7 +431,7 @@ class Scene:
             self._found.vertices, self._found.faces = models.squares(fresh)
         self._known = known
 
-    def _show_end(self, episode: Episode) -> None:
+    def _show_end(self, episode: View) -> None:
         """Mark where the rover crashed, and tilt it; `glide` draws it so."""
         self._has_crashed = episode.outcome in CRASHES
         self._crash.visible = self._has_crashed
@@ -460,3 +463,7 @@ class Scene:
                     thickness_units="world",
                 )
             )
+
+
+def _are_of_same_run(one: View | None, other: View | None) -> bool:
+    return one is other or (one is not None and other is not None and one.is_of_same_run(other))

@@ -216,7 +216,7 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
     ):
         async for _ in subscriber:
             paired_board.update()
-            episode = session.episode
+            episode = session.shown
             with client.atomic():
                 if scene is None:
                     scene = Scene(client.scene, episode, session.is_second, options)
@@ -244,8 +244,8 @@ async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -
 
 def thought_of(session: Session) -> dict[str, Any]:
     """Return the policy's thought about the newest frame, see `messages.Thought`; empty when there is none."""
-    if not session.thought or session.episode.ended:
+    if not session.thought or session.shown.ended:
         return {}
     thought: dict[str, Any] = json.loads(session.thought)
-    is_newest = (thought["episode"], thought["step"]) == (session.current.id, session.episode.steps)
+    is_newest = (thought["episode"], thought["step"]) == (session.current.id, session.shown.steps)
     return thought if is_newest else {}

@@ -72,9 +72,7 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, config = lobby.rival_of(session), session.current.config
     current, store = session.current, lobby.store
-    finished = (
-        await store.read(lambda: store.episode(current.id)) if session.episode.ended else None
-    )
+    finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
     return {
         "session": session.id,
         "player": session.row.driver_name,
@@ -247,7 +245,7 @@ async def get_about(request: Request, session_id: str) -> dict[str, Any]:
 async def get_history(request: Request, session_id: str) -> Response:
     """Return the position and the number of discovered cells after each step, the start first."""
     session = await visible_session(request, session_id)
-    return _json(encode_history(session.current.id, session.episode))
+    return _json(encode_history(session.current.id, session.shown))
 
 
 _ACT_ANSWERS: dict[int | str, dict[str, Any]] = {

@@ -88,7 +88,7 @@ class PlaySocket:
                     await send(frame)
                 if session.current.id != episode:
                     episode = session.current.id
-                    await send(encode_history(episode, session.episode))
+                    await send(encode_history(episode, session.shown))
                 if session.thought != thought:
                     thought = session.thought
                     if thought:
@@ -141,7 +141,7 @@ class PlaySocket:
                 return None
             if isinstance(message, ExpectedRequest):
                 return self._expected.of(session)
-            return encode_history(session.current.id, session.episode)
+            return encode_history(session.current.id, session.shown)
         except RefusedError as refusal:
             self._count_refusal("not_current")
             return encode_refused(str(refusal), session.frame)

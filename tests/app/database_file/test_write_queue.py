@@ -2,12 +2,11 @@
 
 import asyncio
 import secrets
-import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing
 from functools import partial
 
 import numpy as np
@@ -19,33 +18,10 @@ from app.play import attestation
 from app.storage.store import StepRow, Store, StoreError
 from tests.support.recorded import NOW, add_session, open_episode
 from tests.support.servers import eventually
+from tests.support.write_lock import locked_elsewhere
 
-HOLD = """import sqlite3, sys
-db = sqlite3.connect(sys.argv[1], isolation_level=None)
-db.execute("BEGIN IMMEDIATE")
-print("locked", flush=True)
-sys.stdin.read()
-db.execute("ROLLBACK")
-db.close()
-print("free", flush=True)
-"""
 COMMIT_S = 0.25
 """Seconds that a commit takes on the slow disk of these tests."""
-
-
-@contextmanager
-def locked_elsewhere(path):
-    """Let another process hold the lock for writing during the block."""
-    command = [sys.executable, "-c", HOLD, str(path)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout.readline() == "locked\n"
-        try:
-            yield
-        finally:
-            process.stdin.close()
-            assert process.stdout.readline() == "free\n"
 
 
 def delay_commits(server, seconds):

@@ -42,7 +42,7 @@ def run_in_lobby(tmp_path, policies):
 
 
 def move(session, action=2, **rest):
-    return Move(session.current.id, session.episode.steps, action, "human", **rest)
+    return Move(session.current.id, session.shown.steps, action, "human", **rest)
 
 
 async def until(claim):
@@ -57,7 +57,7 @@ def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(ru
         rival = lobby.rival_of(session)
         with rival.channel.subscribe():
             await session.act(move(session))
-            await until(lambda: rival.episode.steps == 1)
+            await until(lambda: rival.shown.steps == 1)
             frames = session.frame, rival.frame
             await asyncio.sleep(0.3)
             assert len(lobby) == 2
@@ -68,7 +68,7 @@ def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(ru
         assert resumed is not session
         with resumed_rival.channel.subscribe():
             await resumed.act(move(resumed))
-            await until(lambda: resumed_rival.episode.steps == 2)
+            await until(lambda: resumed_rival.shown.steps == 2)
 
     run_in_lobby(scenario, idle_s=0.1)
 
@@ -78,15 +78,15 @@ def test_a_restarted_server_knows_players_rivals_and_paces(run_in_lobby):
         session = await lobby.create(NewSession(rival="frontier-utility", size=[21, 19]), "me")
         rival = lobby.rival_of(session)
         await lobby.change_pace(rival, ChangePace(moves_per_second=60))
-        await until(lambda: rival.episode.steps >= 3)
+        await until(lambda: rival.shown.steps >= 3)
         await lobby.change_pace(rival, ChangePace(pause=True))
-        return session.id, rival.id, session.current.terrain, rival.episode.steps
+        return session.id, rival.id, session.current.terrain, rival.shown.steps
 
     async def after(lobby):
         rival = await lobby.get(rival_id)
         session = await lobby.get(session_id)
         assert lobby.rival_of(session) is rival
-        assert (rival.pace.mode, rival.pace.moves_per_second, rival.episode.steps >= steps) == (
+        assert (rival.pace.mode, rival.pace.moves_per_second, rival.shown.steps >= steps) == (
             "paused",
             60,
             True,
@@ -123,7 +123,7 @@ def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch
     async def scenario(lobby):
         session = await lobby.create(NewSession(seed=5), "me")
         await session.act(move(session))
-        frame, codes = session.frame, session.episode.codes.copy()
+        frame, codes = session.frame, session.shown.codes.copy()
         with monkeypatch.context() as patch:
             patch.setattr(lobby.store, "add_step", broken)
             with pytest.raises(StoreError):
@@ -131,15 +131,15 @@ def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch
             patch.setattr(lobby.store, "next_episode", broken)
             with pytest.raises(StoreError):
                 await lobby.restart(session, NewEpisode())
-        assert (session.frame, session.episode.steps, session.episode.outcome) == (
+        assert (session.frame, session.shown.steps, session.shown.outcome) == (
             frame,
             1,
             "running",
         )
-        assert (session.episode.codes == codes).all()
+        assert (session.shown.codes == codes).all()
         await session.act(move(session))
-        assert session.episode.steps == 2
-        assert session.episode.record().actions == b"\x02\x02"
+        assert session.shown.steps == 2
+        assert session.shown.actions == b"\x02\x02"
 
     def broken(*_):
         raise StoreError("the disk is full")
@@ -195,6 +195,6 @@ def test_a_policys_rover_refuses_other_drivers(run_in_lobby):
         await lobby.change_pace(session, ChangePace(pause=True))
         for driver in ("human", "script"):
             with pytest.raises(RefusedError, match="driven by the policy 'random'"):
-                await session.act(Move(session.current.id, session.episode.steps, 2, driver))
+                await session.act(Move(session.current.id, session.shown.steps, 2, driver))
 
     run_in_lobby(scenario)

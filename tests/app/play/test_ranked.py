@@ -19,6 +19,7 @@ from app.play.sources import Sources, now_ms
 from app.storage.playground import open_ranked
 from app.storage.store import Store
 from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import unpack_terrain
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies import load
 from tests.support.servers import eventually
@@ -209,7 +210,8 @@ def test_two_tabs_that_ask_for_a_ranked_board_at_once_get_one(in_lobby):
 
 
 def _away(session):
-    return 2 if not session.episode.terrain[1, 0] else 1
+    row = session.current
+    return 2 if not unpack_terrain(row.terrain, row.config)[1, 0] else 1
 
 
 def test_a_ranked_episode_that_nobody_moves_is_abandoned_after_a_while_in_memory_or_not(serve):
@@ -288,12 +290,12 @@ def test_each_move_puts_the_time_off(in_lobby):
         session, _ = await boards.begin(NewSession(size=[9, 12]), "me")
         away = _away(session)
         for action in (away, (away + 2) % 4, away):
-            await session.act(Move(session.current.id, session.episode.steps, action, "human"))
+            await session.act(Move(session.current.id, session.shown.steps, action, "human"))
             now[0] += 29 * MINUTE_MS
             await boards.abandon_left()
-            assert not session.episode.ended
+            assert not session.shown.ended
         now[0] += 2 * MINUTE_MS
         await boards.abandon_left()
-        assert (session.episode.outcome, session.episode.steps) == ("abandoned", 3)
+        assert (session.shown.outcome, session.shown.steps) == ("abandoned", 3)
 
     in_lobby(scenario, clock_ms=lambda: now[0])

@@ -14,6 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.play.session import Channel
+from app.tasks.mars.view import View
 from app.viewer3d.models import dashes
 from app.viewer3d.scene import Scene, ViewOptions, fog, soil
 from app.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
@@ -217,10 +218,11 @@ def record(episode, actions=(), options=None):
         viewer, sent = Viewer(), []
         transport = viewer._server._websock_server
         transport.queue_message = lambda message: sent.append(encode(message))
-        picture = Scene(viewer._server.scene, episode, False, options or ViewOptions())
+        shown = View(episode) if isinstance(episode, Episode) else episode
+        picture = Scene(viewer._server.scene, shown, False, options or ViewOptions())
         for action in actions:
             episode.step(action)
-            picture.show(episode)
+            picture.show(View(episode))
             picture.glide(0.5)
             picture.glide(1.0)
         viewer.close()

@@ -1,0 +1,1 @@
+"""MarsExplorer on a board: its episode as it is played and as it may be seen."""

@@ -1,0 +1,164 @@
+"""Until a move is recorded every reader is told what was published last: another connection holds the database's lock."""
+
+import asyncio
+import json
+from contextlib import ExitStack
+
+import msgspec
+import pytest
+
+from app.admin.live_boards import board_messages
+from app.play.messages import encode_frame
+from app.tasks.mars.view import View
+from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import Episode
+from tests.support.servers import eventually
+from tests.support.viewer3d import View as View3d
+from tests.support.write_lock import locked_elsewhere
+
+SIZE = [9, 13]
+
+
+def first_of(socket_path, *kinds, ask=None):
+    """What a socket that joins now is told first, by kind."""
+
+    def read(table):
+        with table.server.socket(table.link(socket_path), table.client, path=socket_path) as socket:
+            if ask is not None:
+                socket.send(ask)
+            return [socket.receive(kind) for kind in kinds]
+
+    return read
+
+
+def get(path):
+    return lambda table: table.client.get(path.format(**table.names)).text
+
+
+def view_of_who_joins(table):
+    with ExitStack() as stack:
+        seen = View3d(table.server, table.session, stack, table.client).read("/border", "/rover")
+    decoded = [msgspec.msgpack.decode(each) for each in seen]
+    return [each | {"owner": None} for each in decoded if "name" in each]
+
+
+def operators_stream(table):
+    async def first():
+        messages = board_messages(table.board)
+        found = await anext(messages)
+        await messages.aclose()
+        return json.loads(found)
+
+    return table.server.on_loop(first())
+
+
+READERS = {
+    "a second socket": first_of("/ws/sessions/", "frame", "history"),
+    "a history that is asked for": first_of(
+        "/ws/sessions/", "history", "history", ask={"kind": "history"}
+    ),
+    "expected discoveries": first_of("/ws/sessions/", "expected", ask={"kind": "expected"}),
+    "thoughts": first_of("/ws/sessions/", "frame", "thought"),
+    "a spectator's socket": first_of("/ws/watch/", "frame", "history"),
+    "a spectator over HTTP": get("/api/watch/{watch}"),
+    "the frame over HTTP": get("/api/sessions/{session}"),
+    "the history over HTTP": get("/api/sessions/{session}/history"),
+    "the board over HTTP": get("/api/sessions/{session}/about"),
+    "the player's own steps": get("/api/me/export/steps.csv"),
+    "the player's own episodes": get("/api/me/history"),
+    "the 3-D view": view_of_who_joins,
+    "the operator": operators_stream,
+}
+
+
+class Table:
+    """A paused policy's board, whose next move waits for the lock."""
+
+    def __init__(self, server):
+        self.server, self.client = server, server.client()
+        wanted = {"size": SIZE, "seed": 5, "player": "frontier-cost"}
+        about = self.client.post("/api/sessions", json=wanted).json()
+        self.session = about["session"]
+        self.names = {"session": self.session, "watch": about["watch"]}
+        self.pace(pause=True)
+        self.pace(step=True)
+        self.board = server.services.lobby.in_memory(self.session)
+        eventually(lambda: self.board.thought and json.loads(self.board.thought)["step"] > 0)
+
+    def pace(self, **change):
+        self.client.post(f"/api/sessions/{self.session}/pace", json=change).raise_for_status()
+
+    def link(self, path):
+        return self.names["watch" if "watch" in path else "session"]
+
+
+@pytest.fixture
+def table(serve):
+    return Table(serve())
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_reader_is_told_nothing_of_a_move_that_is_not_recorded(table, tmp_path, reader):
+    read, store, group = READERS[reader], table.server.services.store, table.server.services.lobby
+    before, step = read(table), table.board.shown.steps
+    with locked_elsewhere(tmp_path / "playground.db"):
+        agent = group._groups[table.session].agents[table.session]
+        table.server.on_loop(asyncio.sleep(0, agent.move_once()))
+        eventually(lambda: table.board.changing.locked() and len(store.writes))
+        assert read(table) == before
+        assert table.board.changing.locked(), "the move is held back still"
+    eventually(lambda: table.board.shown.steps == step + 1)
+    if "own" not in reader:  # exports hold finished episodes alone
+        assert read(table) != before
+
+
+def test_a_rival_neither_decides_nor_moves_before_its_players_move_is_recorded(serve, tmp_path):
+    server = serve()
+    client, lobby = server.client(), server.services.lobby
+    wanted = {"size": SIZE, "seed": 5, "rival": "frontier-cost"}
+    about = client.post("/api/sessions", json=wanted).json()
+    player, rival = (
+        lobby.in_memory(each) for each in (about["session"], about["rival"]["session"])
+    )
+    eventually(lambda: rival.thought)
+    with server.socket(player.id, client) as socket:
+        frame = socket.receive("frame")
+        with locked_elsewhere(tmp_path / "playground.db"):
+            socket.act(frame, "south")
+            eventually(player.changing.locked)
+            asked = client.get(f"/api/sessions/{rival.id}").json()["step"]
+            assert (asked, rival.changing.locked(), len(server.services.store.writes)) == (
+                0,
+                False,
+                1,
+            )
+        assert socket.frame_after(0)["step"] == 1
+    eventually(lambda: rival.shown.steps == 1)
+
+
+def test_a_run_whose_move_was_not_recorded_is_made_again_and_goes_on(server):
+    """Refused moves, one of them the last and one that gives up, leave the board as it was; the episode is the core's."""
+    client = server.client()
+    about = client.post("/api/sessions", json={"size": SIZE, "seed": 5}).json()
+    path, episode = f"/api/sessions/{about['session']}", about["frame"]["episode"]
+
+    def act(step, action):
+        body = {"episode": episode, "step": step, "action": action}
+        return client.post(f"{path}/act", json=body)
+
+    twin = Episode.begin(EnvConfig.of("random", SIZE), seed=5)
+    for step, action in enumerate((2, 0)):
+        twin.step(action)
+        assert act(step, ACTIONS[action]).text == encode_frame(episode, View(twin))
+    frame = client.get(path).text
+    server.execute("PRAGMA query_only = ON")
+    assert [act(2, action).status_code for action in ("south", "north")] == [503, 503]
+    assert client.post(f"{path}/episodes", json={}).status_code == 503
+    assert client.get(path).text == frame
+    server.execute("PRAGMA query_only = OFF")
+    for step, action in enumerate((2, 0, 0), 2):
+        twin.step(action)
+        assert act(step, ACTIONS[action]).text == encode_frame(episode, View(twin))
+    assert twin.outcome == "out_of_bounds"
+    kept = server.services.store.load_record(episode)
+    assert kept.trajectory_hash == twin.record().trajectory_hash

@@ -1,0 +1,56 @@
+"""How many modules one move over the socket enters, and how often it goes from one to another."""
+
+import sys
+from pathlib import Path
+
+MOST_MODULES, MOST_SWITCHES = 15, 54
+ROOT = Path(__file__).parents[3]
+OURS = tuple(f"{ROOT / name}/" for name in ("app", "marsexplorer"))
+
+
+class Trace:
+    """The modules of ours that one thread enters, in their order, each named once where it stays in one."""
+
+    def __init__(self):
+        self.went = []
+
+    def start(self):
+        sys.setprofile(self._note)
+
+    def stop(self):
+        sys.setprofile(None)
+
+    def _note(self, frame, event, _):
+        name = frame.f_code.co_filename
+        if event != "call" or not name.startswith(OURS) or frame.f_code.co_name == "on_loop":
+            return
+        module = name.removeprefix(f"{ROOT}/")
+        if self.went[-1:] != [module]:
+            self.went.append(module)
+
+
+def test_a_move_enters_few_modules(server):
+    client, store = server.client(), server.services.store
+    about = client.post("/api/sessions", json={"seed": 5}).json()
+    loop, writes = Trace(), Trace()
+
+    async def on_loop(change):
+        change()
+
+    with server.socket(about["session"], client) as socket:
+        frame = socket.receive("frame")
+        socket.receive("history")
+        for action in ("south", "north"):
+            socket.act(frame, action)
+            frame = socket.frame_after(frame["step"])
+        server.on_loop(store.write(writes.start))
+        server.on_loop(on_loop(loop.start))
+        socket.act(frame, "south")
+        socket.frame_after(frame["step"])
+        server.on_loop(on_loop(loop.stop))
+        server.on_loop(store.write(writes.stop))
+    modules = {*loop.went, *writes.went}
+    switches = sum(len(each.went) - 1 for each in (loop, writes))
+    print(f"\n{len(modules)} modules, {switches} switches")
+    assert len(modules) <= MOST_MODULES
+    assert switches <= MOST_SWITCHES
