@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 import sqlite3
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -249,12 +250,11 @@ def _write_files(
     minari = MinariWriter(
         folder / "minari", header.study, header.version, header.title, header.protocol.data_licence
     )
-    outcomes: dict[str, int] = {}
+    outcomes = Counter[str]()
     with reading(folder / BUNDLE_DATABASE) as conn:
-        for done, each in enumerate(released_episodes(conn), 1):
-            minari(each)
-            outcome = each.header["outcome"]
-            outcomes[outcome] = outcomes.get(outcome, 0) + 1
+        for done, (row, episode) in enumerate(released_episodes(conn), 1):
+            minari.add(row, episode)
+            outcomes[row["outcome"]] += 1
             advance(done)
         counts = {
             table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
@@ -263,7 +263,7 @@ def _write_files(
         written = write_tables(folder, conn)
         people = _counted_people(conn)
     minari.close()
-    header = replace(header, rows=counts, outcomes=outcomes, **people)
+    header = replace(header, rows=counts, outcomes=dict(outcomes), **people)
     named = {
         dataset_id(header.study, driver, header.version): count
         for driver, count in minari.episodes.items()

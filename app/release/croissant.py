@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS, SUMMARIES, Column
 from app.release.errors import ReleaseError, library
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
 from app.release.manifest import sha256
 from app.release.tables import PARQUET
+from app.storage.columns import Column, bundle_reference, bundle_table, summary
 
 ENCODING_FORMATS = {
     **{f"parquet/{table}.parquet": "application/x-parquet" for table in PARQUET},
@@ -127,35 +127,28 @@ class _Builder:
 
     def record_set(self, table: str, file: str) -> Any:
         """Return the RecordSet of a table that is read from a file."""
-        fields = [self._field(table, file, column) for column in BUNDLE_COLUMNS[table]]
-        key = [f"{table}/{name}" for name in PRIMARY_KEYS[table]]
+        made_from, columns = bundle_table(table)
+        fields = [self._field(table, file, column) for column in columns]
+        key = [f"{table}/{name}" for name in made_from.keys]
         return self._mlc.RecordSet(
             ctx=self.context,
             id=table,
             name=table,
-            description=SUMMARIES[table],
+            description=summary(table),
             fields=fields,
             key=key,
         )
 
     def _field(self, table: str, file: str, column: Column) -> Any:
-        mlc = self._mlc
+        mlc, other = self._mlc, bundle_reference(table, column.name)
         extract = mlc.Extract(ctx=self.context, column=column.name)
+        references = {"references": mlc.Source(ctx=self.context, field=f"{other}/{column.name}")}
         return mlc.Field(
             ctx=self.context,
             id=f"{table}/{column.name}",
             name=column.name,
             description=column.meaning,
-            data_types=[self._types[column.type]],
+            data_types=[self._types[column.exported_type]],
             source=mlc.Source(ctx=self.context, file_object=file, extract=extract),
-            **self._references(table, column.name),
-        )
-
-    def _references(self, table: str, column: str) -> dict[str, Any]:
-        """Return, as an argument, the field of another table that a column's values are found in; nothing without one."""
-        other = FOREIGN_KEYS.get(table, {}).get(column)
-        return (
-            {"references": self._mlc.Source(ctx=self.context, field=f"{other}/{column}")}
-            if other
-            else {}
+            **(references if other else {}),
         )

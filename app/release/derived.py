@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from app.moves.likeness import EpisodeAgreements
 from app.moves.regret import RegretRow
+from app.storage.columns import TABLES
 from app.storage.database import rows, transaction
 from app.study.data import StudyData
 from app.study.policy_episodes import PolicyEpisode
@@ -22,39 +24,6 @@ from marsexplorer.evaluation.agreement import Agreement
 from marsexplorer.score import steps_to_target
 
 INITIALS = "".join(name[0].upper() for name in ACTIONS)
-_TABLES = (
-    """CREATE TABLE input_summaries (
-        episode_id TEXT PRIMARY KEY REFERENCES episodes(id),
-        labels TEXT NOT NULL, -- JSON, a list
-        pause_share REAL NOT NULL) STRICT""",
-    """CREATE TABLE policy_episodes (
-        place INTEGER NOT NULL, -- of the policy among those compared
-        policy TEXT NOT NULL,
-        policy_hash TEXT,
-        terrain_index INTEGER NOT NULL,
-        seed INTEGER NOT NULL,
-        outcome TEXT NOT NULL,
-        steps INTEGER NOT NULL,
-        steps_to_99 INTEGER NOT NULL,
-        score REAL NOT NULL,
-        actions TEXT NOT NULL,
-        trajectory_hash TEXT NOT NULL,
-        PRIMARY KEY (policy, terrain_index)) STRICT""",
-    """CREATE TABLE move_regrets (
-        episode_id TEXT NOT NULL REFERENCES episodes(id),
-        step INTEGER NOT NULL,
-        action TEXT NOT NULL,
-        regret INTEGER NOT NULL,
-        best_action TEXT NOT NULL,
-        kind TEXT,
-        PRIMARY KEY (episode_id, step)) STRICT, WITHOUT ROWID""",
-    """CREATE TABLE move_agreements (
-        episode_id TEXT NOT NULL REFERENCES episodes(id),
-        policy TEXT NOT NULL,
-        moves INTEGER NOT NULL,
-        agreed INTEGER NOT NULL,
-        PRIMARY KEY (episode_id, policy)) STRICT, WITHOUT ROWID""",
-)
 
 
 def write_derived(
@@ -77,25 +46,31 @@ def write_derived(
     conn = sqlite3.connect(database, isolation_level=None)
     try:
         with transaction(conn):
-            for statement in _TABLES:
-                conn.execute(statement)
-            summaries = [
-                (trial.episode, json.dumps(list(trial.labels)), trial.pause_share)
-                for trial in data.trials
-                if trial.ended_ms is not None
-            ]
-            conn.executemany("INSERT INTO input_summaries VALUES (?, ?, ?)", summaries)
-            conn.executemany(f"INSERT INTO policy_episodes VALUES ({', '.join('?' * 11)})", found)
-            conn.executemany(
-                "INSERT INTO move_regrets VALUES (?, ?, ?, ?, ?, ?)", map(astuple, regrets)
+            for table in TABLES.values():
+                for statement in table.statements("bundle database"):
+                    conn.execute(statement)
+            _add(
+                conn,
+                "input_summaries",
+                (
+                    (trial.episode, json.dumps(list(trial.labels)), trial.pause_share)
+                    for trial in data.trials
+                    if trial.ended_ms is not None
+                ),
             )
-            agreed = [
-                (episode, policy, each.moves, each.agreed)
-                for (episode, policy), each in agreements.items()
-            ]
-            conn.executemany("INSERT INTO move_agreements VALUES (?, ?, ?, ?)", agreed)
+            _add(conn, "policy_episodes", found)
+            _add(conn, "move_regrets", map(astuple, regrets))
+            _add(
+                conn,
+                "move_agreements",
+                ((*key, each.moves, each.agreed) for key, each in agreements.items()),
+            )
     finally:
         conn.close()
+
+
+def _add(conn: sqlite3.Connection, table: str, found: Iterable[tuple[Any, ...]]) -> None:
+    conn.executemany(TABLES[table].insert("bundle database"), found)
 
 
 def read_policy_episodes(conn: sqlite3.Connection) -> tuple[PolicyEpisode, ...]:

@@ -14,8 +14,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.release.columns import SUMMARIES, dictionary, markdown
 from app.release.header import BUNDLE_DATABASE, ReleaseHeader
+from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from app.study.protocol import canonical
 
 LICENCES = {
@@ -89,8 +89,9 @@ def documents(
         "licence_url": licence_url(licence),
         "database": BUNDLE_DATABASE,
         "has_report": has_report,
-        "summaries": SUMMARIES,
-        "column_table": markdown,
+        "tables": {
+            name: (summary(name), markdown(bundle_table(name)[1])) for name in BUNDLE_TABLES
+        },
     }
     names = ("DATASHEET.md", "CITATION.cff", "LICENSE")
     return {name: _environment().get_template(f"{name}.j2").render(given) for name in names}

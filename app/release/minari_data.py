@@ -18,24 +18,15 @@ import numpy as np
 
 import marsexplorer  # noqa: F401  # registers the environment
 from app.release.errors import library
-from app.release.tables import ReleasedEpisode
+from app.release.tables import TableRow
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
 EPISODES_PER_WRITE = 64
-_CAUSE_METADATA = (
-    "participant",
-    "kind",
-    "phase",
-    "trial",
-    "terrain_index",
-    "episode",
-    "driver",
-    "script",
-    "config_hash",
-    "core_version",
-)
-_RESULT_METADATA = ("outcome", "return", "score", "steps_to_99", "trajectory_hash")
+_METADATA = (
+    "participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "script", "config_hash", "core_version",
+    "outcome", "return", "score", "steps_to_99", "trajectory_hash",
+)  # fmt: skip
 
 
 def dataset_id(study: str, driver: str, version: int) -> str:
@@ -51,20 +42,20 @@ class MinariWriter:
         library("h5py")
         self._root, self._study, self._version = root, study, version
         self._about = f"{title} Data licence: {licence}. Its environment comes with: pip install marsexplorer-playground"
-        self._waiting: dict[str, list[ReleasedEpisode]] = {}
+        self._waiting: dict[str, list[tuple[TableRow, Episode]]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
         self.without_moves = 0
 
-    def __call__(self, each: ReleasedEpisode) -> None:
+    def add(self, row: TableRow, episode: Episode) -> None:
         """Add one episode; Minari cannot keep one without a move, so such an episode is only counted."""
-        if not each.episode.actions:
+        if not episode.actions:
             self.without_moves += 1
             return
-        waiting = self._waiting.setdefault(each.header["driver"], [])
-        waiting.append(each)
+        waiting = self._waiting.setdefault(row["driver"], [])
+        waiting.append((row, episode))
         if len(waiting) >= EPISODES_PER_WRITE:
-            self._flush(each.header["driver"])
+            self._flush(row["driver"])
 
     def close(self) -> None:
         """Write what is still waiting."""
@@ -75,14 +66,14 @@ class MinariWriter:
         waiting = self._waiting[driver]
         if not waiting:
             return
-        buffers = [_buffer(self._minari, each) for each in waiting]
+        buffers = [_buffer(self._minari, *each) for each in waiting]
         first = self.episodes.get(driver, 0)
         if driver in self._made:
             self._made[driver].update_episodes(buffers)
         else:
-            self._made[driver] = self._create(driver, waiting[0].episode.config, buffers)
+            self._made[driver] = self._create(driver, waiting[0][1].config, buffers)
         numbers = range(first, first + len(waiting))
-        self._made[driver].update_episode_metadata([_metadata(each) for each in waiting], numbers)
+        self._made[driver].update_episode_metadata([_metadata(row) for row, _ in waiting], numbers)
         self.episodes[driver] = first + len(waiting)
         waiting.clear()
 
@@ -106,52 +97,37 @@ class MinariWriter:
 
 def environment(config: EnvConfig) -> dict[str, Any]:
     """Return what `gymnasium.make` takes to give the episodes' environment."""
-    rest = {
-        "sensor_radius": config.sensor_radius,
-        "beta": config.beta,
-        "max_steps": config.max_steps,
-    }
-    return {
-        "level": config.level,
-        "size": (config.rows, config.cols),
-        **rest,
-        "observation": "uint8",
-    }
+    size = (config.rows, config.cols)
+    rest = {name: getattr(config, name) for name in ("sensor_radius", "beta", "max_steps")}
+    return {"level": config.level, "size": size, **rest, "observation": "uint8"}
 
 
-def observations(each: ReleasedEpisode) -> list[np.ndarray]:
+def observations(episode: Episode) -> list[np.ndarray]:
     """Return what was seen before each move and after the last: uint8[rows, cols]."""
-    episode = Episode.begin(
-        each.episode.config, terrain=each.episode.terrain, start=each.episode.start
-    )
-    found = [episode.codes.copy()]
-    for action in each.episode.actions:
-        episode.step(action)
-        found.append(episode.codes.copy())
+    again = Episode.begin(episode.config, terrain=episode.terrain, start=episode.start)
+    found = [again.codes.copy()]
+    for action in episode.actions:
+        again.step(action)
+        found.append(again.codes.copy())
     return found
 
 
-def _buffer(minari: Any, each: ReleasedEpisode) -> Any:
-    moves = len(each.episode.actions)
-    outcome = each.header["outcome"]
-    terminated = outcome in ("explored", "collided", "out_of_bounds")
+def _buffer(minari: Any, row: TableRow, episode: Episode) -> Any:
+    moves = len(episode.actions)
+    terminated = row["outcome"] in ("explored", "collided", "out_of_bounds")
     return minari.data_collector.EpisodeBuffer(
-        seed=each.header["seed"],
-        observations=np.stack(observations(each)),
-        actions=np.frombuffer(bytes(each.episode.actions), np.uint8).astype(np.int64),
-        rewards=np.array(each.episode.rewards, np.float64),
+        seed=row["seed"],
+        observations=np.stack(observations(episode)),
+        actions=np.frombuffer(bytes(episode.actions), np.uint8).astype(np.int64),
+        rewards=np.array(episode.rewards, np.float64),
         terminations=np.array([False] * (moves - 1) + [terminated]),
         truncations=np.array([False] * (moves - 1) + [not terminated]),
         infos=None,
     )
 
 
-def _metadata(each: ReleasedEpisode) -> dict[str, Any]:
-    return {
-        name: each.header[name]
-        for name in (*_CAUSE_METADATA, *_RESULT_METADATA)
-        if each.header[name] is not None
-    }
+def _metadata(row: TableRow) -> dict[str, Any]:
+    return {name: row[name] for name in _METADATA if row[name] is not None}
 
 
 @contextmanager

@@ -18,20 +18,13 @@ from typing import Any
 from app.release.arrivals import arrivals_row
 from app.release.errors import ReleaseError
 from app.storage import chain
+from app.storage.columns import TABLES
 from app.storage.database import open_database, rows, stream, transaction
 from app.storage.erasure import ERASED
 from app.study.flow import Arrivals
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
-FREE_TEXT = {
-    "stage_events": ("detail",),
-    "participants": ("settings", "script"),
-    "input_events": ("code",),
-}
-"""Columns whose text a browser had a hand in: looked through for identities before anything leaves."""
-
-_REFERENCES = {"participant_id": "participants", "session_id": "sessions", "player_id": "players"}
 _PEOPLE = (
     "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
 )
@@ -107,10 +100,8 @@ def write_pseudonymized(
             conn.execute("PRAGMA defer_foreign_keys = ON")
             conn.execute("INSERT INTO meta VALUES (:name, :value)", arrivals_row(study, arrivals))
             for table, found in _rows(source, study, pseudonyms, closed):
-                marks = ",".join("?" * len(found))
                 conn.execute(
-                    f"INSERT INTO {table} ({','.join(found)}) VALUES ({marks})",
-                    list(found.values()),
+                    TABLES[table].insert(), [found[name] for name in TABLES[table].names()]
                 )
             chain.append_all(conn, chain.things(conn))
         conn.execute("PRAGMA journal_mode = DELETE")
@@ -193,14 +184,14 @@ class RowPseudonymizer:
 
     def row(self, table: str, row: dict[str, Any]) -> dict[str, Any]:
         """Return the row renamed; ReleaseError when its free text holds an identity."""
-        for name, of in _REFERENCES.items():
-            if name in row:
+        for name, (of, _) in TABLES[table].references().items():
+            if of in PREFIXES:
                 row[name] = self._pseudonyms.of(of, row[name])
-        if table == "participants":
-            row["id"] = self._pseudonyms.of("participants", row["id"])
-        for name in FREE_TEXT.get(table, ()):
-            if row[name] is not None:
-                row[name] = self._text(row[name], f"{table}.{name}")
+        if table in PREFIXES:
+            row["id"] = self._pseudonyms.of(table, row["id"])
+        for column in TABLES[table].columns("database"):
+            if column.is_free and row[column.name] is not None:
+                row[column.name] = self._text(row[column.name], f"{table}.{column.name}")
         return row
 
     def _text(self, text: str, place: str) -> str:

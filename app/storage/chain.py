@@ -22,6 +22,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
+from app.storage.columns import TABLES
+
 Kind = Literal["study", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
@@ -59,64 +61,49 @@ class BegunHash(NamedTuple):
 
 
 class _Part(NamedTuple):
+    """The rows of a table that an entry covers: all their columns that the list of columns calls chained."""
+
     table: str
-    columns: str
     where: str
+
+    @property
+    def columns(self) -> str:
+        return ", ".join(TABLES[self.table].names("chain"))
 
 
 _EVENTS = _Part(
-    "input_events",
-    "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms",
-    "episode_id = :id AND number >= :first AND number < :until ORDER BY number",
+    "input_events", "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
 )
 _PARTS: dict[Kind, tuple[_Part, ...]] = {
-    "study": (
-        _Part("studies", "name, protocol, protocol_hash, commitment, frozen_ms, closed_ms, secret", "name = :id"),
-    ),
+    "study": (_Part("studies", "name = :id"),),
     "session": (
-        _Part("sessions", "id, player_id, owner_id, driver_name, rival_of, created_ms, control", "id = :id"),
+        _Part("sessions", "id = :id"),
         _Part(
             "players",
-            "id, created_ms",
             "id IN (SELECT player_id FROM sessions WHERE id = :id UNION SELECT owner_id FROM sessions WHERE id = :id) "
             "ORDER BY id",
         ),
     ),
     "episode": (
-        _Part(
-            "episodes",
-            "id, session_id, number, level, config, config_hash, seed, seed_chosen, terrain, terrain_hash, terrain_met_before, "
-            "start_row, start_col, policy_seed, core_version, driver, assisted, started_ms, ended_ms, outcome, steps, "
-            "discovered, total, score, trajectory_hash, attestation, attestation_reason",
-            "id = :id",
-        ),
-        _Part(
-            "steps",
-            "step, action, reward, discovered, server_ms, client_ms, key_down_ms, key_up_ms, input, driver",
-            "episode_id = :id ORDER BY step",
-        ),
-        _Part("study_episodes", "participant_id, phase, trial, terrain", "episode_id = :id"),
+        _Part("episodes", "id = :id"),
+        _Part("steps", "episode_id = :id ORDER BY step"),
+        _Part("study_episodes", "episode_id = :id"),
         _EVENTS,
-        _Part("daily_attempts", "day, player_id, commitment", "episode_id = :id"),
+        _Part("daily_attempts", "episode_id = :id"),
         _Part(
             "daily_terrains",
-            "commitment, day, key, config",
             "commitment = (SELECT commitment FROM daily_attempts WHERE episode_id = :id)",
         ),
     ),
     "events": (_EVENTS,),
     "participant": (
-        _Part(
-            "participants",
-            "id, study, player_id, session_id, kind, script, stage, consent_version, consent_ms, joined_ms, completed_ms, "
-            "completion_code, settings, invitation, supervised_ms",
-            "id = :id",
-        ),
-        _Part("stage_events", "number, at_ms, kind, detail", "participant_id = :id ORDER BY number"),
-        _Part("identities", "name, value", "participant_id = :id ORDER BY name"),
-        _Part("players", "id, created_ms", "id = (SELECT player_id FROM participants WHERE id = :id)"),
+        _Part("participants", "id = :id"),
+        _Part("stage_events", "participant_id = :id ORDER BY number"),
+        _Part("identities", "participant_id = :id ORDER BY name"),
+        _Part("players", "id = (SELECT player_id FROM participants WHERE id = :id)"),
     ),
-}  # fmt: skip
+}
+_NUMBER = TABLES["input_events"].names("chain").index("number")
 
 OWNERS: dict[Kind, str] = {
     "study": "SELECT name FROM studies",
@@ -153,7 +140,7 @@ def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
     found = _empty_hash(_EVENTS, salt)
     for row in select(conn, _rows_of(_EVENTS), {"id": episode_id, "first": 0, "until": _BEYOND}):
         found.update(canonical(row))
-        until = row[0] + 1
+        until = row[_NUMBER] + 1
     return BegunHash(salt, until, found)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from app.database_file.file import StoreError, hold, is_in_use
-from app.storage.schema import SCHEMA, TABLES
+from app.storage.columns import SCHEMA, TABLES
 
 
 @contextmanager
@@ -74,8 +74,9 @@ def create_tables(conn: sqlite3.Connection) -> None:
     """Make the tables of a new database and give it its number; one that has a number stays as it is."""
     with transaction(conn):
         if _schema_of(conn) == 0:
-            for statement in TABLES.split(";\n"):
-                conn.execute(statement)
+            for table in TABLES.values():
+                for statement in table.statements():
+                    conn.execute(statement)
             conn.execute(f"PRAGMA user_version = {SCHEMA}")
 
 

@@ -15,27 +15,18 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from app.storage.columns import TABLES, Column, ColumnType
 from app.storage.reader import Reader, Who, cells_of, config_of, now_ms
 from app.storage.resimulation import simulate
 from marsexplorer.config import ACTIONS
-from marsexplorer.episode import Episode
 from marsexplorer.files import to_cell, write_whole
 from marsexplorer.score import steps_to_target
 
 ExportTable = Literal["episodes", "steps"]
-
-EPISODE_COLUMNS = (
-    "episode", "player", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts",
-    "level", "rows", "cols", "sensor_radius", "beta", "max_steps", "config_hash", "seed", "start_row", "start_col",
-    "terrain", "policy_seed", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "coverage",
-    "return", "score", "steps_to_target", "actions", "trajectory_hash",
-    "attestation", "attestation_reason", "daily", "verified",
-)  # fmt: skip
-STEP_COLUMNS = (
-    "episode", "player", "step", "action", "row", "col", "discovered", "coverage", "reward",
-    "server_ms", "client_ms", "key_down_ms", "key_up_ms", "input", "driver", "verified",
-)  # fmt: skip
-COLUMNS: dict[ExportTable, tuple[str, ...]] = {"episodes": EPISODE_COLUMNS, "steps": STEP_COLUMNS}
+COLUMNS: dict[ExportTable, tuple[str, ...]] = {
+    "episodes": TABLES["episodes"].names("export"),
+    "steps": TABLES["steps"].names("export"),
+}
 
 
 def new_key() -> bytes:
@@ -137,104 +128,63 @@ def _stream(
             for row in wanted():
                 found = _rows_of(row, reader.steps(row["id"]), table, key)
                 if found:
-                    yield _encoded(found)
+                    yield _encoded(found, TABLES[table].columns("export"))
     finally:
         reader.close()
 
 
 def _rows_of(
     row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes
-) -> list[tuple[Any, ...]]:
+) -> list[dict[str, Any]]:
+    """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
-    verified = not findings
-    common = (row["id"], _pseudonym(row["owner_id"], key))
+    config, cells = config_of(row), cells_of(row)
+    common = {
+        "episode": row["id"],
+        "player": _pseudonym(row["owner_id"], key),
+        "verified": not findings,
+    }
     if table == "episodes":
         return [
-            (
-                *common,
-                *_episode_values(row, steps),
-                row["attestation"],
-                row["attestation_reason"],
-                row["daily"],
-                verified,
-            )
+            {
+                **config.to_dict(),
+                **row,
+                **common,
+                "terrain": row["terrain"].hex(),
+                "coverage": row["discovered"] / cells,
+                "return": row["total"],
+                "steps_to_target": steps_to_target(config, row["outcome"], row["steps"]),
+                "actions": " ".join(ACTIONS[step["action"]] for step in steps),
+            }
         ]
-    path = [] if episode is None else episode.path
-    return [(*common, *_step_values(step, episode, path), verified) for step in steps]
+    found = []
+    for step in steps:
+        after = step["step"] + 1
+        place = (
+            (*episode.path[after], episode.discoveries[after] / episode.cells)
+            if episode
+            else (None,) * 3
+        )
+        replayed = dict(zip(("row", "col", "coverage"), place, strict=True))
+        found.append({**step, **common, **replayed, "action": ACTIONS[step["action"]]})
+    return found
+
+
+def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:
+    out = io.StringIO()
+    lines = ([csv_cell(row[each.name], each.type) for each in columns] for row in found)
+    csv.writer(out, lineterminator="\n").writerows(lines)
+    return out.getvalue().encode()
+
+
+def csv_cell(value: Any, kind: ColumnType) -> Any:
+    """Return a value as a CSV file holds it: truth values are true and false, what is absent is empty."""
+    if kind == "boolean" and value is not None:
+        return "true" if value else "false"
+    return to_cell(value)
 
 
 def _pseudonym(player_id: str | None, key: bytes) -> str | None:
-    return (
-        None
-        if player_id is None
-        else "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]
-    )
-
-
-def _episode_values(row: dict[str, Any], steps: list[dict[str, Any]]) -> tuple[Any, ...]:
-    config = config_of(row)
-    flags = (
-        bool(row[name]) for name in ("assisted", "seed_chosen", "terrain_met_before", "counts")
-    )
-    shape = (
-        config.level,
-        config.rows,
-        config.cols,
-        config.sensor_radius,
-        config.beta,
-        config.max_steps,
-    )
-    cause = (
-        row["config_hash"],
-        row["seed"],
-        row["start_row"],
-        row["start_col"],
-        row["terrain"].hex(),
-    )
-    times = (row["policy_seed"], row["core_version"], row["started_ms"], row["ended_ms"])
-    totals = (
-        row["outcome"],
-        row["steps"],
-        row["discovered"],
-        row["discovered"] / cells_of(row),
-        row["total"],
-        row["score"],
-    )
-    to_target = steps_to_target(config, row["outcome"], row["steps"])
-    actions = " ".join(ACTIONS[step["action"]] for step in steps)
-    return (
-        row["driver"],
-        *flags,
-        *shape,
-        *cause,
-        *times,
-        *totals,
-        to_target,
-        actions,
-        row["trajectory_hash"],
-    )
-
-
-def _step_values(
-    step: dict[str, Any], episode: Episode | None, path: Sequence[tuple[int, int]]
-) -> tuple[Any, ...]:
-    here = step["step"] + 1
-    position: Sequence[int | None] = path[here] if episode else (None, None)
-    coverage = episode.discoveries[here] / episode.cells if episode else None
-    seen = (step["discovered"], coverage, step["reward"], step["server_ms"])
-    times = (
-        step["client_ms"],
-        step["key_down_ms"],
-        step["key_up_ms"],
-        step["input"],
-        step["driver"],
-    )
-    return (step["step"], ACTIONS[step["action"]], *position, *seen, *times)
-
-
-def _encoded(values: list[tuple[Any, ...]]) -> bytes:
-    out = io.StringIO()
-    words = {True: "true", False: "false"}
-    plain = ([words[v] if isinstance(v, bool) else to_cell(v) for v in line] for line in values)
-    csv.writer(out, lineterminator="\n").writerows(plain)
-    return out.getvalue().encode()
+    if player_id is None:
+        return None
+    return "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]

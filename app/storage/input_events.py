@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from app.storage import chain
+from app.storage.columns import TABLES
 from app.storage.reader import Reader
 from app.storage.store import Store
 
@@ -65,7 +66,7 @@ def add_input_events(
         (ended_ms,) = conn.execute(_ENDED, [episode_id]).fetchone()
         at_ms = at_ms if ended_ms is None else max(at_ms, ended_ms + 1)
         rows = [(episode_id, number, *event, at_ms) for number, event in enumerate(events, first)]
-        conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        conn.executemany(TABLES["input_events"].insert(), rows)
         conn.execute("INSERT INTO event_batches VALUES (?, ?, ?)", (episode_id, first, batch))
         chain.append_late_events(conn, episode_id, first)
     return True

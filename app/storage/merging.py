@@ -12,35 +12,21 @@ from typing import Any
 
 from app.storage import chain
 from app.storage.chain import Kind, Thing
+from app.storage.columns import TABLES
 from app.storage.database import StoreError, open_database, reading, rows, stream, transaction
 from app.storage.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
-MERGED_TABLES = (
-    "players", "sessions", "episodes", "steps", "participants", "identities", "stage_events", "study_episodes",
-    "input_events", "releases", "daily_terrains", "daily_attempts",
-)  # fmt: skip
-"""What is merged, besides `studies`. The key that signs cookies and the secret of daily terrains stay where they are, as does
-the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the sources."""
+NOT_MERGED = ("meta", "studies", "event_batches", "forgotten", "forgotten_people", "chain", "chain_salts", "operators",
+              "operator_actions")  # fmt: skip
+"""Studies and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
+they are, as does the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the
+sources."""
 
+MERGED = {name: table for name, table in TABLES.items() if table.names() and name not in NOT_MERGED}
 ROWS_AT_A_TIME = 2_000
-_REFERENCED = {
-    "id": None,
-    "session_id": "sessions",
-    "episode_id": "episodes",
-    "participant_id": "participants",
-}
-"""Column -> the table whose id it holds; None stands for the row's own table."""
-
-_PARTS: dict[str, tuple[Kind, str]] = {
-    "steps": ("episode", "episode_id"),
-    "input_events": ("episode", "episode_id"),
-    "study_episodes": ("episode", "episode_id"),
-    "daily_attempts": ("episode", "episode_id"),
-    "stage_events": ("participant", "participant_id"),
-    "identities": ("participant", "participant_id"),
-}
-"""Table -> whose parts its rows are, and by which column."""
+_OWNED: dict[str, Kind] = {"episodes": "episode", "participants": "participant"}
+"""Table -> the kind of the thing in the chain whose parts are the rows that refer to it first."""
 
 _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN participants p ON p.id = i.participant_id
     WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM studies s WHERE s.name = p.study)
@@ -112,7 +98,7 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     _merge_studies(target, source, where)
     hidden = _hidden(target, source)
     counts.forgotten = len(hidden["participants"])
-    for table in MERGED_TABLES:
+    for table in MERGED:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
     found = {
@@ -143,12 +129,13 @@ def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[
     parts: dict[Thing, dict[str, int]] = {
         each: {} for each in wanted if each.kind in ("episode", "participant")
     }
-    for table, (kind, column) in _PARTS.items() if parts else ():
-        for ident, count in conn.execute(
-            f"SELECT {column}, count(*) FROM {table} GROUP BY {column}"
-        ):
-            if (each := Thing(kind, ident)) in parts:
-                parts[each][table] = count
+    for table in MERGED.values() if parts else ():
+        column, (of, _) = next(iter(table.references().items()), ("", ("", "")))
+        if of in _OWNED:
+            counted = f"SELECT {column}, count(*) FROM {table.name} GROUP BY {column}"
+            for ident, count in conn.execute(counted):
+                if (each := Thing(_OWNED[of], ident)) in parts:
+                    parts[each][table.name] = count
     return parts
 
 
@@ -199,11 +186,11 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
 def _visible(
     table: str, found: Iterable[dict[str, Any]], hidden: dict[str, set[Any]]
 ) -> Iterator[dict[str, Any]]:
+    names = {name: of for name, (of, _) in MERGED[table].references().items()}
+    if "id" in MERGED[table].names():
+        names["id"] = table
     for row in found:
-        if not any(
-            name in row and row[name] in hidden.get(of or table, ())
-            for name, of in _REFERENCED.items()
-        ):
+        if not any(row[name] in hidden.get(of, ()) for name, of in names.items()):
             yield row
 
 
@@ -211,26 +198,25 @@ def _merge_table(
     target: sqlite3.Connection, table: str, wanted: Iterator[dict[str, Any]], where: str
 ) -> tuple[int, int]:
     """Return how many rows were added and how many were there already."""
-    columns = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
-    insert = f"INSERT OR IGNORE INTO {table} ({','.join(columns)}) VALUES ({','.join('?' * len(columns))})"
+    columns, insert = MERGED[table].names(), MERGED[table].insert(how="INSERT OR IGNORE")
     added = equal = 0
     while chunk := [tuple(row[name] for name in columns) for row in islice(wanted, ROWS_AT_A_TIME)]:
         count = target.executemany(insert, chunk).rowcount
         added += count
         if count < len(chunk):
             equal += len(chunk) - count
-            _check_equal(target, table, columns, chunk, where)
+            _check_equal(target, table, chunk, where)
     return added, equal
 
 
 def _check_equal(
     target: sqlite3.Connection,
     table: str,
-    columns: list[str],
     chunk: list[tuple[Any, ...]],
     where: str,
 ) -> None:
     """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
+    columns = MERGED[table].names()
     match = " AND ".join(f"{name} IS ?" for name in columns)
     keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
     for row in chunk:
@@ -248,9 +234,7 @@ def _merge_studies(target: sqlite3.Connection, source: sqlite3.Connection, where
     for row in rows(source, "SELECT * FROM studies"):
         known = rows(target, "SELECT * FROM studies WHERE name = ?", row["name"])
         if not known:
-            target.execute(
-                f"INSERT INTO studies VALUES ({','.join('?' * len(row))})", list(row.values())
-            )
+            target.execute(TABLES["studies"].insert(), list(row.values()))
             continue
         _check_same_study(known[0], row, where)
         if all(known[0][name] is not None or row[name] is None for name in ("closed_ms", "secret")):

@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
@@ -26,6 +27,7 @@ from app.database_file.read_threads import ReadThreads
 from app.database_file.write_queue import LOCKED, Notice, WriteQueue
 from app.monitoring.metrics import Metrics
 from app.storage import chain
+from app.storage.columns import TABLES
 from app.storage.database import (
     BUSY_MS,
     StoreError,
@@ -156,11 +158,13 @@ class Closing(NamedTuple):
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
     (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8)"""
+_STEP = TABLES["steps"].names()
 # The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
 # be a script's in an episode that is a person's still.
-_ADD_STEP = """INSERT INTO steps SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
+_ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11
     WHERE ?2 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)
     AND EXISTS (SELECT 1 FROM episodes WHERE id = ?1 AND ended_ms IS NULL AND (driver <> 'human' OR ?11 = 'human'))"""
+_STEP_VALUES = attrgetter(*_STEP)
 _BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
     trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
@@ -448,10 +452,7 @@ class Store(Reader):
 
         A step that did not come from a person's key or touch makes a human episode a script's for ever.
         """
-        values = (
-            row.episode_id, row.step, row.action, row.reward, row.discovered, row.server_ms,
-            row.client_ms, row.key_down_ms, row.key_up_ms, row.input, row.driver,
-        )  # fmt: skip
+        values = _STEP_VALUES(row)
         if row.step > 0 and closing is None and self._add_step_alone(values):
             return
         with self.transaction():

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from app.storage import chain
+from app.storage.columns import TABLES
 from app.storage.erasure import invitation_hash
 from app.storage.store import Store
 from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
@@ -146,14 +147,9 @@ class StudyStore:
         """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
         with self._changing(participant.id):
             self._store.add_player(participant.player_id, participant.joined_ms)
-            self._conn.execute(
-                f"INSERT INTO participants VALUES ({', '.join('?' * 15)})",
-                tuple(vars(participant).values()),
-            )
-            for name, value in identities.items():
-                self._conn.execute(
-                    "INSERT INTO identities VALUES (?, ?, ?)", (participant.id, name, value)
-                )
+            self._conn.execute(TABLES["participants"].insert(), tuple(vars(participant).values()))
+            for identity in identities.items():
+                self._conn.execute(TABLES["identities"].insert(), (participant.id, *identity))
             detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
             self._add(participant.id, participant.joined_ms, "joined", detail)
 

@@ -41,8 +41,8 @@ class Participant:
     session_id: str | None
     kind: ParticipantKind
     script: str | None
-    stage: Stage
     consent_version: str | None
+    stage: Stage
     consent_ms: int | None
     joined_ms: int
     completed_ms: int | None

@@ -11,9 +11,9 @@ import warnings
 import pyarrow.parquet as pq
 import pytest
 
-from app.release.columns import BUNDLE_COLUMNS, FOREIGN_KEYS, PRIMARY_KEYS
 from app.release.tables import PARQUET
 from app.settings import ROOT
+from app.storage.columns import BUNDLE_TABLES, bundle_reference, bundle_table
 from app.study.data import load
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG
@@ -35,17 +35,17 @@ def queried(out):
 def test_the_queries_give_exactly_the_tables(made):
     out = made[0] / "out"
     found = queried(out)
-    assert set(found) == set(BUNDLE_COLUMNS)
+    assert set(found) == set(BUNDLE_TABLES)
     for table in PARQUET:
         assert found[table] == pq.read_table(out / f"parquet/{table}.parquet").to_pylist(), table
-    for table in BUNDLE_COLUMNS:
+    for table in BUNDLE_TABLES:
         assert in_text(found[table], table) == read_csv(out / f"csv/{table}.csv"), table
     assert len(found["policy_episodes"]) == 3
 
 
 def in_text(rows, table):
     """Rows as a CSV file holds them."""
-    truths = {column.name for column in BUNDLE_COLUMNS[table] if column.type == "boolean"}
+    truths = {column.name for column in bundle_table(table)[1] if column.type == "boolean"}
 
     def text(name, value):
         if value is None:
@@ -103,16 +103,15 @@ def test_the_participants_are_as_their_episodes_say(made):
 
 def test_every_row_has_its_key_and_every_reference_its_row(made):
     found = queried(made[0] / "out")
-    for table, names in PRIMARY_KEYS.items():
-        keys = [tuple(row[name] for name in names) for row in found[table]]
+    for table in BUNDLE_TABLES:
+        made_from, columns = bundle_table(table)
+        keys = [tuple(row[name] for name in made_from.keys) for row in found[table]]
         assert len(set(keys)) == len(keys), table
-        for column in BUNDLE_COLUMNS[table]:
-            if not column.optional:
-                assert all(row[column.name] is not None for row in found[table]), column.name
-    for table, columns in FOREIGN_KEYS.items():
-        for column, other in columns.items():
-            known = {row[column] for row in found[other]}
-            assert {row[column] for row in found[table]} <= known, (table, column)
+        for column in columns:
+            values = {row[column.name] for row in found[table]}
+            assert column.optional or None not in values, column.name
+            if (other := bundle_reference(table, column.name)) is not None:
+                assert values <= {row[column.name] for row in found[other]}, (table, column.name)
 
 
 def test_croissants_record_sets_have_keys_and_references(made):
@@ -120,13 +119,13 @@ def test_croissants_record_sets_have_keys_and_references(made):
 
     path = made[0] / "out/croissant.json"
     metadata = {each["@id"]: each for each in json.loads(path.read_text())["recordSet"]}
-    for table, names in PRIMARY_KEYS.items():
+    for table in BUNDLE_TABLES:
         key = metadata[table]["key"]
         assert [each["@id"] for each in (key if isinstance(key, list) else [key])] == [
-            f"{table}/{name}" for name in names
+            f"{table}/{name}" for name in bundle_table(table)[0].keys
         ]
         for field in metadata[table]["field"]:
-            other = FOREIGN_KEYS.get(table, {}).get(field["name"])
+            other = bundle_reference(table, field["name"])
             expected = {"field": {"@id": f"{other}/{field['name']}"}} if other else None
             assert field.get("references") == expected
     with warnings.catch_warnings():

@@ -21,11 +21,11 @@ from app.cli.main import main
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
-from app.release.columns import BUNDLE_COLUMNS, dictionary, markdown
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.release.tables import PARQUET
 from app.storage import chain
+from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary
 from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
 from app.study.protocol import canonical, canonical_json, parse_protocol
@@ -59,7 +59,7 @@ def test_a_release_holds_what_it_says_and_verifies(made):
     names = {
         *("study.sqlite", "croissant.json", "protocol.json", "DATASHEET.md", "CITATION.cff"),
         *("LICENSE", MANIFEST, SIGNATURE, PUBLIC_KEY, "columns.json"),
-        *(f"parquet/{name}.parquet" for name in PARQUET), *(f"csv/{name}.csv" for name in BUNDLE_COLUMNS),
+        *(f"parquet/{name}.parquet" for name in PARQUET), *(f"csv/{name}.csv" for name in BUNDLE_TABLES),
         "queries.sql",
         *(f"report{kind}.{form}" for kind in ("", "-synthetic") for form in ("json", "html")),
         *(f"minari/marsexplorer/dunes/{who}-v1/data/{name}" for who in ("human", "script")
@@ -126,21 +126,12 @@ def test_all_formats_hold_the_same(made):
 def test_the_dictionary_names_every_column(made):
     out = made[0] / "out"
     assert json.loads((out / "columns.json").read_text()) == dictionary()
-    for name, columns in BUNDLE_COLUMNS.items():
+    for name in BUNDLE_TABLES:
+        names = [column.name for column in bundle_table(name)[1]]
         if name in PARQUET:
-            assert pq.read_schema(out / f"parquet/{name}.parquet").names == [
-                column.name for column in columns
-            ]
-    with (out / "csv/scores.csv").open() as file:
-        assert next(csv.reader(file)) == [column.name for column in BUNDLE_COLUMNS["scores"]]
-
-
-def test_the_documentation_lists_the_columns_as_they_are():
-    text = (ROOT / "docs/release.md").read_text()
-    for name in ("episodes", "steps", "input_events"):
-        assert markdown(name) in text, (
-            f"docs/release.md: the columns of {name} are not those of app/release/columns.py"
-        )
+            assert pq.read_schema(out / f"parquet/{name}.parquet").names == names
+        with (out / f"csv/{name}.csv").open() as file:
+            assert next(csv.reader(file)) == names
 
 
 @pytest.mark.parametrize("driver", ["human", "script"])

@@ -86,13 +86,13 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
     salt, parts, whole = store.connection.execute(sql).fetchone()
     table = json.loads(parts)["input_events"]
-    lines = [
-        [
-            "input_events",
-            "number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms",
-        ]
+    columns = (
+        "episode_id, number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms"
+    )
+    lines = [["input_events", columns]]
+    lines += [
+        [row.id, number, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5] for number in range(4)
     ]
-    lines += [[number, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5] for number in range(4)]
     said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     assert table == hashlib.sha256(salt + said.encode()).hexdigest()
     made = chain.compute(store.connection, Thing("episode", row.id), salt)

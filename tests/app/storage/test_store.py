@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from app.storage import database
+from app.storage.columns import TABLES
 from app.storage.database import APPLICATION_ID, StoreError
 from app.storage.operators import add_operator
 from app.storage.reader import Reader
@@ -368,7 +369,8 @@ def test_another_schema_is_refused_and_left_as_it_is(path, number):
 
 def test_tables_that_cannot_all_be_made_are_not_made_at_all(path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(database, "TABLES", "CREATE TABLE half (a);\nnonsense;\n")
+        half = replace(TABLES["forgotten"], name="half", indexes=["nonsense"])
+        patch.setattr(database, "TABLES", {"half": half})
         with pytest.raises(StoreError, match="cannot open"):
             Store(path)
     with closing(Store(path)) as store:

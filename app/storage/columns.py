@@ -1,0 +1,195 @@
+"""The one list of columns, `columns.txt`, read: what the database, the chain, exports and bundles have of each table.
+
+From it come the tables of the database with their constraints, the parts of the chain of hashes, the headers of CSV exports,
+the tables of a bundle with their dictionary, and the tables of `docs/data.md` and `docs/release.md`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+SCHEMA = 1
+"""The number of this schema, which stands in the file as `user_version`."""
+
+ColumnType = Literal["text", "integer", "real", "boolean", "bytes"]
+Place = Literal["database", "chain", "bundle database", "export", "bundle", "scores"]
+
+_LETTERS: dict[Place, str] = {
+    "database": "Ss", "chain": "S", "bundle database": "d", "export": "x", "bundle": "b", "scores": "c",
+}  # fmt: skip
+_SQL_TYPES: dict[ColumnType, str] = {
+    "text": "TEXT", "integer": "INTEGER", "real": "REAL", "boolean": "INTEGER", "bytes": "BLOB",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table, and what it means (with its unit).
+
+    where       letters of the places that it is in (`columns.txt`)
+    rule        a constraint of the database (SQL)
+    nullable    it may be absent in the database
+    optional    it may be absent elsewhere, too
+    identifies  it says who somebody is, or lets one act for them: it leaves under a pseudonym or not at all
+    is_free     a browser had a hand in its text
+    """
+
+    name: str
+    type: ColumnType
+    where: str
+    rule: str
+    meaning: str
+    nullable: bool
+    optional: bool
+    identifies: bool
+    is_free: bool
+
+    @property
+    def references(self) -> tuple[str, str] | None:
+        """The table and the column whose value it holds; None for none."""
+        found = re.search(r"REFERENCES (\w+)\((\w+)\)", self.rule)
+        return None if found is None else (found[1], found[2])
+
+    @property
+    def exported_type(self) -> ColumnType:
+        """The type outside the database."""
+        return "text" if self.type == "bytes" else self.type
+
+    def definition(self) -> str:
+        """Return the column as a table of the database defines it (SQL)."""
+        rule = f"IN (0, 1) {self.rule}" if self.type == "boolean" else self.rule
+        rule = f"CHECK ({self.name} {rule})" if rule.startswith("IN ") else rule
+        return f"{self.name} {_SQL_TYPES[self.type]}{'' if self.nullable else ' NOT NULL'} {rule}"
+
+
+@dataclass
+class Table:
+    """A table: what a row of it is, and its columns wherever they are, in order.
+
+    keys   columns that together name a row in a bundle
+    rules  constraints over several columns, indexes are CREATE INDEX statements
+    rowid  False where the key orders the rows
+    """
+
+    name: str
+    summary: str
+    all: list[Column] = field(default_factory=list)
+    keys: tuple[str, ...] = ()
+    rules: list[str] = field(default_factory=list)
+    indexes: list[str] = field(default_factory=list)
+    rowid: bool = True
+
+    def columns(self, place: Place) -> tuple[Column, ...]:
+        """Return the columns that it has in a place; none where it is not there."""
+        return tuple(each for each in self.all if set(each.where) & set(_LETTERS[place]))
+
+    def names(self, place: Place = "database") -> tuple[str, ...]:
+        """Return the names of these columns."""
+        return tuple(each.name for each in self.columns(place))
+
+    def statements(self, place: Place = "database") -> list[str]:
+        """Return the SQL that makes the table and its indexes; none where it is not in that database."""
+        if not (found := [each.definition() for each in self.columns(place)]):
+            return []
+        options = "STRICT" if self.rowid else "STRICT, WITHOUT ROWID"
+        return [
+            f"CREATE TABLE {self.name} ({', '.join([*found, *self.rules])}) {options}",
+            *self.indexes,
+        ]
+
+    def insert(self, place: Place = "database", how: str = "INSERT") -> str:
+        """Return the SQL that adds a row, its values in the order of the columns."""
+        names = self.names(place)
+        return f"{how} INTO {self.name} ({', '.join(names)}) VALUES ({', '.join('?' * len(names))})"
+
+    def references(self) -> dict[str, tuple[str, str]]:
+        """Return column -> the table and the column whose value it holds, of the columns in the database."""
+        found = {each.name: each.references for each in self.columns("database")}
+        return {name: to for name, to in found.items() if to is not None}
+
+
+def _read(text: str) -> dict[str, Table]:
+    tables: dict[str, Table] = {}
+    for line in text.splitlines():
+        first, _, rest = line.partition(" ")
+        if first.startswith("["):
+            table = tables[first[1:-1]] = Table(first[1:-1], rest)
+        elif first == "constraint":
+            table.rules.append(rest)
+        elif first == "index":
+            table.indexes.append(f"CREATE INDEX {rest}")
+        elif first == "keyed":
+            table.keys = tuple(rest.split()[1:])
+        elif line == "without rowid":
+            table.rowid = False
+        elif line and first != "#":
+            table.all.append(_column(line))
+    return tables
+
+
+def _column(line: str) -> Column:
+    name, kind, *rest = (part.strip() for part in line.split("|", 4))
+    given = kind.rstrip("?~!*")
+    marks = ("?" in kind or "~" in kind, "?" in kind, "!" in kind, "*" in kind)
+    return Column(name, given, *rest, *marks)  # type: ignore[arg-type, call-arg]
+
+
+TABLES = _read(Path(__file__).with_name("columns.txt").read_text(encoding="utf-8"))
+"""Every table by its name, what is referred to before what refers to it."""
+
+BUNDLE_TABLES = (*(name for name, table in TABLES.items() if table.columns("bundle")), "scores")
+"""The tables of a bundle; `scores` has fewer columns of the episodes, for a spreadsheet."""
+
+
+def bundle_table(name: str) -> tuple[Table, tuple[Column, ...]]:
+    """Return the table that a bundle's table is made from, and the bundle's columns in order."""
+    table = TABLES["episodes" if name == "scores" else name]
+    return table, table.columns("scores" if name == "scores" else "bundle")
+
+
+def summary(name: str) -> str:
+    """Return what a bundle's table holds."""
+    return f"one row {bundle_table(name)[0].summary}"
+
+
+def bundle_reference(table: str, column: str) -> str | None:
+    """Return the table whose key, of the same name, a column of another table of a bundle holds; None for none."""
+    other = {"participant": "participants", "episode": "episodes"}.get(column)
+    return None if other == table else other
+
+
+def dictionary() -> dict[str, Any]:
+    """Return the column dictionary of a bundle, JSON-ready: table -> its columns with type, meaning, optional."""
+    return {
+        table: {
+            "summary": summary(table),
+            "columns": [
+                {
+                    "name": each.name,
+                    "type": each.exported_type,
+                    "meaning": each.meaning,
+                    "optional": each.optional,
+                }
+                for each in bundle_table(table)[1]
+            ],
+        }
+        for table in BUNDLE_TABLES
+    }
+
+
+def markdown(columns: tuple[Column, ...]) -> str:
+    """Return columns as Markdown, as documents and datasheets print them."""
+    lines = ["| column | type | meaning |", "|---|---|---|"]
+    for each in columns:
+        kind = f"{each.exported_type}, may be absent" if each.optional else each.exported_type
+        lines.append(f"| `{each.name}` | {kind} | {each.meaning} |")
+    return "\n".join(lines)
+
+
+def markdown_tables() -> str:
+    """Return the tables of the database as Markdown."""
+    found = [f"| `{each.name}` | {each.summary} |" for each in TABLES.values() if each.names()]
+    return "\n".join(["| table | a row is |", "|---|---|", *found])

@@ -1,0 +1,55 @@
+"""The one list of columns: what the database makes of it, what the documents say of it, and that nobody leaves by it."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.settings import ROOT
+from app.storage.columns import TABLES, bundle_table, markdown, markdown_tables
+from app.storage.store import Store
+
+
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [
+        ("data", markdown_tables()),
+        *(("data", markdown(TABLES[name].columns("export"))) for name in ("episodes", "steps")),
+        *(
+            ("release", markdown(bundle_table(name)[1]))
+            for name in ("episodes", "steps", "input_events")
+        ),
+    ],
+)
+def test_the_documents_say_what_the_list_says(page, text):
+    assert f"\n{text}\n" in (ROOT / f"docs/{page}.md").read_text()
+
+
+def test_a_new_database_has_the_tables_and_columns_of_the_list_and_no_others(tmp_path):
+    Store(tmp_path / "play.db").close()
+    with closing(sqlite3.connect(tmp_path / "play.db")) as conn:
+        sql = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
+        found = {
+            name: tuple(row[1] for row in conn.execute(f"PRAGMA table_info({name})"))
+            for (name,) in conn.execute(sql)
+        }
+    assert found == {name: table.names() for name, table in TABLES.items() if table.names()}
+
+
+def test_nothing_that_says_who_somebody_is_leaves_as_it_is():
+    for table in TABLES.values():
+        for column in table.all:
+            leaves = set(column.where) & set("xbc")
+            assert not (column.identifies and leaves), (table.name, column.name)
+            of = column.references and column.references[0]
+            assert column.identifies or of not in ("players", "sessions", "participants")
+
+
+def test_every_column_of_a_chained_table_is_in_the_chain_but_for_a_boards_pace():
+    free = {
+        (table.name, name)
+        for table in TABLES.values()
+        if table.names("chain")
+        for name in set(table.names()) - set(table.names("chain"))
+    }
+    assert free == {("sessions", "pace_mode"), ("sessions", "moves_per_second")}
