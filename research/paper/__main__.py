@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
+from app.cli.console import PATH, print_table, progress
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 from research.paper.algorithms import ALGORITHMS
@@ -31,16 +29,23 @@ from research.paper.figures.curves import (
     write_table,
 )
 from research.paper.jobs import ERROR_FILE, BusyError, Job, run_jobs
-from research.paper.plan import DIFFICULTIES, FIGURES, LEVEL, SIZE, Request, disagreement, plan
+from research.paper.plan import (
+    FIGURES,
+    LEVEL,
+    SIZE,
+    TRAINED,
+    Request,
+    disagreement,
+    plan,
+    records_of_figure,
+)
 from research.paper.trial import Trial
 
-PATH = click.Path(path_type=Path)
+AT_LEAST_1, AT_LEAST_2 = click.IntRange(min=1), click.IntRange(min=2)
 REPORT_FORMAT = "marsexplorer-report-1"
-TRAINED = ("4", "5")
-"""The figures that are of trainings; the others are of policies at play."""
 
 
-@click.command()
+@click.command(context_settings={"show_default": True})
 @click.option(
     "--figure",
     type=click.Choice([*FIGURES, "all"]),
@@ -51,7 +56,6 @@ TRAINED = ("4", "5")
     "--budget",
     type=click.Choice(["small", "full"]),
     default="small",
-    show_default=True,
     help="small does figure 4 in half an hour on two cores, full in some hours.",
 )
 @click.option(
@@ -71,27 +75,15 @@ TRAINED = ("4", "5")
     multiple=True,
     help="For figures 6 and 7 besides theirs: a name or file; repeatable.",
 )
-@click.option(
-    "--seeds",
-    type=click.IntRange(1, 100),
-    default=3,
-    show_default=True,
-    help="Trainings of each kind.",
-)
-@click.option(
-    "--moves", type=click.IntRange(min=1), help="Moves of every training, in place of the budget's."
-)
+@click.option("--seeds", type=click.IntRange(1, 100), default=3, help="Trainings of each kind.")
+@click.option("--moves", type=AT_LEAST_1, help="Of every training, in place of the budget's.")
 @click.option(
     "--terrains",
-    type=click.IntRange(min=2),
+    type=AT_LEAST_2,
     help="Held-out terrains to measure on, in place of the budget's.",
 )
 @click.option("--out", type=PATH, help="Folder of the results.  [default: runs/paper-BUDGET]")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Processes at a time.  [default: one for each core]",
-)
+@click.option("--workers", type=AT_LEAST_1, help="Processes at a time.  [default: all cores]")
 @click.option(
     "--human-level",
     "human_file",
@@ -99,20 +91,17 @@ TRAINED = ("4", "5")
     help="JSON of a closed study's report, for the line of people in figure 4.",
 )
 @click.option("--list", "is_list", is_flag=True, help="List what there is to do, and do nothing.")
-@click.option(
-    "--draw",
-    "is_draw",
-    is_flag=True,
-    help="Draw and tabulate what is finished in --out; train nothing.",
-)
+@click.option("--draw", "is_draw", is_flag=True, help="Train nothing: draw what is done in --out.")
 @click.option(
     "--export",
     type=PATH,
-    help="Write what is finished in --out to small files in this folder, beside what it has of other "
-    "trainings and policies; train nothing.",
+    help="Train nothing: write what is finished in --out to small files in this folder, beside what it has of other "
+    "trainings and policies.",
 )
 @click.option(
-    "--redraw", type=PATH, help="Draw from a folder that --export wrote into --out; train nothing."
+    "--redraw",
+    type=PATH,
+    help="Train nothing: draw from a folder that --export wrote into --out.",
 )
 def paper(
     figure: str,
@@ -150,26 +139,28 @@ def paper(
     folder = out or Path("runs") / f"paper-{budget}"
     try:
         if redraw is not None:
-            draw_exported(figures, redraw, folder, human_file)
+            check_exported(figures, redraw)
+            show_figures(figures, redraw, folder, human_file)
         elif export is not None:
             export_results(figures, folder, export)
         elif is_draw:
-            show_figures(figures, folder, human_file)
+            show_figures(figures, folder, folder, human_file)
         else:
             names, kinds = _names(algorithms), _names(variants)
             request = Request(figures, budget, names, kinds, seeds, moves, terrains, policies)
+            jobs = _plan(request, folder)
             if is_list:
-                _list(_plan(request, folder), folder)
+                for job in jobs:
+                    click.echo(f"{job.name}{': done' if job.is_done(folder) else ''}")
+                click.echo(_outlook(jobs, folder))
                 return
-            _check_installed(_plan(request, folder), folder)
+            _check_installed(jobs, folder)
             failures = _run_all(request, folder, workers or len(os.sched_getaffinity(0)))
-            show_figures(figures, folder, human_file)
+            show_figures(figures, folder, folder, human_file)
             _complain(failures, folder)
     except OSError as error:
-        where = error.filename or folder
-        raise click.ClickException(
-            f"cannot use {where}: {error.strerror}; choose another"
-        ) from error
+        sentence = f"cannot use {error.filename or folder}: {error.strerror}; choose another"
+        raise click.ClickException(sentence) from error
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
@@ -201,12 +192,6 @@ def _check_installed(jobs: list[Job], folder: Path) -> None:
         )
 
 
-def _list(jobs: list[Job], folder: Path) -> None:
-    for job in jobs:
-        click.echo(f"{job.name}{': done' if job.is_done(folder) else ''}")
-    click.echo(_outlook(jobs, folder))
-
-
 def _outlook(jobs: list[Job], folder: Path) -> str:
     to_do = sum(not job.is_done(folder) for job in jobs)
     return f"{to_do} of {len(jobs)} jobs to do in {folder}"
@@ -220,37 +205,15 @@ def _run_all(request: Request, folder: Path, workers: int) -> dict[str, str]:
         tried |= {job.name for job in jobs}
         click.echo(_outlook(jobs, folder), err=True)
         try:
-            with _progress(len(jobs)) as on_change:
-                failures |= run_jobs(jobs, folder, workers, on_change)
+            with progress("jobs") as advance:
+                failures |= run_jobs(jobs, folder, workers, advance)
         except BusyError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            click.echo(
-                f"stopped; {folder} keeps what is done, and the same command does the rest",
-                err=True,
-            )
+            sentence = f"stopped; {folder} keeps what is done, and the same command does the rest"
+            click.echo(sentence, err=True)
             raise
     return failures
-
-
-@contextmanager
-def _progress(jobs: int) -> Iterator[Callable[[dict[str, float]], None]]:
-    """Yield `on_change` of `run_jobs`, which moves a bar on stderr, or prints a line for every job where it is no terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.fields[done]}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task, printed = bar.add_task("", total=jobs, done=""), 0
-
-        def on_change(shares: dict[str, float]) -> None:
-            nonlocal printed
-            count = sum(share == 1.0 for share in shares.values())
-            words = f"{count} of {jobs} jobs done"
-            bar.update(task, completed=sum(shares.values()), done=words)
-            if count > printed and not console.is_terminal:
-                click.echo(words, err=True)
-                printed = count
-
-        yield on_change
 
 
 def _complain(failures: dict[str, str], folder: Path) -> None:
@@ -263,15 +226,29 @@ def _complain(failures: dict[str, str], folder: Path) -> None:
         )
 
 
-def show_figures(figures: Sequence[str], folder: Path, human_file: Path | None) -> None:
-    """Draw the figures from what is finished in `folder`, and print and write their tables."""
+def check_exported(figures: Sequence[str], source: Path) -> None:
+    """Raise ValueError when a folder has no file of the figures that --export wrote."""
+    names = [f"figure{figure}*.jsonl" for figure in figures]
+    if not any(found for name in names for found in source.glob(name)):
+        wanted = ", ".join(names)
+        raise ValueError(f"{source} holds none of: {wanted}; give a folder that --export wrote")
+
+
+def show_figures(
+    figures: Sequence[str], source: Path, folder: Path, human_file: Path | None
+) -> None:
+    """Draw the figures from what is finished in `source` into `folder`, and print and write their tables.
+
+    source  the folder of a run, which is drawn into itself, or one that --export wrote
+    """
     human = read_human_level(human_file) if human_file else None
-    records = read_records(folder) if set(TRAINED) & set(figures) else []
     for figure in figures:
         if figure in TRAINED:
-            _show_trials(figure, records_of_figure(figure, records), folder, folder, human)
+            exported = source / f"figure{figure}.jsonl"
+            records = read_records(source) if source == folder else read_exported(exported)
+            _show_trials(figure, records_of_figure(figure, records), source, folder, human)
         else:
-            _show_plays(figure, folder, folder)
+            _show_plays(figure, source, folder)
 
 
 def _show_trials(
@@ -282,23 +259,13 @@ def _show_trials(
         click.echo(f"figure {figure}: no training is finished in {source}")
         return
     rows = rows_of(own)
-    table = Table(
-        *TABLE_COLUMNS,
-        title=f"Figure {figure}, {rows[0].terrains} held-out terrains each: mean over seeds ± half of "
-        "the 95 % t interval",
-    )
-    for row in rows:
-        table.add_row(*cells_of(row))
-    Console(width=140).print(table)
-    difficulty = None if figure == "4" else figure5.read_difficulty(source)
-    pictures = (
-        figure4.draw(own, folder, human)
-        if difficulty is None
-        else figure5.draw(own, difficulty, folder)
-    )
+    title = f"Figure {figure}, {rows[0].terrains} held-out terrains each: mean over seeds ± half of the 95 % t interval"
+    print_table(title, TABLE_COLUMNS, [cells_of(row) for row in rows])
+    is_4 = figure == "4"
+    pictures = figure4.draw(own, folder, human) if is_4 else figure5.draw(own, source, folder)
     for path in [*pictures, *write_table(rows, folder / f"figure{figure}")]:
         click.echo(path)
-    if figure == "4" and human is None:
+    if is_4 and human is None:
         click.echo(
             "No line for people: no closed study was given (--human-level FILE, its report's JSON)."
         )
@@ -315,23 +282,15 @@ def _show_plays(figure: str, source: Path, folder: Path) -> None:
         click.echo(path.read_text() if path.suffix == ".md" else path)
 
 
-def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
-    """Return the trials that a figure is drawn from: 4 has those on level random, 5 those of PPO on the 12 levels."""
-    if figure == "4":
-        return [record for record in records if record.trial.level == LEVEL]
-    of_ppo = [record for record in records if record.trial.algorithm == "ppo"]
-    return [record for record in of_ppo if record.trial.level in DIFFICULTIES]
-
-
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
     """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays.
 
     Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay.
     """
-    records = read_records(folder) if set(TRAINED) & set(figures) else []
     for figure in figures:
         paths = []
-        if figure in TRAINED and (own := records_of_figure(figure, records)):
+        own = records_of_figure(figure, read_records(folder)) if figure in TRAINED else []
+        if own:
             paths.append(add_records(own, target / f"figure{figure}.jsonl"))
         with suppress(FileNotFoundError):  # figure 4 has no plays, and the others may have none yet
             paths += gather(folder, int(figure), target)
@@ -339,26 +298,6 @@ def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
             click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB")
         if not paths:
             click.echo(f"figure {figure}: nothing is finished in {folder}")
-
-
-def draw_exported(
-    figures: Sequence[str], source: Path, folder: Path, human_file: Path | None
-) -> None:
-    """Draw and tabulate the figures whose files lie in `source` into `folder`; ValueError when there is none."""
-    human = read_human_level(human_file) if human_file else None
-    found = [figure for figure in figures if any(source.glob(f"figure{figure}*.jsonl"))]
-    if not found:
-        names = ", ".join(f"figure{figure}*.jsonl" for figure in figures)
-        raise ValueError(f"{source} holds none of: {names}; give a folder that --export wrote")
-    folder.mkdir(parents=True, exist_ok=True)
-    for figure in found:
-        if figure in TRAINED:
-            path = source / f"figure{figure}.jsonl"
-            records = read_exported(path) if path.is_file() else []
-            own = records_of_figure(figure, records)
-            _show_trials(figure, own, source, folder, human)
-        else:
-            _show_plays(figure, source, folder)
 
 
 def read_human_level(path: Path) -> figure4.HumanLevel:

@@ -7,11 +7,12 @@ else: the same run begun again does what is left.
 from __future__ import annotations
 
 import fcntl
+import json
 import multiprocessing
 import os
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -22,15 +23,36 @@ from typing import Any, Protocol
 from marsexplorer.files import write_whole
 
 LOOK_INTERVAL_S = 0.5
-"""Seconds between two calls of `on_change`, at most."""
+"""Seconds between two calls of `advance`, at most."""
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 ERROR_FILE = "error.txt"
 """In the folder of a job that failed: where it failed."""
 
+Line = dict[str, Any]
+"""A JSON object, a line of a file."""
 OnProgress = Callable[[float], None]
 """Called with the share of a job that is done, 0..1."""
+
+
+def read_lines(path: Path) -> list[Line]:
+    """Return the objects of a file of JSON Lines, none where there is no file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+
+
+def write_lines(path: Path, lines: Iterable[Line]) -> Path:
+    """Write a file of JSON Lines whole, without spaces, and its folder where there is none; return its path."""
+    text = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
+    return write_text(path, text)
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text whole, and its folder where there is none; return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with write_whole(path) as file:
+        file.write(text.encode())
+    return path
 
 
 class Job(Protocol):
@@ -72,11 +94,11 @@ def lock(folder: Path) -> Iterator[None]:
 
 
 def run_jobs(
-    jobs: Sequence[Job], folder: Path, workers: int, on_change: Callable[[dict[str, float]], None]
+    jobs: Sequence[Job], folder: Path, workers: int, advance: Callable[[int, int], None]
 ) -> dict[str, str]:
     """Run what is not done, in order; return job -> why it failed, in a sentence. A failure leaves the others running.
 
-    on_change  called about twice a second with job -> share that is done, 0..1
+    advance  called about twice a second with (per cent done, summed over the jobs; the same in all)
 
     BusyError when another run is at work in the folder.
     """
@@ -102,7 +124,7 @@ def run_jobs(
                         failures[name] = error.read_text().splitlines()[0]
                     elif code:
                         failures[name] = f"its process ended with code {code}"
-                on_change(shares)
+                advance(int(100 * sum(shares.values())), 100 * len(shares))
         finally:
             for worker in running:
                 worker.process.kill()
@@ -136,7 +158,4 @@ def _work(job: Job, folder: Path, share: Any, parent: int) -> None:
         return
     except Exception as error:
         first = (str(error).strip().splitlines() or [""])[0]
-        error_file.parent.mkdir(parents=True, exist_ok=True)
-        with write_whole(error_file) as file:
-            text = f"{type(error).__name__}: {first}\n\n{traceback.format_exc()}"
-            file.write(text.encode())
+        write_text(error_file, f"{type(error).__name__}: {first}\n\n{traceback.format_exc()}")

@@ -13,19 +13,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from marsexplorer.config import LEVELS
 from research.paper.algorithms import ALGORITHMS, check_variant
-from research.paper.episodes import play
+from research.paper.episodes.play import DIFFICULTIES, difficulty_jobs
 from research.paper.figures import figure6, figure7
-from research.paper.jobs import Job
-from research.paper.trial import HELD_OUT_TERRAINS, Trial, read_log
+from research.paper.figures.curves import Record
+from research.paper.jobs import Job, read_lines
+from research.paper.trial import HELD_OUT_TERRAINS, Trial
 
 FIGURES = ("4", "5", "6", "7")
+TRAINED = ("4", "5")
+"""The figures that are of trainings; the others are of policies at play."""
 LEVEL, SIZE = "random", 21
 """Of figure 4 (section 4.2 and table 1 of the paper)."""
 SEEDS = 3
-DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
-"""The 12 levels of figure 5."""
 
 
 @dataclass(frozen=True)
@@ -123,64 +123,52 @@ def plan(request: Request, folder: Path) -> list[Job]:
 
 
 def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
-    if figure == "4":
-        return comparison(request)
+    if figure == "4":  # within a seed the longest first
+        return _trials(request, request.algorithms or ALGORITHMS, VARIANTS["4"], [LEVEL])
     if figure == "5":
-        return [*difficulties(request), *play.difficulty_jobs(request.budget, SIZE)]
+        trials = _trials(request, ["ppo"], VARIANTS["5"], DIFFICULTIES)
+        return [*trials, *difficulty_jobs(request.budget, SIZE)]
     if figure == "6":
         return figure6.jobs((*figure6.POLICIES, *request.policies, *trained_by_level(folder)))
-    if figure == "7":
-        return figure7.jobs((*figure7.POLICIES, *request.policies, *trained(folder)))
-    raise ValueError(f"no figure {figure!r}; choose of: {', '.join(FIGURES)}")
+    return figure7.jobs((*figure7.POLICIES, *request.policies, *trained(folder)))
 
 
-def comparison(request: Request) -> list[Trial]:
-    """Return the trials of figure 4: each algorithm and variant on level random, the longest first within a seed."""
+def _trials(
+    request: Request, algorithms: Iterable[str], variants: Sequence[str], levels: Sequence[str]
+) -> list[Trial]:
     budget = BUDGETS[request.budget]
+    terrains = request.terrains or budget.terrains
     return [
-        _trial(request, algorithm, variant, LEVEL, seed, _moves_of(budget, algorithm, variant))
+        Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
         for seed in range(request.seeds)
-        for variant in request.variants or VARIANTS["4"]
-        for algorithm in request.algorithms or ALGORITHMS
+        for variant in request.variants or variants
+        for algorithm in algorithms
+        for level in levels
+        for moves in [_moves_of(budget, algorithm, variant, level)]
     ]
 
 
-def _moves_of(budget: Budget, algorithm: str, variant: str) -> int:
+def _moves_of(budget: Budget, algorithm: str, variant: str, level: str) -> int:
     """Return the moves of a trial; 0 for an unknown algorithm, which is refused later."""
+    if level != LEVEL:
+        return budget.levels.get(variant, budget.levels["paper"])
     names = (f"{algorithm}-{variant}", f"{algorithm}-{variant.partition('-no-')[0]}", algorithm)
     return next((budget.moves[name] for name in names if name in budget.moves), 0)
 
 
-def _level_moves(budget: Budget, variant: str) -> int:
-    return budget.levels.get(variant, budget.levels["paper"])
-
-
 def is_full(trial: Trial) -> bool:
     """Return whether a trial has the moves of the full budget: shorter ones decide nothing about the paper."""
-    budget = BUDGETS["full"]
-    wanted = (
-        _moves_of(budget, trial.algorithm, trial.variant)
-        if trial.level == LEVEL
-        else _level_moves(budget, trial.variant)
-    )
-    return trial.moves >= wanted
+    return trial.moves >= _moves_of(BUDGETS["full"], trial.algorithm, trial.variant, trial.level)
 
 
-def difficulties(request: Request) -> list[Trial]:
-    """Return the trials of figure 5: PPO on each of the 12 levels."""
+def records_of_figure(figure: str, records: Sequence[Record]) -> list[Record]:
+    """Return the trials that a figure is drawn from: 4 has those on level random, 5 those of PPO on the 12 levels."""
     return [
-        _trial(request, "ppo", variant, level, seed, _level_moves(BUDGETS[request.budget], variant))
-        for seed in range(request.seeds)
-        for variant in request.variants or VARIANTS["5"]
-        for level in DIFFICULTIES
+        record
+        for record in records
+        if (record.trial.level == LEVEL) == (figure == "4")
+        and (figure == "4" or record.trial.algorithm == "ppo")
     ]
-
-
-def _trial(
-    request: Request, algorithm: str, variant: str, level: str, seed: int, moves: int
-) -> Trial:
-    terrains = request.terrains or BUDGETS[request.budget].terrains
-    return Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
 
 
 def trained(folder: Path) -> list[str]:
@@ -201,7 +189,7 @@ def trained_by_level(folder: Path) -> list[str]:
 
 def _finished(folder: Path, pattern: str) -> list[Path]:
     """Return the policy files of the finished trials whose names match, by name."""
-    logs = {path.parent: read_log(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
+    logs = {path.parent: read_lines(path) for path in sorted(folder.glob(f"{pattern}/log.jsonl"))}
     return [
         own / f"{own.name}.onnx"
         for own, lines in logs.items()
@@ -214,7 +202,7 @@ def disagreement(jobs: Sequence[Job], folder: Path) -> str | None:
     for job in jobs:
         if not isinstance(job, Trial):
             continue
-        head = next(iter(read_log(folder / job.name / "log.jsonl")), None)
+        head = next(iter(read_lines(folder / job.name / "log.jsonl")), None)
         if head is not None and (begun := Trial(**head["trial"])) != job:
             was = f"{begun.moves:,} moves and {begun.terrains} terrains"
             asked = f"{job.moves:,} and {job.terrains} are asked for"

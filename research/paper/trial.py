@@ -12,7 +12,6 @@ and how they ended, as shares (`explored` is completion, then `collided`, `out_o
 
 from __future__ import annotations
 
-import json
 import platform
 import time
 from collections.abc import Callable
@@ -26,11 +25,10 @@ import torch
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
-from marsexplorer.files import write_whole
 from marsexplorer.score import score
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
 from research.paper.algorithms import Trainer, begin
-from research.paper.jobs import OnProgress
+from research.paper.jobs import OnProgress, read_lines, write_lines
 
 EPISODES_PER_LINE = 100
 LINES = 100
@@ -75,7 +73,7 @@ class Trial:
 
     def is_done(self, folder: Path) -> bool:
         """Return whether its log ends with a result."""
-        lines = read_log(folder / self.name / "log.jsonl")
+        lines = read_lines(folder / self.name / "log.jsonl")
         return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
@@ -105,9 +103,7 @@ class Trial:
         results = {f"{self.level} {self.size}x{self.size}": result}
         trainer.save_policy(policy, {**self._card(trainer), "results": results})
         last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **result}
-        with write_whole(own / "log.jsonl") as file:
-            text = "".join(json.dumps(line) + "\n" for line in [self._head(trainer), *lines, last])
-            file.write(text.encode())
+        write_lines(own / "log.jsonl", [self._head(trainer), *lines, last])
 
     def _head(self, trainer: Trainer) -> dict[str, Any]:
         return {
@@ -175,11 +171,6 @@ def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) 
         **{ending: outcomes.count(ending) / len(outcomes) for ending in ENDINGS},
         "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
     }
-
-
-def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a log, none where there is no file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
 
 
 def _version(name: str) -> str | None:

@@ -6,26 +6,26 @@ lines of all checks, as they are shipped in `data/environment.jsonl`.
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from app.cli.console import PATH
 from marsexplorer import policies
 from marsexplorer.config import LEVELS, OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.files import write_whole
 from marsexplorer.observation import DISPLACEMENTS
 from marsexplorer.rules import R_MOVE
 from marsexplorer.score import score
 from marsexplorer.terrain import generate
+from research.paper.episodes.play import DIFFICULTIES, TERRAINS
+from research.paper.jobs import Line, write_lines
 
 EPISODES = 40
 MOST_NEW_CELLS = 13
@@ -54,42 +54,34 @@ def played(config: EnvConfig, policy: str, count: int = EPISODES) -> Iterator[Ep
 
 def actions() -> Finding:
     """Four moves, each to a neighbour that shares an edge (eq. 3)."""
-    config, ground = EnvConfig(rows=9, cols=9), np.zeros((9, 9), bool)
-    moved = []
+    config, ground, moved = EnvConfig(rows=9, cols=9), np.zeros((9, 9), bool), []
     for action in range(len(DISPLACEMENTS)):
         episode = Episode.begin(config, terrain=ground, start=(4, 4))
         episode.step(action)
         moved.append((episode.position[0] - 4, episode.position[1] - 4))
+    words = ", ".join(map(str, moved))
     holds = moved == [(-1, 0), (0, 1), (1, 0), (0, -1)]
-    return Finding(
-        holds,
-        f"actions 0 to 3 move the rover by {', '.join(f'({row}, {col})' for row, col in moved)}",
-    )
+    return Finding(holds, f"actions 0 to 3 move the rover by {words}")
 
 
 def state() -> Finding:
     """The state matrix holds 0, 0.3, 0.6 and 1, and 0.6 where the rover stands (eq. 6)."""
     found: set[float] = set()
-    rovers, moves = set(), 0
+    moves, rule, is_rover_alone = 0, policies.load("frontier-cost"), True
     for seed in range(EPISODES):
-        episode, rule = Episode.begin(EnvConfig(), seed=seed), policies.load("frontier-cost")
+        episode = Episode.begin(EnvConfig(), seed=seed)
         rule.reset(seed)
         while not episode.ended:
             episode.step(rule.act(episode.codes))
             matrix = episode.observation()
             found.update(np.unique(matrix.round(6)).tolist())
-            rovers.add(
-                (
-                    int((matrix == np.float32(0.6)).sum()),
-                    bool(matrix[episode.position] == np.float32(0.6)),
-                )
-            )
+            rovers = np.argwhere(matrix == np.float32(0.6)).tolist()
+            is_rover_alone &= rovers == [[*episode.position]]
             moves += 1
     values = sorted(round(value, 1) for value in found)
-    holds = values == [0.0, 0.3, 0.6, 1.0] and rovers == {(1, True)}
-    return Finding(
-        holds, f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone"
-    )
+    holds = values == [0.0, 0.3, 0.6, 1.0] and is_rover_alone
+    measured = f"values {values} in {moves:,} observations, 0.6 in the rover's cell alone"
+    return Finding(holds, measured)
 
 
 def reward() -> Finding:
@@ -100,44 +92,33 @@ def reward() -> Finding:
         valid = episode.steps - int(episode.outcome in ("collided", "out_of_bounds", "explored"))
         right += sum(episode.rewards[k] == new[k] - 0.5 for k in range(valid))
         moves += valid
-    return Finding(
-        right == moves and R_MOVE == 0.5,
-        f"{right:,} of {moves:,} valid moves earned their new cells less {R_MOVE}",
-    )
+    measured = f"{right:,} of {moves:,} valid moves earned their new cells less {R_MOVE}"
+    return Finding(right == moves and R_MOVE == 0.5, measured)
 
 
 def invalid() -> Finding:
     """An invalid move costs n and ends the episode; nothing else of its reward remains (eq. 8)."""
     config = EnvConfig()
     ended = [
-        each
-        for each in played(config, "blind", 20 * EPISODES)
-        if each.outcome in ("collided", "out_of_bounds")
+        (episode.outcome, episode.rewards[-1])
+        for episode in played(config, "blind", 20 * EPISODES)
+        if episode.outcome in ("collided", "out_of_bounds")
     ]
-    holds = all(episode.rewards[-1] == -config.n for episode in ended)
-    crashes = sum(episode.outcome == "collided" for episode in ended)
-    return Finding(
-        holds,
-        f"{len(ended):,} invalid moves, {crashes:,} of them into obstacles: each gave -{config.n} and ended it",
-    )
+    crashes = sum(outcome == "collided" for outcome, _ in ended)
+    measured = f"{len(ended):,} invalid moves, {crashes:,} of them into obstacles: each gave -{config.n} and ended it"
+    return Finding(all(reward == -config.n for _, reward in ended), measured)
 
 
 def bonus() -> Finding:
     """The move that brings the discovered share to beta earns n on top, and ends the episode (eq. 8)."""
-    config = EnvConfig()
-    ended = list(played(config, "frontier-cost"))
-    rewards = [
-        episode.rewards[-1] - (episode.discoveries[-1] - episode.discoveries[-2] - 0.5)
-        for episode in ended
-    ]
-    enough = all(e.discoveries[-1] / config.n >= 0.99 > e.discoveries[-2] / config.n for e in ended)
-    holds = (
-        enough and set(rewards) == {float(config.n)} and all(e.outcome == "explored" for e in ended)
-    )
-    return Finding(
-        holds,
-        f"{len(ended)} completed episodes: each ended with the move that passed 99 % and gave {config.n} more",
-    )
+    config, right = EnvConfig(), []
+    for episode in played(config, "frontier-cost"):
+        *_, before, after = episode.discoveries
+        gained = episode.rewards[-1] - (after - before - 0.5)
+        is_there = after / config.n >= 0.99 > before / config.n
+        right.append(is_there and gained == config.n and episode.outcome == "explored")
+    measured = f"{len(right)} completed episodes: each ended with the move that passed 99 % and gave {config.n} more"
+    return Finding(all(right), measured)
 
 
 def score_zero() -> Finding:
@@ -170,9 +151,7 @@ def shares() -> Finding:
     return Finding(low <= 0.4273 <= high, measured)
 
 
-TERRAINS = 1000
-FAMILIES = ("1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
-"""The levels whose terrains differ: t-m-2 has those of t-m-1."""
+DRAWS = 1000
 LATTICE = (3, 10, 17)
 LARGEST_SIDE = {1: 2, 2: 4}
 """d_m -> the longest side of an obstacle, cells."""
@@ -180,9 +159,16 @@ LARGEST_SIDE = {1: 2, 2: 4}
 
 @cache
 def drawn(level: str, size: int = 21) -> NDArray[np.bool_]:
-    """Return the terrains of seeds 0..TERRAINS-1: bool[TERRAINS, size, size]."""
+    """Return the terrains of seeds 0..DRAWS-1: bool[DRAWS, size, size]."""
     config = EnvConfig.of(level, size)
-    return np.stack([generate(config, seed) for seed in range(TERRAINS)])
+    return np.stack([generate(config, seed) for seed in range(DRAWS)])
+
+
+def obstacles(terrains: NDArray[np.bool_]) -> Iterator[NDArray[np.bool_]]:
+    """Yield the separate obstacles of terrains, each in the smallest box that holds it: bool[rows, cols]."""
+    for each in terrains:
+        for box in ndimage.find_objects(ndimage.label(each)[0]):
+            yield each[box]
 
 
 def table_1() -> Finding:
@@ -190,34 +176,25 @@ def table_1() -> Finding:
     config = EnvConfig()
     holds = (config.rows, config.cols, config.sensor_radius, config.beta) == (21, 21, 6, 0.99)
     measured = (
-        f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%}"
+        f"defaults: {config.rows}x{config.cols}, radius {config.sensor_radius}, {config.beta:.0%} "
     )
-    measured += f" ({config.target} cells)"
-    return Finding(
-        holds, f"{measured}; cut off after {config.limit} moves, of which the paper says nothing"
-    )
+    measured += f"({config.target} cells); cut off after {config.limit} moves, of which the paper says nothing"
+    return Finding(holds, measured)
 
 
 def diversity() -> Finding:
     """Each episode has a terrain of its own, and a seed gives it again."""
-    terrains = drawn("random")
+    config, terrains = EnvConfig(), drawn("random")
     distinct = len({each.tobytes() for each in terrains})
-    again = all(
-        (generate(EnvConfig(), seed) == terrains[seed]).all() for seed in range(0, TERRAINS, 50)
-    )
-    return Finding(
-        distinct == TERRAINS and again,
-        f"{distinct:,} distinct terrains in {TERRAINS:,} seeds, each the same again",
-    )
+    again = all((generate(config, k) == terrains[k]).all() for k in range(0, DRAWS, 50))
+    measured = f"{distinct:,} distinct terrains in {DRAWS:,} seeds, each the same again"
+    return Finding(distinct == DRAWS and again, measured)
 
 
 def random_obstacles() -> Finding:
     """On `random` the position and the shape of obstacles are random (section 3.2)."""
-    shapes, terrains = set(), drawn("random")
-    for each in terrains[:300]:
-        for part in ndimage.find_objects(ndimage.label(each)[0]):
-            if each[part].all():
-                shapes.add(each[part].shape)
+    terrains = drawn("random")
+    shapes = {each.shape for each in obstacles(terrains[:300]) if each.all()}
     inner = terrains[:, 3:-3, 3:-3].mean(0)
     every = {(height, width) for height in (1, 2, 3) for width in (1, 2, 3)}
     measured = f"all {len(every)} shapes of 1 to 3 cells a side occur; away from the edge each cell is blocked in "
@@ -227,68 +204,56 @@ def random_obstacles() -> Finding:
 
 def lattice() -> Finding:
     """The fundamental positions stand in 3 rows and 3 columns, equally far apart."""
-    counts = set()
-    for level in ("1-1-1", "1-2-1"):
-        counts |= {int(ndimage.label(each)[1]) for each in drawn(level)}
-    steps = set(np.diff(LATTICE).tolist())
+    terrains = (*drawn("1-1-1"), *drawn("1-2-1"))
+    counts = {int(ndimage.label(each)[1]) for each in terrains}
     measured = f"rows and columns {', '.join(map(str, LATTICE))}; {', '.join(map(str, sorted(counts)))} separate obstacles in "
-    return Finding(
-        counts == {9} and len(steps) == 1,
-        measured + f"each of {2 * TERRAINS:,} terrains of 1-1-1 and 1-2-1",
-    )
+    measured += f"each of {len(terrains):,} terrains of 1-1-1 and 1-2-1"
+    return Finding(counts == {9} and len({*np.diff(LATTICE)}) == 1, measured)
 
 
 def topology() -> Finding:
     """d_t is the radius of deviation around the fundamental positions."""
-    found, longest = {}, LARGEST_SIDE[1]
-    for level in ("1-1-1", "2-1-1", "3-1-1"):
-        rows = np.flatnonzero(drawn(level).any((0, 2)))
-        found[level] = (int(rows.min()), int(rows.max()))
-    wanted = {
-        f"{t}-1-1": (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20)) for t in (1, 2, 3)
-    }
+    found, wanted, longest = {}, {}, LARGEST_SIDE[1]
+    for t in (1, 2, 3):
+        rows = np.flatnonzero(drawn(f"{t}-1-1").any((0, 2)))
+        found[f"{t}-1-1"] = (int(rows.min()), int(rows.max()))
+        wanted[f"{t}-1-1"] = (LATTICE[0] - t, min(LATTICE[-1] + t + longest - 1, 20))
     text = ", ".join(f"{first} to {last} on {level}" for level, (first, last) in found.items())
-    measured = (
-        f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, block "
-        "rows "
-    )
-    return Finding(found == wanted, f"{measured}{text} ({TERRAINS:,} terrains each)")
+    measured = f"obstacles of at most {longest} cells a side on rows {LATTICE[0]} to {LATTICE[-1]}, moved by at most d_t, "
+    return Finding(found == wanted, f"{measured}block rows {text} ({DRAWS:,} terrains each)")
 
 
 def morphology() -> Finding:
     """d_m decides how large obstacles become."""
     sides, areas = {}, {}
     for level in ("1-1-1", "1-2-1"):
-        parts = [
-            part for each in drawn(level) for part in ndimage.find_objects(ndimage.label(each)[0])
-        ]
-        shapes = np.array([[axis.stop - axis.start for axis in part] for part in parts])
+        shapes = np.array([each.shape for each in obstacles(drawn(level))])
         sides[level], areas[level] = int(shapes.max()), float(shapes.prod(1).mean())
-    holds = areas["1-2-1"] > areas["1-1-1"] and [*sides.values()] == [2, 4]
+    holds = areas["1-2-1"] > areas["1-1-1"] and [*sides.values()] == [*LARGEST_SIDE.values()]
     text = ", ".join(
         f"sides of 1 to {sides[each]} and {areas[each]:.2f} cells in the mean on {each}"
         for each in sides
     )
-    return Finding(holds, f"{text} ({TERRAINS:,} terrains each)")
+    return Finding(holds, f"{text} ({DRAWS:,} terrains each)")
 
 
 def bonus_levels() -> Finding:
     """d_b = 1 gives bonus and penalty, d_b = 2 neither."""
     right = 0
-    for name, level in LEVELS.items():
-        if name != "random":
-            config = EnvConfig.of(name)
-            episode = Episode.begin(config, seed=0)
-            episode.step(0)
-            wanted = config.n if name.endswith("-1") else 0
-            right += config.r_bonus == wanted == -episode.total and level.has_bonus == (wanted > 0)
+    for name in DIFFICULTIES:
+        config = EnvConfig.of(name)
+        episode = Episode.begin(config, seed=0)
+        episode.step(0)
+        wanted = config.n if name.endswith("-1") else 0
+        is_paid = config.r_bonus == wanted == -episode.total
+        right += is_paid and LEVELS[name].has_bonus == (wanted > 0)
     return Finding(right == 12, f"{right} of 12 levels: n and -n on t-m-1, 0 and 0 on t-m-2")
 
 
 def combinations() -> Finding:
     """The values of the three elements give 12 levels."""
     names = {f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)}
-    return Finding(names == set(LEVELS) - {"random"}, f"{len(names)} levels, and `random`")
+    return Finding(names == set(DIFFICULTIES), f"{len(names)} levels, and `random`")
 
 
 def entropy(terrains: NDArray[np.bool_]) -> float:
@@ -299,7 +264,7 @@ def entropy(terrains: NDArray[np.bool_]) -> float:
 
 def structure() -> Finding:
     """Higher values of d_t and d_m mean obstacles with less structure."""
-    bits = {level: entropy(drawn(level)) for level in FAMILIES}
+    bits = {level: entropy(drawn(level)) for level in TERRAINS.values()}
     by_topology = all(bits[f"{t}-{m}-1"] < bits[f"{t + 1}-{m}-1"] for t in (1, 2) for m in (1, 2))
     by_morphology = all(bits[f"{t}-1-1"] < bits[f"{t}-2-1"] for t in (1, 2, 3))
     text = ", ".join(f"{level} {value:.0f}" for level, value in bits.items())
@@ -318,7 +283,7 @@ def sizes() -> Finding:
 def discovered_obstacles(count: int = 100) -> Finding:
     """The obstacles that are discovered are distributed as they were drawn (section 3.4), here with a rule."""
     seen, there, worst, lowest = 0, 0, 1.0, 1.0
-    for level in FAMILIES:
+    for level in TERRAINS.values():
         found, drawn_there = np.zeros((21, 21)), np.zeros((21, 21))
         for episode in played(EnvConfig.of(level), "frontier-cost", count):
             found += episode.codes == OBSTACLE
@@ -333,7 +298,6 @@ def discovered_obstacles(count: int = 100) -> Finding:
     return Finding(worst > 0.95 and lowest > 0.5, measured)
 
 
-COMMAND = "python -m research.paper.claims.checks"
 CHECKS: dict[str, Callable[[], Finding]] = {
     "actions": actions,
     "state": state,
@@ -358,52 +322,27 @@ CHECKS: dict[str, Callable[[], Finding]] = {
 """The claim of docs/paper.md -> its check."""
 
 
-def run(names: Iterable[str] = CHECKS) -> list[dict[str, Any]]:
-    """Return a line for each check named: `kind` "check", `claim`, `holds` and the sentence `measured`.
-
-    ValueError when there is no check of a name.
-    """
-    lines = []
-    for name in names:
-        if name not in CHECKS:
-            raise ValueError(f"no check {name!r}; choose from: {', '.join(CHECKS)}")
-        finding = CHECKS[name]()
-        lines.append(
-            {
-                "kind": "check",
-                "claim": name,
-                "holds": bool(finding.holds),
-                "measured": finding.measured,
-            }
-        )
-    return lines
+def run(names: Iterable[str] = CHECKS) -> list[Line]:
+    """Return a line for each check named: `kind` "check", `claim`, `holds` and the sentence `measured`."""
+    found = ((name, CHECKS[name]()) for name in names)
+    return [
+        {"kind": "check", "claim": name, "holds": bool(each.holds), "measured": each.measured}
+        for name, each in found
+    ]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the checks that the command line names, all by default, and print what they found."""
-    parser = argparse.ArgumentParser(
-        prog=COMMAND, description="Test the paper's statements on the environment."
-    )
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"checks to run; all by default: {', '.join(CHECKS)}",
-    )
-    parser.add_argument("--out", type=Path, help="also write the lines to this file (JSON Lines)")
-    options = parser.parse_args(arguments)
-    try:
-        lines = run(options.names or CHECKS)
-    except ValueError as error:
-        parser.error(str(error))
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(list(CHECKS)), metavar="[NAME]...")
+@click.option("--out", type=PATH, help="Also write the lines to this file (JSON Lines).")
+def main(names: tuple[str, ...], out: Path | None) -> None:
+    """Test the paper's statements on the environment: those named, all without a name."""
+    lines = run(names or CHECKS)
     for line in lines:
-        print(
-            f"{line['claim']}: {'holds' if line['holds'] else 'does not hold'}. {line['measured']}."
-        )
-    if options.out is not None:
-        with write_whole(options.out) as file:
-            file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
+        held = "holds" if line["holds"] else "does not hold"
+        click.echo(f"{line['claim']}: {held}. {line['measured']}.")
+    if out is not None:
+        write_lines(out, lines)
 
 
 if __name__ == "__main__":
-    main()
+    main(prog_name="python -m research.paper.claims.checks")

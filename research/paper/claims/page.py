@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from PIL import Image
 
-from marsexplorer.files import write_whole
-from research.paper.algorithms import ALGORITHMS
-from research.paper.claims import training_claims
 from research.paper.claims.claims import CLAIMS, cells
 from research.paper.claims.results import FOLDER, VERDICTS, Results, read
 from research.paper.claims.settings_table import as_table
+from research.paper.claims.training_claims import BLOCKS
 from research.paper.figures import figure4, figure5, figure6, figure7
-from research.paper.plan import LEVEL
+from research.paper.jobs import write_text
+from research.paper.plan import records_of_figure
+from research.paper.tables import markdown_table
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "paper.md"
 PICTURES = PAGE.parent / "pictures" / "paper"
@@ -64,21 +62,16 @@ COLOURS, LARGEST_WIDTH = 192, 1040
 def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
     """Draw the pictures for which there are results into the folder `target`; return their paths."""
     records = read(source).records
-    trained = [record for record in records if record.trial.level == LEVEL]
-    by_level = [
-        record
-        for record in records
-        if record.trial.level != LEVEL and record.trial.algorithm == "ppo"
-    ]
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as folder:
         scratch = Path(folder)
-        if trained:
+        if trained := records_of_figure("4", records):
             figure4.draw(trained, scratch)
-        if by_level:
-            figure5.draw(by_level, figure5.read_difficulty(source), scratch)
-        for draw_figure in (figure6.draw, figure7.draw):
-            _draw_if_shipped(draw_figure, source, scratch)
+        if by_level := records_of_figure("5", records):
+            figure5.draw(by_level, source, scratch)
+        for figure in (figure6, figure7):
+            with suppress(FileNotFoundError):  # no results of the figure
+                figure.draw(source, scratch)
         names = (name for pictures in SHOWN.values() for name in pictures)
         return [
             shrink(scratch / f"{name}.png", target / f"{name}.png")
@@ -87,24 +80,14 @@ def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
         ]
 
 
-def _draw_if_shipped(
-    draw_figure: Callable[[Path, Path], list[Path]], source: Path, scratch: Path
-) -> None:
-    with suppress(FileNotFoundError):  # no results of the figure
-        draw_figure(source, scratch)
-
-
 def shrink(source: Path, target: Path) -> Path:
     """Write a picture with a palette, at most LARGEST_WIDTH pixels wide; return its path."""
     image = Image.open(source).convert("RGB")
     if image.width > LARGEST_WIDTH:
-        image = image.resize(
-            (LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)),
-            Image.Resampling.LANCZOS,
-        )
-    image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-        target, optimize=True
-    )
+        size = LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)
+        image = image.resize(size, Image.Resampling.LANCZOS)
+    image = image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    image.save(target, optimize=True)
     return target
 
 
@@ -115,10 +98,8 @@ def pictures_as_markdown(figure: str, folder: Path) -> str:
         for name, text in SHOWN[figure].items()
         if (folder / f"{name}.png").exists()
     ]
-    return (
-        "\n\n".join(lines)
-        or f"No results of figure {figure[-1]} are shipped yet, so there is no picture."
-    )
+    none = f"No results of figure {figure[-1]} are shipped yet, so there is no picture."
+    return "\n\n".join(lines) or none
 
 
 def names_of(text: str) -> list[str]:
@@ -134,30 +115,38 @@ def redraw(text: str, results: Results) -> str:
         return f"| `{match['name']}` |{match['says']}|{match['does']}| {measured} | {verdict} |"
 
     def block(match: re.Match[str]) -> str:
-        name = match["name"]
-        drawn = summary(text, results) if name == "summary" else BLOCKS[name](results)
+        drawn = draw_block(match["name"], text, results)
         tables = re.sub(r"^\|.*\|$", lambda row: re.sub(r" ?\| ?", "|", row[0]), drawn, flags=re.M)
-        return f"<!-- drawn: {name} -->\n{tables}\n<!-- end -->"
+        return f"<!-- drawn: {match['name']} -->\n{tables}\n<!-- end -->"
 
     return BLOCK.sub(block, ROW.sub(row, text))
 
 
+def draw_block(name: str, text: str, results: Results) -> str:
+    """Return what stands between `<!-- drawn: NAME -->` and `<!-- end -->` in the document; KeyError for an unknown name."""
+    kind, _, what = name.partition(" ")
+    if kind == "summary":
+        return summary(text, results)
+    if kind == "settings":
+        return as_table(what)
+    return pictures_as_markdown(what, PICTURES) if kind == "pictures" else BLOCKS[name](results)
+
+
 def summary(text: str, results: Results) -> str:
     """Return how many claims of each section of the document have which verdict, as a table in Markdown."""
-    lines = ["| section | " + " | ".join(VERDICTS) + " |", "|---" * (len(VERDICTS) + 1) + "|"]
-    totals: Counter[str] = Counter()
+    rows, totals = [], Counter[str]()
     for section in re.split(r"^## ", text, flags=re.M)[1:]:
-        counts = Counter(CLAIMS[name].decide(results).verdict for name in names_of(section))
-        if counts:
+        if counts := Counter(CLAIMS[name].decide(results).verdict for name in names_of(section)):
             totals += counts
             heading = section.split("\n", 1)[0]
-            lines.append(summary_line(f"[{heading}](#{anchor(heading)})", counts))
-    return "\n".join([*lines, summary_line("together", totals)])
-
-
-def summary_line(name: str, counts: Counter[str]) -> str:
-    """Return a line of the summary; an empty cell for none."""
-    return f"| {name} | " + " | ".join(str(counts[verdict] or "") for verdict in VERDICTS) + " |"
+            rows.append((f"[{heading}](#{anchor(heading)})", counts))
+    return markdown_table(
+        ("section", *VERDICTS),
+        [
+            [name, *(str(counts[verdict] or "") for verdict in VERDICTS)]
+            for name, counts in (*rows, ("together", totals))
+        ],
+    )
 
 
 def anchor(heading: str) -> str:
@@ -165,26 +154,11 @@ def anchor(heading: str) -> str:
     return re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
-def unchanging(draw: Callable[[], str]) -> Callable[[Results], str]:
-    """Return what draws a block that no result changes."""
-    return lambda results: draw()
-
-
-BLOCKS = training_claims.BLOCKS | {
-    f"settings {name}": unchanging(partial(as_table, name)) for name in (*ALGORITHMS, "shared")
-}
-BLOCKS |= {
-    f"pictures {name}": unchanging(partial(pictures_as_markdown, name, PICTURES)) for name in SHOWN
-}
-"""What stands between `<!-- drawn: NAME -->` and `<!-- end -->`, besides the summary."""
-
-
 def main(page: Path = PAGE) -> None:
     """Draw the pictures and the document again where they lie."""
     drawn = draw_pictures(PICTURES)
     text = redraw(page.read_text(), read())
-    with write_whole(page) as file:
-        file.write(text.encode())
+    write_text(page, text)
     print(f"{page.name}: {len(names_of(text))} claims, {len(drawn)} pictures")
 
 

@@ -7,21 +7,22 @@ for a policy of the first kind. It is reproduced in part when it holds somewhere
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from math import nan
+from typing import TypeVar
 
-from marsexplorer.config import LEVELS
 from marsexplorer.evaluation import RULES
 from research.paper.claims.results import (
     NOT_REPRODUCED,
-    NOT_YET,
     NOTHING,
     PARTLY,
     REPRODUCED,
+    Decide,
     Judgement,
     Results,
     partly,
 )
-from research.paper.episodes.play import Line
+from research.paper.episodes.play import DIFFICULTIES
 from research.paper.episodes.quadrants import (
     QuadrantCourse,
     Rate,
@@ -30,32 +31,32 @@ from research.paper.episodes.quadrants import (
 )
 from research.paper.episodes.scale import (
     PER_CENT,
-    Estimate,
     ScaleRow,
     compare,
     group_by_place,
     scale_rows,
     steps_of,
 )
+from research.paper.figures.figure7 import CONSTANT_PACE
+from research.paper.jobs import Line
+from research.paper.tables import Estimate
 
-PAPER_LEVELS = tuple(level for level in LEVELS if level != "random")
 DENSEST = ("3-2-1", "3-2-2")
 LEARNT, LETTER = "ppo", "ppo-paper"
 SIZES = (42, 84)
 LEVEL = "2-2-1"
-CONSTANT_PACE = 9 / 99
-"""Share of the moves from 90 to 99 % where coverage grows at a constant pace."""
+Own = TypeVar("Own")
+Judge = Callable[[Own], tuple[str, list[bool]]]
+"""What there is of a policy -> its numbers in words, and where the claim holds."""
 
 
 def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
     """Return policy -> level -> result of figure 6, for those that stand for the paper's and played all of its 12 levels."""
     found: dict[str, dict[str, Line]] = {}
     for line in lines:
-        if line["policy"].startswith(LEARNT) and line["level"] in PAPER_LEVELS:
+        if line["policy"].startswith(LEARNT) and line["level"] in DIFFICULTIES:
             found.setdefault(line["policy"], {})[line["level"]] = line
-    return {
-        policy: by_level for policy, by_level in found.items() if len(by_level) == len(PAPER_LEVELS)
-    }
+    return {policy: own for policy, own in found.items() if len(own) == len(DIFFICULTIES)}
 
 
 def span(shares: Sequence[float]) -> str:
@@ -64,12 +65,22 @@ def span(shares: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def decided(parts: Sequence[str], held: Mapping[str, Sequence[bool]]) -> Judgement:
-    """Return the judgement from its sentences and, for each policy, where the claim held."""
-    if any(all(places) for policy, places in held.items() if policy.startswith(LETTER)):
-        return Judgement("; ".join(parts), REPRODUCED)
-    somewhere = any(any(places) for places in held.values())
-    return Judgement("; ".join(parts), PARTLY if somewhere else NOT_REPRODUCED)
+def decided(
+    what: str, own: Mapping[str, Own], judge: Judge[Own], others: Sequence[str] = ()
+) -> Judgement:
+    """Return the judgement on a claim about policies, NOTHING without one; `others` is said after what is measured of them."""
+    if not own:
+        return NOTHING
+    found = {policy: judge(each) for policy, each in own.items()}
+    somewhere = PARTLY if any(any(held) for _, held in found.values()) else NOT_REPRODUCED
+    whole = any(all(held) for policy, (_, held) in found.items() if policy.startswith(LETTER))
+    words = [*(f"`{policy}` {text}" for policy, (text, _) in found.items()), *others]
+    return Judgement(f"{what}: {'; '.join(words)}", REPRODUCED if whole else somewhere)
+
+
+def of_learners(what: str) -> Callable[[Judge[dict[str, Line]]], Decide]:
+    """Return what makes a claim about figure 6 of `judge`, which is given a policy's results by level."""
+    return lambda judge: lambda results: decided(what, learners(results.plays[6]), judge)
 
 
 def never_back(line: Line) -> Rate:
@@ -79,99 +90,83 @@ def never_back(line: Line) -> Rate:
 
 def hilbert(results: Results) -> Judgement:
     """The pattern is the first order of the Hilbert curve."""
-    own = learners(results.plays[6])
-    if not own or not results.walks:
+    if not results.walks:
         return NOTHING
     rules = {
-        (line["policy"], line["level"]): never_back(line)
-        for line in results.plays[6]
-        if line["policy"] in RULES
+        rule: {
+            line["level"]: never_back(line) for line in results.plays[6] if line["policy"] == rule
+        }
+        for rule in RULES
     }
-    parts, held = [], {}
-    for policy, by_level in own.items():
-        rates = {level: never_back(line) for level, line in by_level.items()}
-        held[policy] = [
-            rate.low > 0.5
-            and all(rate.low > other.high for (_, at), other in rules.items() if at == level)
+
+    def judge(own: dict[str, Line]) -> tuple[str, list[bool]]:
+        rates = {level: never_back(line) for level, line in own.items()}
+        held = [
+            rate.low > max([0.5, *(of[level].high for of in rules.values() if level in of)])
             for level, rate in rates.items()
         ]
-        shares = span([rate.share for rate in rates.values()])
-        parts.append(f"`{policy}` {shares}, a majority and above both rules on {sum(held[policy])}")
-    for rule in RULES:
-        shares = span(
-            [rate.share for (policy, _), rate in rules.items() if policy == rule] or [float("nan")]
-        )
-        parts.append(f"`{rule}` {shares}")
-    parts += [f"walks by `{walk['null']}` {never_back(walk).share:.2f}" for walk in results.walks]
-    return decided(
-        [f"share of a U without going back on the 12 levels: {parts[0]}", *parts[1:]], held
-    )
+        shares = span([rate.mean for rate in rates.values()])
+        return f"{shares}, a majority and above both rules on {sum(held)}", held
+
+    others = [
+        f"`{rule}` {span([rate.mean for rate in of.values()] or [nan])}"
+        for rule, of in rules.items()
+    ]
+    others += [f"walks by `{walk['null']}` {never_back(walk).mean:.2f}" for walk in results.walks]
+    what = "share of a U without going back on the 12 levels"
+    return decided(what, learners(results.plays[6]), judge, others)
 
 
-def same_family(results: Results) -> Judgement:
+@of_learners("share of a level's episodes in the commonest order of quadrants")
+def same_family(own: dict[str, Line]) -> tuple[str, list[bool]]:
     """The same family of trajectories was generated in all cases and with great confidence."""
-    own = learners(results.plays[6])
-    parts, held = [], {}
-    for policy, by_level in own.items():
-        orders = [
-            [QuadrantCourse.of_code(code).entered for code in line["courses"]]
-            for line in by_level.values()
-        ]
-        every = [order for each in orders for order in each]
-        common = max(set(every), key=every.count)
-        shares = [each.count(common) / len(each) for each in orders]
-        held[policy] = [share > 0.9 for share in shares]
-        parts.append(f"`{policy}` {span(shares)}")
-    parts[:1] = [
-        f"share of a level's episodes in the commonest order of quadrants: {part}"
-        for part in parts[:1]
+    orders = [
+        [QuadrantCourse.of_code(code).entered for code in line["courses"]] for line in own.values()
     ]
-    return decided(parts, held) if own else NOTHING
+    every = [order for each in orders for order in each]
+    common = max(set(every), key=every.count)
+    shares = [each.count(common) / len(each) for each in orders]
+    return span(shares), [share > 0.9 for share in shares]
 
 
-def dexterous(results: Results) -> Judgement:
+@of_learners("shares of the episodes there that collided and were completed")
+def dexterous(own: dict[str, Line]) -> tuple[str, list[bool]]:
     """The policy adapts to obstacles and avoids encounters, also on 3-2-1 and 3-2-2."""
-    own = learners(results.plays[6])
-    parts, held = [], {}
-    for policy, by_level in own.items():
-        lines = [by_level[level] for level in DENSEST]
-        crashed = [line["outcomes"].get("collided", 0) / line["played"] for line in lines]
-        explored = [line["outcomes"].get("explored", 0) / line["played"] for line in lines]
-        held[policy] = [
-            crash < 0.05 and done > 0.9 for crash, done in zip(crashed, explored, strict=True)
-        ]
-        parts.append(f"`{policy}` {span(crashed)} and {span(explored)}")
-    parts[:1] = [
-        f"shares of the episodes there that collided and were completed: {part}"
-        for part in parts[:1]
-    ]
-    return decided(parts, held) if own else NOTHING
+    crashed, explored = (
+        [own[level]["outcomes"].get(outcome, 0) / own[level]["played"] for level in DENSEST]
+        for outcome in ("collided", "explored")
+    )
+    pairs = zip(crashed, explored, strict=True)
+    return f"{span(crashed)} and {span(explored)}", [a < 0.05 and b > 0.9 for a, b in pairs]
+
+
+@of_learners("correlation, and levels of 12 without blind spots")
+def no_blind_spots(own: dict[str, Line]) -> tuple[str, list[bool]]:
+    """The arrangement of the obstacles that a policy discovers matches the drawn distribution."""
+    found = [obstacles_of(line) for line in own.values()]
+    held = [not each.blind_spots for each in found]
+    return f"{span([each.correlation for each in found])} and {sum(held)}", held
 
 
 def discovered(results: Results) -> Judgement:
-    """The arrangement of discovered obstacles matches the drawn distribution: no blind spots."""
-    own = learners(results.plays[6])
-    check = results.checks.get("discovered-obstacles")
-    parts, held = [check["measured"]] if check else [], {}
-    for policy, by_level in own.items():
-        found = [obstacles_of(line) for line in by_level.values()]
-        held[policy] = [not each.blind_spots for each in found]
-        correlations = span([each.correlation for each in found])
-        parts.append(f"`{policy}` {correlations} and {sum(held[policy])}")
-    if own:
-        first = 1 if check else 0
-        parts[first] = f"correlation, and levels of 12 without blind spots: {parts[first]}"
-        return decided(parts, held)
-    return Judgement("; ".join(parts), NOT_YET)
+    """The same, with what the check of a rule found in front."""
+    policies, check = no_blind_spots(results), results.checks.get("discovered-obstacles")
+    parts = [check["measured"] if check else "", policies.measured]
+    return Judgement("; ".join(filter(None, parts)), policies.verdict)
 
 
 def scaled(results: Results) -> tuple[dict[str, list[ScaleRow]], dict[str, list[ScaleRow]]]:
-    """Return (learners, rules): policy -> its rows at 42 and 84 on 2-2-1, those with both sizes alone."""
+    """Return (learners, rules): policy -> its rows at 42 and 84 on 2-2-1, those with both sizes alone.
+
+    Both are empty unless both rules are there.
+    """
     rows: dict[str, list[ScaleRow]] = {}
     for row in sorted(scale_rows(results.plays[7]), key=lambda each: each.size):
         if row.level == LEVEL and row.size in SIZES:
             rows.setdefault(row.policy, []).append(row)
     whole = {policy: each for policy, each in rows.items() if len(each) == len(SIZES)}
+    if not whole.keys() >= {*RULES}:
+        return {}, {}
     return (
         {policy: each for policy, each in whole.items() if policy.startswith(LEARNT)},
         {policy: each for policy, each in whole.items() if policy in RULES},
@@ -182,94 +177,65 @@ def less_distance(results: Results) -> Judgement:
     """PPO travels less distance than the rules to explore the same share of the terrain."""
     places = group_by_place(results.plays[7])
     groups = [places.get((LEVEL, size), {}) for size in SIZES]
-    own = [policy for policy in groups[0] if policy.startswith(LEARNT) and policy in groups[1]]
-    if not own or not all(rule in group for rule in RULES for group in groups):
-        return NOTHING
-    parts, held = [], {}
-    for policy in own:
+
+    def judge(policy: str) -> tuple[str, list[bool]]:
         ratios = [[to_better_rule(group, policy, share) for share in PER_CENT] for group in groups]
-        held[policy] = [ratio is not None and ratio.high < 1 for each in ratios for ratio in each]
-        texts = [
-            " ".join(f"{ratio.mean:.2f}" if ratio else "none" for ratio in each) for each in ratios
-        ]
-        parts.append(
-            f"`{policy}` {texts[0]} and {texts[1]}, less with certainty at {sum(held[policy])} of 10"
+        held = [ratio.high < 1 for each in ratios for ratio in each]
+        texts = (
+            " ".join(f"{ratio.mean:.2f}" if ratio.is_known else "none" for ratio in each)
+            for each in ratios
         )
-    return decided(
-        [
-            f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84: {parts[0]}",
-            *parts[1:],
-        ],
-        held,
-    )
+        return f"{' and '.join(texts)}, less with certainty at {sum(held)} of 10", held
+
+    what = f"moves over the better rule's to {', '.join(map(str, PER_CENT))} % at 42x42 and 84x84"
+    return decided(what, {policy: policy for policy in scaled(results)[0]}, judge)
 
 
-def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate | None:
+def to_better_rule(group: Mapping[str, Line], policy: str, per_cent: int) -> Estimate:
     """Return the ratio of a policy's moves to a share of the cells to those of the rule that is better at that share."""
-    better = min(
-        (group[rule] for rule in RULES), key=lambda line: float(steps_of(line, per_cent).mean())
-    )
+    rules = (group[rule] for rule in RULES)
+    better = min(rules, key=lambda line: float(steps_of(line, per_cent).mean()))
     return compare(group[policy], better, per_cent)
 
 
-def last_shares(policies: dict[str, list[ScaleRow]]) -> list[str]:
+def last_shares(rows: Sequence[ScaleRow]) -> str:
     """Return the share of the moves that the last per cents take, in words."""
-    texts = []
-    for policy, rows in policies.items():
-        shares = [row.last_share for row in rows]
-        texts.append(
-            f"`{policy}` "
-            + " and ".join(f"{s.mean:.2f} ± {s.high - s.mean:.2f}" if s else "none" for s in shares)
-        )
-    return texts
+    return " and ".join(row.last_share.text(2) for row in rows)
 
 
 def knee(results: Results) -> Judgement:
     """The rules have a knee: distant parts are left for the end."""
     _, rules = scaled(results)
-    if len(rules) < len(RULES):
+    if not rules:
         return NOTHING
-    held = [
-        row.last_share is not None and row.last_share.low > CONSTANT_PACE
-        for rows in rules.values()
-        for row in rows
-    ]
-    words = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84: "
-    return Judgement(words + "; ".join(last_shares(rules)), partly(held))
+    held = [row.last_share.low > CONSTANT_PACE for rows in rules.values() for row in rows]
+    what = f"share of the moves from 90 to 99 % of coverage ({CONSTANT_PACE:.2f} at a constant pace), 42x42 and 84x84"
+    words = (f"`{policy}` {last_shares(rows)}" for policy, rows in rules.items())
+    return Judgement(f"{what}: {'; '.join(words)}", partly(held))
 
 
 def no_knee(results: Results) -> Judgement:
     """PPO has no such knee."""
     own, rules = scaled(results)
-    if not own or len(rules) < len(RULES):
-        return NOTHING
-    held = {}
-    for policy, rows in own.items():
-        pairs = [
-            (row.last_share, [rule[k].last_share for rule in rules.values()])
-            for k, row in enumerate(rows)
-        ]
-        held[policy] = [
-            mine is not None and all(each and mine.high < each.low for each in theirs)
-            for mine, theirs in pairs
-        ]
-    return decided(["the same share: " + "; ".join(last_shares(own))], held)
+
+    def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
+        pairs = zip(rows, *rules.values(), strict=True)
+        held = [all(row.last_share.high < rule.last_share.low for rule in of) for row, *of in pairs]
+        return last_shares(rows), held
+
+    return decided("the same share", own, judge)
 
 
 def scales(results: Results) -> Judgement:
     """Learning extends to larger terrains: it completes them, and keeps up with the rules."""
-    own, rules = scaled(results)
-    parts, held = [], {}
-    for policy, rows in own.items():
+
+    def judge(rows: list[ScaleRow]) -> tuple[str, list[bool]]:
+        ratios = (f"{row.to_rule.mean:.2f}" if row.to_rule.is_known else "no" for row in rows)
+        texts = (
+            f"{row.completion:.0%} in {ratio}" for row, ratio in zip(rows, ratios, strict=True)
+        )
         completes = [row.completion > 0.9 for row in rows]
-        held[policy] = [
-            *completes,
-            *(row.to_rule is not None and row.to_rule.low < 1 for row in rows),
-        ]
-        ratios = [f"{row.to_rule.mean:.2f}" if row.to_rule else "no" for row in rows]
-        pairs = zip(rows, ratios, strict=True)
-        texts = [f"{row.completion:.0%} in {ratio}" for row, ratio in pairs]
-        parts.append(f"`{policy}` {' and '.join(texts)}")
-    words = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84: "
-    parts[:1] = [words + part for part in parts[:1]]
-    return decided(parts, held) if own and rules else NOTHING
+        return " and ".join(texts), completes + [row.to_rule.low < 1 for row in rows]
+
+    what = "terrains completed, in how many of the better rule's moves, at 42x42 and 84x84"
+    return decided(what, scaled(results)[0], judge)

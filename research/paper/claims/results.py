@@ -15,13 +15,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from marsexplorer.evaluation.intervals import t_interval
-from research.paper.episodes.play import Line, read_lines
-from research.paper.figures.curves import Record, read_exported
+from marsexplorer.evaluation.intervals import Floats
+from research.paper.figures.curves import Record, chosen, read_exported
+from research.paper.jobs import Line, read_lines
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
 CHECKS_FILE = "environment.jsonl"
@@ -44,16 +42,10 @@ class Results:
 
     def trials(self, **wanted: Any) -> list[Record]:
         """Return the longest finished trials with these values (algorithm, variant, level, size), by seed."""
-        found = [
-            each
-            for each in self.records
-            if all(getattr(each.trial, name) == value for name, value in wanted.items())
-        ]
+        found = chosen(self.records, **wanted)
         longest = max((record.trial.moves for record in found), default=0)
-        return sorted(
-            (each for each in found if each.trial.moves == longest),
-            key=lambda record: record.trial.seed,
-        )
+        found = [record for record in found if record.trial.moves == longest]
+        return sorted(found, key=lambda record: record.trial.seed)
 
 
 def read(folder: Path = FOLDER) -> Results:
@@ -74,7 +66,6 @@ def read(folder: Path = FOLDER) -> Results:
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "in part", "not reproduced"
 DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"
 VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, DIFFERENT, PEOPLE, NOT_YET)
-Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -99,12 +90,6 @@ def partly(held: Sequence[bool]) -> str:
     return PARTLY if any(held) and not all(held) else verdict(all(held))
 
 
-def mean_of(values: Values) -> str:
-    """Return "mean ± half of the 95 % t interval" of values float64[seeds], two seeds or more."""
-    low, high = t_interval(values)
-    return f"{values.mean():.3f} ± {(high - low) / 2:.3f}"
-
-
-def is_above(ours: Values, theirs: Values) -> bool:
+def is_above(ours: Floats, theirs: Floats) -> bool:
     """Return whether the 95 % interval of the difference of means (Welch's t) lies above 0."""
     return bool(stats.ttest_ind(ours, theirs, equal_var=False).confidence_interval(0.95).low > 0)

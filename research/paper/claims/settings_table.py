@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from research.paper.algorithms import ALGORITHMS
+from research.paper.tables import markdown_table
 
 COLUMNS = {"paper": "ours", "works": "works", "tuned": "tuned"}
 """Variant -> the column that has its values."""
@@ -70,9 +71,8 @@ def as_table(name: str) -> str:
     of_all = [_cells(row) for row in every["ppo"]]
     shared = [each for each in of_all if all(each in map(_cells, rows) for rows in every.values())]
     found = shared if name == "shared" else [_cells(row) for row in every[name]]
-    lines = ["| setting | paper | repository | ours | why |", "|---|---|---|---|---|"]
     rows = [each for each in found if name == "shared" or each not in shared]
-    return "\n".join([*lines, *("| " + " | ".join(each) + " |" for each in rows)])
+    return markdown_table(("setting", "paper", "repository", "ours", "why"), rows)
 
 
 def _cells(row: dict[str, str]) -> tuple[str, ...]:

@@ -6,12 +6,13 @@ the completion that is lost without it, so its importance is that of a part of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from math import isnan
 
 import numpy as np
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.score import score
 from research.paper.algorithms import ALGORITHMS
 from research.paper.claims.results import (
@@ -19,109 +20,98 @@ from research.paper.claims.results import (
     NOTHING,
     PARTLY,
     REPRODUCED,
+    Decide,
     Judgement,
     Results,
-    Values,
     is_above,
-    mean_of,
     verdict,
 )
+from research.paper.episodes.play import DIFFICULTIES
 from research.paper.figures.curves import (
     NAMES,
     TABLE_COLUMNS,
     TITLES,
-    Mean,
     Record,
     cells_of,
+    points_of,
     rows_of,
 )
 from research.paper.plan import LEVEL, SIZE, is_full
+from research.paper.tables import Estimate, markdown_table
 
 SERIOUS = 0.1
 """Loss of normalized score that counts as a serious degradation; the paper's is about 0.2 (a little above 0.6 from 0.8)."""
 SEEDS = 3
 """Fewest seeds that a verdict is given on."""
-FIGURE_4 = {"level": "random", "size": 21}
-TOPOLOGIES, MORPHOLOGIES, BONUSES = (1, 2, 3), (1, 2), (1, 2)
+Trials = dict[str, list[Record]]
+"""Algorithm or level -> its trials."""
 
 
-def figure_4(results: Results, variant: str) -> dict[str, list[Record]]:
+def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
+    """Return the trainings of one algorithm and variant on the level of figure 4."""
+    return results.trials(algorithm=algorithm, variant=variant, level=LEVEL, size=SIZE)
+
+
+def of_figure_5(results: Results, level: str, variant: str) -> list[Record]:
+    """Return PPO's trainings of a variant on one level."""
+    return results.trials(algorithm="ppo", variant=variant, level=level, size=SIZE)
+
+
+def figure_4(results: Results, variant: str) -> Trials:
     """Return the trials of each algorithm, empty unless all four have SEEDS of them."""
-    found = {
-        name: results.trials(algorithm=name, variant=variant, **FIGURE_4) for name in ALGORITHMS
-    }
-    return found if all(len(each) >= SEEDS for each in found.values()) else {}
+    found = {name: of_figure_4(results, name, variant) for name in ALGORITHMS}
+    return found if min(map(len, found.values())) >= SEEDS else {}
 
 
-def decided(measured: str, holds: bool, records: Iterable[Record]) -> Judgement:
+def decided(measured: str, holds: bool, trials: Trials) -> Judgement:
     """Return a judgement; trainings shorter than those of the full budget are shown, and decide nothing."""
-    if all(is_full(record.trial) for record in records):
+    if all(is_full(record.trial) for each in trials.values() for record in each):
         return Judgement(measured, verdict(holds))
     return Judgement(f"after short trainings, which decide nothing: {measured}", NOT_YET)
 
 
-def every(trials: dict[str, list[Record]]) -> list[Record]:
-    """Return the trials of all algorithms."""
-    return [record for each in trials.values() for record in each]
-
-
 def score_at(record: Record, axis: str, limit: float) -> float:
     """Return the score of the last point of a curve whose `axis` (moves or cpu_s) is within the limit; NaN before the first."""
-    points = zip(record.curve[axis], record.curve["score"], strict=True)
-    return next(
-        (
-            score
-            for x, score in reversed([*points])
-            if x is not None and score is not None and x <= limit
-        ),
-        np.nan,
-    )
+    x, scores = points_of(record, "score", axis)
+    return float([np.nan, *scores[x <= limit]][-1])
 
 
-def scores_at(trials: dict[str, list[Record]], axis: str | None) -> dict[str, Values]:
+def scores_at(trials: Trials, axis: str | None) -> dict[str, Floats]:
     """Return the scores by algorithm, best first, at the end or where the shortest trial has ended on `axis`."""
-    ends = (
-        [float(record.curve[axis][-1] or 0) for each in trials.values() for record in each]
-        if axis
-        else [np.inf]
-    )
+    end = np.inf
+    if axis is not None:
+        end = min(record.curve[axis][-1] or 0 for each in trials.values() for record in each)
     found = {
-        name: np.array(
-            [score_at(record, axis or "moves", min(ends)) for record in each], np.float64
-        )
+        name: np.array([score_at(record, axis or "moves", end) for record in each])
         for name, each in trials.items()
     }
     return dict(sorted(found.items(), key=lambda item: -np.nan_to_num(item[1].mean(), nan=-1)))
 
 
-def order(scores: dict[str, Values]) -> str:
+def order(scores: dict[str, Floats]) -> str:
     """Return algorithms and their scores in words, best first."""
-    known = {
-        name: "too early to say" if np.isnan(values).any() else mean_of(values)
-        for name, values in scores.items()
-    }
-    return ", ".join(f"{name} {words}" for name, words in known.items())
+    means = {name: Estimate.of(values) for name, values in scores.items()}
+    return ", ".join(
+        f"{name} {mean.text() if mean.is_known else 'too early to say'}"
+        for name, mean in means.items()
+    )
 
 
 def best(results: Results) -> Judgement:
     """PPO achieves the highest average episodic reward."""
     parts, wins = [], False
+    views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
     for variant, column in TITLES.items():
-        trials = figure_4(results, variant)
-        if not trials:
-            continue
-        views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
-        scores = {words: scores_at(trials, axis) for words, axis in views.items()}
-        parts.append(
-            f"{column}: " + "; ".join(f"{words} {order(each)}" for words, each in scores.items())
-        )
-        if variant == "paper":
-            first, second = list(scores["at the end"].items())[:2]
-            wins = first[0] == "ppo" and is_above(first[1], second[1])
-    letter = every(figure_4(results, "paper"))
-    return (
-        decided(". ".join(parts), wins, letter) if letter else Judgement(". ".join(parts), NOT_YET)
-    )
+        if trials := figure_4(results, variant):
+            scores = {words: scores_at(trials, axis) for words, axis in views.items()}
+            orders = "; ".join(f"{words} {order(each)}" for words, each in scores.items())
+            parts.append(f"{column}: {orders}")
+            if variant == "paper":
+                first, second = list(scores["at the end"].items())[:2]
+                wins = first[0] == "ppo" and is_above(first[1], second[1])
+    letter = figure_4(results, "paper")
+    measured = ". ".join(parts)
+    return decided(measured, wins, letter) if letter else Judgement(measured, NOT_YET)
 
 
 def second(results: Results) -> Judgement:
@@ -130,7 +120,7 @@ def second(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    return decided(f"at the end {order(scores)}", list(scores)[1] == "rainbow", every(trials))
+    return decided(f"at the end {order(scores)}", list(scores)[1] == "rainbow", trials)
 
 
 def half(results: Results) -> Judgement:
@@ -140,10 +130,9 @@ def half(results: Results) -> Judgement:
         return NOTHING
     scores = scores_at(trials, None)
     count = min(len(scores["rainbow"]), len(scores["ppo"]))
-    ratios = scores["rainbow"][:count] / scores["ppo"][:count]
-    low, high = t_interval(ratios)
-    holds = bool(low <= 0.5004 <= high and high - low < 0.5)
-    return decided(f"ratio of the final scores {mean_of(ratios)}", holds, every(trials))
+    ratio = Estimate.of(scores["rainbow"][:count] / scores["ppo"][:count])
+    holds = ratio.low <= 0.5004 <= ratio.high and ratio.high - ratio.low < 0.5
+    return decided(f"ratio of the final scores {ratio.text()}", holds, trials)
 
 
 def with_bonus(record: Record) -> float:
@@ -152,40 +141,21 @@ def with_bonus(record: Record) -> float:
     Levels t-m-2 pay neither n nor -n for how an episode ends, so their score has another scale. The share of episodes that
     ended either way is known, so the two can be counted.
     """
-    last = {name: column[-1] for name, column in record.curve.items()}
-    config, other = (
-        record.trial.config,
-        EnvConfig.of(record.trial.level[:-1] + "1", record.trial.size),
-    )
-    gained = (
-        float(last["score"] or 0) * (config.r_invalid + config.r_bonus + config.n)
-        - config.r_invalid
-    )
-    explored, invalid = (
-        float(last["explored"] or 0),
-        float(last["collided"] or 0) + float(last["out_of_bounds"] or 0),
-    )
-    ends = (other.r_bonus - config.r_bonus) * explored - (
-        other.r_invalid - config.r_invalid
-    ) * invalid
+    last = {name: float(column[-1] or 0) for name, column in record.curve.items()}
+    config, size = record.trial.config, record.trial.size
+    other = EnvConfig.of(record.trial.level[:-1] + "1", size)
+    range_of_score = config.r_invalid + config.r_bonus + config.n
+    gained = last["score"] * range_of_score - config.r_invalid
+    ends = (other.r_bonus - config.r_bonus) * last["explored"]
+    ends -= (other.r_invalid - config.r_invalid) * (last["collided"] + last["out_of_bounds"])
     return score(other, gained + ends)
 
 
-def by_level(
-    results: Results, measure: Callable[[Record], float], variant: str
-) -> dict[str, Values]:
-    """Return a measure of PPO's trainings on each of the 12 levels: float64[seeds] each; empty until all have SEEDS."""
-    levels = [f"{t}-{m}-{b}" for t in TOPOLOGIES for m in MORPHOLOGIES for b in BONUSES]
-    trials = {
-        level: results.trials(algorithm="ppo", variant=variant, level=level, size=21)
-        for level in levels
-    }
+def figure_5(results: Results, variant: str) -> Trials:
+    """Return PPO's trials on each of the 12 levels, as many of each; empty until all have SEEDS."""
+    trials = {level: of_figure_5(results, level, variant) for level in DIFFICULTIES}
     count = min(map(len, trials.values()))
-    found = {
-        level: np.array([measure(each) for each in own[:count]], np.float64)
-        for level, own in trials.items()
-    }
-    return found if count >= SEEDS else {}
+    return {level: own[:count] for level, own in trials.items()} if count >= SEEDS else {}
 
 
 def at_the_end(name: str) -> Callable[[Record], float]:
@@ -193,17 +163,8 @@ def at_the_end(name: str) -> Callable[[Record], float]:
     return lambda record: float(record.curve[name][-1] or 0)
 
 
-def of_levels(results: Results, variant: str) -> list[Record]:
-    """Return PPO's trials of a variant on the 12 levels."""
-    return [
-        record
-        for level in by_level(results, at_the_end("score"), variant)
-        for record in results.trials(algorithm="ppo", variant=variant, level=level)
-    ]
-
-
-Measure = Callable[[dict[str, dict[str, Values]]], tuple[str, bool]]
-"""Name in ON_LEVELS -> final values by level -> what they say in words, and whether the paper's statement holds of them."""
+Finals = dict[str, dict[str, Floats]]
+"""Name in ON_LEVELS -> level -> final values float64[seeds]."""
 ON_LEVELS: dict[str, Callable[[Record], float]] = {
     "score": at_the_end("score"),
     "score with the bonus counted everywhere": with_bonus,
@@ -213,103 +174,86 @@ COMPARABLE = "score with the bonus counted everywhere"
 """What the effect of d_b is judged by: the scores of t-m-1 and t-m-2 have two scales."""
 
 
-def on_levels(results: Results, measure: Measure) -> Judgement:
-    """Return the judgement of a statement about the 12 levels, by the letter and as it works.
+def on_levels(measure: Callable[[Finals], tuple[str, bool]]) -> Decide:
+    """Return what judges a statement about the 12 levels, by the letter and as it works.
 
     The letter decides. What holds of PPO as it works alone holds in part.
+
+    measure  final values -> what they say in words, and whether the paper's statement holds of them
     """
-    parts, verdicts = [], {}
-    for variant in ("paper", "works"):
-        finals = {name: by_level(results, of, variant) for name, of in ON_LEVELS.items()}
-        if finals["score"]:
-            words, holds = measure(finals)
-            one = decided(words, holds, of_levels(results, variant))
-            parts.append(f"{TITLES[variant]}: {one.measured}")
-            verdicts[variant] = one.verdict
-    if verdicts.get("paper", NOT_YET) != NOT_YET:
-        return Judgement(". ".join(parts), verdicts["paper"])
-    found = verdicts.get("works", NOT_YET)
-    return Judgement(". ".join(parts), PARTLY if found == REPRODUCED else found)
+
+    def decide(results: Results) -> Judgement:
+        parts, verdicts = [], {"works": NOT_YET, "paper": NOT_YET}
+        for variant in ("paper", "works"):
+            if trials := figure_5(results, variant):
+                finals = {
+                    name: {level: np.array([*map(of, own)]) for level, own in trials.items()}
+                    for name, of in ON_LEVELS.items()
+                }
+                one = decided(*measure(finals), trials)
+                parts.append(f"{TITLES[variant]}: {one.measured}")
+                verdicts[variant] = one.verdict
+        found = verdicts["paper"]
+        if found == NOT_YET:
+            found = PARTLY if verdicts["works"] == REPRODUCED else verdicts["works"]
+        return Judgement(". ".join(parts), found)
+
+    return decide
 
 
-def effect(finals: dict[str, Values], element: int) -> Values:
-    """Return the effect of one element of the difficulty (0 d_t, 1 d_m, 2 d_b) for each seed: highest less lowest mean."""
-    values = sorted({level.split("-")[element] for level in finals})
-    means = [
-        np.mean(
-            [each for level, each in finals.items() if level.split("-")[element] == value], axis=0
-        )
-        for value in values
-    ]
-    spread: Values = np.max(means, axis=0) - np.min(means, axis=0)
-    return spread
+def mean_with(finals: dict[str, Floats], element: int, value: str) -> Floats:
+    """Return the mean over the levels where an element of the difficulty (0 d_t, 1 d_m, 2 d_b) has a value, for each seed."""
+    own = [each for level, each in finals.items() if level.split("-")[element] == value]
+    return np.asarray(np.mean(own, axis=0))
 
 
-def effects(finals: dict[str, dict[str, Values]]) -> tuple[dict[str, Values], str]:
-    """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS."""
-    found = {
-        name: {measure: effect(values, k) for measure, values in finals.items()}
-        for k, name in enumerate(("d_t", "d_m", "d_b"))
-    }
-    words = "; ".join(
-        f"{name} "
-        + ", ".join(f"{mean_of(values)} of {measure}" for measure, values in each.items())
-        for name, each in found.items()
-    )
-    return {
-        name: each[COMPARABLE] for name, each in found.items()
-    }, f"spread between its values: {words}"
+def effects(finals: Finals) -> tuple[dict[str, float], str]:
+    """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS.
+
+    The effect of an element is the highest less the lowest mean of its values.
+    """
+    found, words = {}, []
+    for element, name in enumerate(("d_t", "d_m", "d_b")):
+        of = {
+            measure: np.ptp([mean_with(own, element, value) for value in values], axis=0)
+            for measure, own in finals.items()
+            for values in [{level.split("-")[element] for level in own}]
+        }
+        spreads = (f"{Estimate.of(each).text()} of {measure}" for measure, each in of.items())
+        words.append(f"{name} {', '.join(spreads)}")
+        found[name] = float(of[COMPARABLE].mean())
+    return found, f"spread between its values: {'; '.join(words)}"
 
 
-def morphology_first(results: Results) -> Judgement:
+@on_levels
+def morphology_first(finals: Finals) -> tuple[str, bool]:
     """d_m has the largest effect on the learned policy."""
-
-    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
-        found, words = effects(finals)
-        return words, all(found["d_m"].mean() > found[other].mean() for other in ("d_t", "d_b"))
-
-    return on_levels(results, measure)
+    found, words = effects(finals)
+    return words, found["d_m"] > max(found["d_t"], found["d_b"])
 
 
-def morphology_degrades(results: Results) -> Judgement:
+@on_levels
+def morphology_degrades(finals: Finals) -> tuple[str, bool]:
     """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
-
-    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
-        small, large = (
-            np.mean(
-                [each for level, each in finals["score"].items() if level.split("-")[1] == m],
-                axis=0,
-            )
-            for m in ("1", "2")
-        )
-        holds = is_above(small, large) and float(small.mean() - large.mean()) > SERIOUS
-        return f"final score {mean_of(small)} with d_m = 1, {mean_of(large)} with d_m = 2", holds
-
-    return on_levels(results, measure)
+    small, large = (mean_with(finals["score"], 1, value) for value in ("1", "2"))
+    holds = is_above(small, large) and float(small.mean() - large.mean()) > SERIOUS
+    words = (Estimate.of(each).text() for each in (small, large))
+    return "final score {} with d_m = 1, {} with d_m = 2".format(*words), holds
 
 
-def hardest(results: Results) -> Judgement:
+@on_levels
+def hardest(finals: Finals) -> tuple[str, bool]:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
-
-    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
-        wanted = {level: finals["score"][level] for level in ("3-2-1", "3-2-2")}
-        words = ", ".join(f"{level} {mean_of(values)}" for level, values in wanted.items())
-        return f"final score: {words}", all(
-            0.6 <= values.mean() < 0.7 for values in wanted.values()
-        )
-
-    return on_levels(results, measure)
+    found = {level: Estimate.of(finals["score"][level]) for level in ("3-2-1", "3-2-2")}
+    words = ", ".join(f"{level} {mean.text()}" for level, mean in found.items())
+    return f"final score: {words}", all(0.6 <= each.mean < 0.7 for each in found.values())
 
 
-def bonus_little(results: Results) -> Judgement:
+@on_levels
+def bonus_little(finals: Finals) -> tuple[str, bool]:
     """d_b does not affect the overall performance much."""
-
-    def measure(finals: dict[str, dict[str, Values]]) -> tuple[str, bool]:
-        found, _ = effects(finals)
-        holds = all(found["d_b"].mean() < found[other].mean() for other in ("d_t", "d_m"))
-        return "the spreads of `morphology-first`", holds
-
-    return on_levels(results, measure)
+    found, _ = effects(finals)
+    return "the spreads of `morphology-first`", found["d_b"] < min(found["d_t"], found["d_m"])
 
 
 AIM = 0.9
@@ -321,61 +265,42 @@ STARTS = (*(f"{variant}-no-" for variant in WITHOUT), "paper+", "paper-no-")
 """What the names of variants begin with that leave a change out, make it alone, and leave a part of the paper's out."""
 
 
-def completion(results: Results, algorithm: str, variant: str) -> Mean | None:
-    """Return the completion on held-out terrains over seeds, None without a training."""
+def completion(results: Results, algorithm: str, variant: str) -> Estimate:
+    """Return the completion on held-out terrains over seeds, UNKNOWN without a training."""
     trials = of_figure_4(results, algorithm, variant)
-    return Mean.of([record.result["completion"] for record in trials]) if trials else None
+    return Estimate.of([record.result["completion"] for record in trials])
 
 
-def percent(share: Mean) -> str:
-    """Return a share in per cent with half of its interval."""
-    half = "" if share.high is None else f" ± {100 * (share.high - share.mean):.0f}"
-    return f"{100 * share.mean:.0f}{half} %"
+def percent(share: Estimate) -> str:
+    """Return a share in per cent, nothing where it is not known."""
+    return share.percent() if share.is_known else ""
 
 
 def as_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown; NONE_YET without rows."""
-    lines = ["| " + " | ".join(each) + " |" for each in (columns, *rows)]
-    return "\n".join([lines[0], "|---" * len(columns) + "|", *lines[1:]]) if rows else NONE_YET
+    return markdown_table(columns, rows) if rows else NONE_YET
 
 
 def without_constants(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table without the columns that have one value, which a line above it has."""
-    values = list(zip(*rows, strict=True))
-    constant = [number for number, each in enumerate(values) if len(set(each)) == 1]
-    common = ", ".join(f"{columns[number]} {values[number][0]}" for number in constant)
-    kept = [number for number in range(len(columns)) if number not in constant]
-    table = as_table(
-        [columns[number] for number in kept], [[row[number] for number in kept] for row in rows]
-    )
-    return f"In all rows: {common}.\n\n{table}" if rows and common else table
+    values = dict(zip(columns, zip(*rows, strict=True), strict=True)) if rows else {}
+    common = ", ".join(f"{name} {each[0]}" for name, each in values.items() if len({*each}) == 1)
+    varying = {name: each for name, each in values.items() if len({*each}) > 1}
+    table = as_table([*varying], [*zip(*varying.values(), strict=True)])
+    return f"In all rows: {common}.\n\n{table}" if common else table
 
 
 def trained(results: Results) -> str:
     """Return the table of the policies of figure 4: all four algorithms, by the letter, as they work, and tuned."""
-    found = [
-        each
-        for name in ALGORITHMS
-        for variant in TITLES
-        for each in of_figure_4(results, name, variant)
-    ]
+    kinds = [(name, variant) for name in ALGORITHMS for variant in TITLES]
+    found = [each for kind in kinds for each in of_figure_4(results, *kind)]
     return without_constants(TABLE_COLUMNS, [cells_of(row) for row in rows_of(found)])
-
-
-def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
-    """Return the trainings of one algorithm and variant on the level of figure 4."""
-    return results.trials(algorithm=algorithm, variant=variant, level=LEVEL, size=SIZE)
 
 
 def levels(results: Results) -> str:
     """Return the table of the policies of figure 5: PPO on the 12 levels, with the better rule's moves for the difficulty."""
-    names = sorted({record.trial.level for record in results.records} - {LEVEL})
-    found = [
-        each
-        for variant in ("paper", "works")
-        for level in names
-        for each in results.trials(algorithm="ppo", variant=variant, level=level, size=SIZE)
-    ]
+    kinds = [(level, variant) for variant in ("paper", "works") for level in DIFFICULTIES]
+    found = [each for kind in kinds for each in of_figure_5(results, *kind)]
     rule = {record.trial.level: f"{record.result['best_rule_steps']:.0f}" for record in found}
     rows = [[*cells_of(row), rule[row.level]] for row in rows_of(found)]
     return without_constants((*TABLE_COLUMNS, "steps of the better rule"), rows)
@@ -385,27 +310,20 @@ def aims(results: Results) -> str:
     """Return which algorithms complete the share of terrains that is aimed at, as a table; SEEDS seeds decide it."""
     rows = []
     for name in ALGORITHMS:
-        letter, works, tuned = (completion(results, name, variant) for variant in TITLES)
-        if works is not None:
+        found = {variant: completion(results, name, variant) for variant in TITLES}
+        if found["works"].is_known:
             seeds = len(of_figure_4(results, name, "works"))
-            reached = "too few seeds" if seeds < SEEDS else "yes" if works.mean >= AIM else "no"
-            shown = [percent(each) if each else "" for each in (letter, works, tuned)]
-            rows.append([NAMES[name], *shown, str(seeds), reached])
-    columns = (
-        "algorithm",
-        "completes by the letter",
-        "completes as it works",
-        "completes tuned",
-        "seeds as it works",
-    )
-    return as_table((*columns, f"{AIM:.0%} reached"), rows)
+            reached = "yes" if found["works"].mean >= AIM else "no"
+            reached = reached if seeds >= SEEDS else "too few seeds"
+            rows.append([NAMES[name], *map(percent, found.values()), str(seeds), reached])
+    shares = ("completes by the letter", "completes as it works", "completes tuned")
+    return as_table(("algorithm", *shares, "seeds as it works", f"{AIM:.0%} reached"), rows)
 
 
 def changes_of(results: Results, algorithm: str) -> list[str]:
     """Return the changes of which an algorithm has trainings without them, or with them alone."""
-    variants = {
-        record.trial.variant for record in results.records if record.trial.algorithm == algorithm
-    }
+    trials = [each.trial for each in results.records if each.trial.algorithm == algorithm]
+    variants = {trial.variant for trial in trials}
     found = {
         each.removeprefix(start) for each in variants for start in STARTS if each.startswith(start)
     }
@@ -414,32 +332,18 @@ def changes_of(results: Results, algorithm: str) -> list[str]:
 
 def ablations(results: Results) -> str:
     """Return what each change does to completion, as a table, the one whose lack costs most first."""
-    rows: list[tuple[float, list[str]]] = []
+    rows: list[tuple[str, float, list[str]]] = []
     for name in ALGORITHMS:
         whole = [completion(results, name, variant) for variant in WITHOUT]
         for change in changes_of(results, name):
             others = [completion(results, name, start + change) for start in STARTS]
-            lost = max(
-                (
-                    both.mean - one.mean
-                    for both, one in zip(whole, others, strict=False)
-                    if both and one
-                ),
-                default=0.0,
-            )
-            shown = [percent(each) if each else "" for each in others]
-            rows.append((lost, [NAMES[name], f"`{change}`", *shown]))
-    columns = (
-        "algorithm",
-        "change",
-        "works without it",
-        "tuned without it",
-        "the letter with it alone",
-        "the letter without it",
-    )
-    return as_table(
-        columns, [row for _, row in sorted(rows, key=lambda each: (each[1][0], -each[0]))]
-    )
+            losses = [both.mean - one.mean for both, one in zip(whole, others, strict=False)]
+            lost = max((each for each in losses if not isnan(each)), default=0.0)
+            rows.append((NAMES[name], -lost, [f"`{change}`", *map(percent, others)]))
+    columns = ("algorithm", "change", "works without it", "tuned without it")
+    alone = ("the letter with it alone", "the letter without it")
+    rows.sort(key=lambda row: row[:2])
+    return as_table((*columns, *alone), [[name, *cells] for name, _, cells in rows])
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {

@@ -10,27 +10,23 @@ much there is to do, and those of the better rule how much it costs to find that
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, ClassVar
-
-import numpy as np
+from typing import ClassVar
 
 from marsexplorer import policies as policy_files
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.config import CORE_VERSION, LEVELS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation import RULES, Result
 from marsexplorer.evaluation.episodes import play_episode, result_of
-from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.files import write_whole
 from marsexplorer.random_numbers import mix
 from research.informed import INFORMED, informed_actions
-from research.paper.jobs import Job, OnProgress
+from research.paper.jobs import Job, Line, OnProgress, read_lines, write_lines
+from research.paper.tables import Estimate
 
 FIRST_SEED = 1_000_000_000
 """Of the terrains: training refuses these (`marsexplorer.training.envs.EVALUATION_SEEDS`)."""
@@ -44,20 +40,12 @@ LARGEST_INFORMED = 42
 INFORMED_TRIES = 4
 """Searches with other random numbers, until one finds a walk."""
 
-TERRAINS = {
-    "1-1": "1-1-1",
-    "1-2": "1-2-1",
-    "2-1": "2-1-1",
-    "2-2": "2-2-1",
-    "3-1": "3-1-1",
-    "3-2": "3-2-1",
-}
-"""d_t and d_m -> a level with such terrains; d_b changes the rewards alone."""
+DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
+"""The paper's 12 levels, d_t-d_m-d_b (section 3.3)."""
+TERRAINS = {level[:3]: level for level in DIFFICULTIES if level.endswith("-1")}
+"""d_t-d_m -> a level with such terrains; d_b changes the rewards alone."""
 DIFFICULTY_EPISODES = {"small": 20, "full": 100}
 """Budget -> terrains of each level."""
-
-Line = dict[str, Any]
-"""A JSON object of a file."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +120,6 @@ class Play:
             on_progress((number + 1) / self.episodes)
         seconds = {"cpu_s": round(time.process_time() - begun, 2)}
         line = {**self.identity, **seconds, **endings(results), **self.measure(results)}
-        (folder / self.name).mkdir(parents=True, exist_ok=True)
         write_lines(folder / self.name / "result.jsonl", [line])
 
     def _player(self) -> Callable[[int], Episode | None]:
@@ -187,19 +174,6 @@ def endings(results: Sequence[Result]) -> Line:
     }
 
 
-def read_lines(path: Path) -> list[Line]:
-    """Return the objects of a file of JSON Lines, none where there is no file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
-
-
-def write_lines(path: Path, lines: Sequence[Line]) -> None:
-    """Write a file of JSON Lines whole, without spaces."""
-    with write_whole(path) as file:
-        file.write(
-            "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode()
-        )
-
-
 @dataclass(frozen=True)
 class Difficulty(Play):
     """The episodes of a rule or of the informed search on one level, beside figure 5."""
@@ -209,9 +183,15 @@ class Difficulty(Play):
 
     def measure(self, results: Sequence[Result]) -> Line:
         """Return the moves to 99 %, JSON-ready."""
-        steps = np.array([result.steps_to_99 for result in results], np.float64)
-        low, high = (float(end) for end in t_interval(steps))
-        return {"steps_to_99": {"mean": float(steps.mean()), "low": low, "high": high}}
+        return {"steps_to_99": asdict(Estimate.of([result.steps_to_99 for result in results]))}
+
+
+def with_own_names(plays: Sequence[Play]) -> Sequence[Play]:
+    """Return plays as they came; ValueError when two have the same name."""
+    if len({play.name for play in plays}) < len(plays):
+        policies = ", ".join(dict.fromkeys(play.policy for play in plays))
+        raise ValueError(f"each policy needs a name of its own, got {policies}")
+    return plays
 
 
 def difficulty_jobs(budget: str, size: int) -> list[Job]:
@@ -246,11 +226,10 @@ def _place_of(line: Line) -> tuple[object, ...]:
 
 def gather(folder: Path, figure: int, target: Path) -> list[Path]:
     """Write the results of a figure into one file a policy, figureN-POLICY.jsonl, and one for the null; return the paths."""
-    target.mkdir(parents=True, exist_ok=True)
     groups: dict[str, list[Line]] = {}
     for line in read_results(folder, figure):
         groups.setdefault(line.get("policy", "null"), []).append(line)
-    paths = [target / f"figure{figure}-{name}.jsonl" for name in groups]
-    for path, lines in zip(paths, groups.values(), strict=True):
-        write_lines(path, lines)
-    return paths
+    return [
+        write_lines(target / f"figure{figure}-{name}.jsonl", lines)
+        for name, lines in groups.items()
+    ]

@@ -24,6 +24,7 @@ when obstacles could be discovered there in at least BLIND_EPISODES episodes and
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -36,7 +37,9 @@ from marsexplorer.evaluation import Result
 from marsexplorer.evaluation.intervals import wilson_interval
 from marsexplorer.evaluation.plots import heat_maps
 from marsexplorer.terrain import generate
-from research.paper.episodes.play import Line, Play
+from research.paper.episodes.play import Play
+from research.paper.jobs import Line
+from research.paper.tables import Estimate
 
 MAPS = ("visits", "drawn", "discoverable", "found")
 """The maps of a result."""
@@ -91,30 +94,18 @@ class QuadrantCourse:
     @classmethod
     def of_code(cls, code: str) -> QuadrantCourse:
         """Return the course that a code stands for; ValueError for text that is none."""
-        entered, colon, changes = code.partition(":")
-        if (
-            not colon
-            or not changes.isdigit()
-            or not set(entered) <= set("0123")
-            or len(set(entered)) != len(entered)
-        ):
+        if not re.fullmatch(r"(?:([0-3])(?!.*\1.*:))+:\d+", code):
             raise ValueError(f'expected the code of a course like "0321:3", got {code!r}')
-        return cls(tuple(int(each) for each in entered), int(changes))
+        entered, changes = code.split(":")
+        return cls(tuple(map(int, entered)), int(changes))
 
 
 @dataclass(frozen=True)
-class Rate:
+class Rate(Estimate):
     """A share of episodes, `count` of `total`, with its 95 % Wilson interval; where all cases were counted, no interval."""
 
     count: int
     total: int
-    low: float
-    high: float
-
-    @property
-    def share(self) -> float:
-        """`count` of `total`, 0..1."""
-        return self.count / self.total
 
 
 def rate_of(claims: Iterable[bool], is_complete: bool = False) -> Rate:
@@ -127,7 +118,7 @@ def rate_of(claims: Iterable[bool], is_complete: bool = False) -> Rate:
     if not total:
         raise ValueError("a rate is of at least one episode, got none")
     low, high = (count / total,) * 2 if is_complete else wilson_interval(count, total)
-    return Rate(count, total, low, high)
+    return Rate(count / total, low, high, count, total)
 
 
 def quadrant_map(rows: int, cols: int) -> NDArray[np.int8]:

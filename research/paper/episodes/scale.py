@@ -23,11 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.evaluation import RULES, Result
-from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.evaluation.table import ratio_interval
 from research.informed import INFORMED
-from research.paper.episodes.play import Line, Play
+from research.paper.episodes.play import Play
+from research.paper.jobs import Line
+from research.paper.tables import UNKNOWN, Estimate
 
 PER_CENT = (50, 75, 90, 95, 99)
 """Coverages whose moves are kept."""
@@ -50,25 +52,17 @@ class Coverage(Play):
         curves = coverage_curves(results, moves)[:, ::stride]
         by_seed = {result.seed: result for result in results}
         seeds = range(self.first_seed, self.first_seed + self.episodes)
-        needed = {per_cent: cells_for(per_cent, config.n) for per_cent in PER_CENT}
         return {
             "stride": stride,
             "mean": _rounded(curves.mean(axis=0)) if results else [],
             "sd": _rounded(curves.std(axis=0, ddof=1)) if len(results) > 1 else [],
             "reached": {
-                str(per_cent): [moves_until(by_seed.get(seed), cells) for seed in seeds]
-                for per_cent, cells in needed.items()
+                str(share): [
+                    moves_until(by_seed.get(each), share * config.n / 100) for each in seeds
+                ]
+                for share in PER_CENT
             },
         }
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A mean, a ratio or a share over terrains, with its 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ class ScaleRow:
     terrains     that it played
     completion   share of them that it explored, 0..1
     steps        moves to 99 %, an episode that ended otherwise counting the limit
-    to_rule      mean steps over those of the better frontier rule, on the terrains that both played; None where no rule played
+    to_rule      mean steps over those of the better frontier rule, on the terrains that both played; UNKNOWN without a rule
     to_informed  the same over those of the informed search
     last_share   share of the last per cents (see the module), over the episodes that reached 99 %
     """
@@ -89,17 +83,12 @@ class ScaleRow:
     terrains: int
     completion: float
     steps: Estimate
-    to_rule: Estimate | None
-    to_informed: Estimate | None
-    last_share: Estimate | None
+    to_rule: Estimate
+    to_informed: Estimate
+    last_share: Estimate
 
 
-def cells_for(per_cent: int, cells: int) -> int:
-    """Return the fewest cells that are at least so many per cent of all."""
-    return -(-per_cent * cells // 100)
-
-
-def moves_until(result: Result | None, cells: int) -> int | None:
+def moves_until(result: Result | None, cells: float) -> int | None:
     """Return the moves after which so many cells were known, None where they never were or nothing was played."""
     if result is None:
         return None
@@ -110,39 +99,26 @@ def moves_until(result: Result | None, cells: int) -> int | None:
 
 def steps_of(line: Line, per_cent: int = 99) -> Floats:
     """Return float64[episodes], the moves to a share of PER_CENT by terrain: the limit where missed, NaN where not played."""
-    limit = line["rows"] * line["cols"]
-    steps = np.array(
-        [limit if each is None else each for each in line["reached"][str(per_cent)]], np.float64
-    )
-    if line["policy"] == INFORMED:  # it reaches 99 % or finds no walk at all
-        steps[steps == limit] = np.nan
+    steps = np.array(line["reached"][str(per_cent)], np.float64)  # None becomes NaN
+    if line["policy"] != INFORMED:  # which reaches 99 % or finds no walk at all
+        steps[np.isnan(steps)] = line["rows"] * line["cols"]
     return steps
 
 
 def last_shares(line: Line) -> Floats:
     """Return float64[...], for each episode that reached 99 % the share of its moves that it made from 90 % on."""
-    reached = np.array(
-        [line["reached"][str(per_cent)] for per_cent in (KNEE, 99)], np.float64
-    )  # None becomes NaN
-    before, whole = reached[:, ~np.isnan(reached[1])]
-    return np.asarray((whole - before)[whole > 0] / whole[whole > 0])
+    before, whole = (np.array(line["reached"][str(each)], np.float64) for each in (KNEE, 99))
+    made = whole > 0  # not so where NaN stands for never
+    return np.asarray((whole - before)[made] / whole[made])
 
 
-def compare(line: Line, reference: Line | None, per_cent: int = 99) -> Estimate | None:
-    """Return the ratio of the mean moves to a share to those of a reference, paired; None without two common terrains."""
+def compare(line: Line, reference: Line | None, per_cent: int = 99) -> Estimate:
+    """Return the ratio of the mean moves to a share to those of a reference, paired; UNKNOWN without two common terrains."""
     if reference is None:
-        return None
+        return UNKNOWN
     pair = np.stack([steps_of(line, per_cent), steps_of(reference, per_cent)])
     values, references = pair[:, ~np.isnan(pair).any(axis=0)]
-    return Estimate(*ratio_interval(values, references)) if len(values) > 1 else None
-
-
-def estimate(values: Floats) -> Estimate | None:
-    """Return the mean of independent values with its t interval, None for fewer than two."""
-    if len(values) < 2:
-        return None
-    low, high = t_interval(values)
-    return Estimate(float(values.mean()), float(low), float(high))
+    return Estimate(*ratio_interval(values, references)) if len(values) > 1 else UNKNOWN
 
 
 def group_by_place(lines: Sequence[Line]) -> dict[tuple[str, int], dict[str, Line]]:
@@ -166,7 +142,6 @@ def scale_rows(lines: Sequence[Line]) -> list[ScaleRow]:
 def _row(line: Line, better: Line | None, informed: Line | None) -> ScaleRow:
     steps = steps_of(line)
     steps = steps[~np.isnan(steps)]
-    mean = estimate(steps) or Estimate(float("nan"), float("nan"), float("nan"))
     explored = line["outcomes"].get("explored", 0)
     return ScaleRow(
         policy=line["policy"],
@@ -174,10 +149,10 @@ def _row(line: Line, better: Line | None, informed: Line | None) -> ScaleRow:
         size=line["rows"],
         terrains=len(steps),
         completion=explored / max(1, len(steps)),
-        steps=mean,
+        steps=Estimate.of(steps),
         to_rule=compare(line, better),
         to_informed=compare(line, informed),
-        last_share=estimate(last_shares(line)),
+        last_share=Estimate.of(last_shares(line)),
     )
 
 

@@ -20,7 +20,7 @@ north-west. Tests list all paths on small grids: each can be reached, and they c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,9 +31,8 @@ from marsexplorer.compiled import kernel
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.policies.kernels.grid import neighbour
 from marsexplorer.random_numbers import below, draw_below, mix
-from research.paper.episodes.play import Line, read_lines, write_lines
 from research.paper.episodes.quadrants import quadrant_course
-from research.paper.jobs import OnProgress
+from research.paper.jobs import Line, OnProgress, read_lines, write_lines
 
 BLOCKS = 4
 """Blocks a side of the null `blocks`; of 21 cells each is about 5 x 5."""
@@ -222,19 +221,16 @@ class NullWalks:
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
         """Walk; `moves` of the result is the mean length of a walk, in moves between cells."""
-        moves, courses = None, []
-        if self.kind == "blocks":
-            paths = hamiltonian_paths(BLOCKS, BLOCKS)
-            courses = [quadrant_course(path, BLOCKS, BLOCKS).code for path in paths]
-        else:
-            lengths = []
-            for seed in range(self.walks):
-                path = self._walk(seed)
-                lengths.append(len(path) - 1)
-                courses.append(quadrant_course(path, self.size, self.size).code)
-                on_progress((seed + 1) / self.walks)
-            moves = round(sum(lengths) / len(lengths), 2)
-        (folder / self.name).mkdir(parents=True, exist_ok=True)
+        is_blocks, side = self.kind == "blocks", self.size
+        paths: Iterable[list[int]] = map(self._walk, range(self.walks))
+        if is_blocks:
+            paths, side = hamiltonian_paths(BLOCKS, BLOCKS), BLOCKS
+        lengths, courses = [], []
+        for path in paths:
+            lengths.append(len(path) - 1)
+            courses.append(quadrant_course(path, side, side).code)
+            on_progress(len(courses) / self.walks)
+        moves = None if is_blocks else round(sum(lengths) / len(lengths), 2)
         line = {**self.identity, "moves": moves, "courses": courses}
         write_lines(folder / self.name / "result.jsonl", [line])
 

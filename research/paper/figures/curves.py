@@ -23,18 +23,20 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
-from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.files import to_cell, write_whole
-from research.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial, read_log
+from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.files import to_cell
+from research.paper.jobs import Line, read_lines, write_lines, write_text
+from research.paper.tables import Estimate
+from research.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial
 
 POINTS = 50
 GRID = 100
@@ -50,7 +52,8 @@ TITLES = {"paper": "the letter of the paper", "works": "as it works", "tuned": "
 """Variant -> what its column is called."""
 BAND_ALPHA = 0.18
 
-Floats = NDArray[np.float64]
+Kind = tuple[str, str, str, int]
+"""What seeds are averaged over: (algorithm, variant, level, size) of trials."""
 
 
 @dataclass(frozen=True)
@@ -70,32 +73,25 @@ class Record:
     result: dict[str, Any]
 
     @property
-    def group(self) -> tuple[str, str, str, int]:
-        """What seeds are averaged over: (algorithm, variant, level, size)."""
+    def kind(self) -> Kind:
+        """The kind of its trial."""
         trial = self.trial
         return trial.algorithm, trial.variant, trial.level, trial.size
 
 
 def read_records(folder: Path) -> list[Record]:
     """Return the finished trials whose folders lie in `folder`, by name."""
-    logs = (read_log(path) for path in sorted(folder.glob("*/log.jsonl")))
-    return [
-        record_of(lines)
-        for lines in logs
-        if lines and lines[0].get("kind") == "trial" and lines[-1]["kind"] == "result"
-    ]
+    logs = (read_lines(path) for path in sorted(folder.glob("*/log.jsonl")))
+    return [record_of(lines) for lines in logs if lines and lines[-1]["kind"] == "result"]
 
 
-def record_of(lines: Sequence[dict[str, Any]]) -> Record:
+def record_of(lines: Sequence[Line]) -> Record:
     """Return the record of a finished trial from the lines of its log; the curve keeps its first full and its last line."""
     head, *curve, result = lines
     curve = [line for line in curve if line["episodes"] >= EPISODES_PER_LINE] or curve
-    kept = sorted(
-        {round(number) for number in np.linspace(0, len(curve) - 1, min(POINTS, len(curve)))}
-    )
-    columns = {
-        name: [_rounded(name, curve[number].get(name)) for number in kept] for name in COLUMNS
-    }
+    kept = np.linspace(0, len(curve) - 1, min(POINTS, len(curve))).round()
+    points = [curve[number] for number in dict.fromkeys(kept.astype(int))]
+    columns = {name: [_rounded(name, point.get(name)) for point in points] for name in COLUMNS}
     result = {name: value for name, value in result.items() if name != "kind"}
     return Record(Trial(**head["trial"]), head["settings"], head["versions"], columns, result)
 
@@ -120,9 +116,8 @@ class Band:
 
 def band(records: Sequence[Record], column: str, against: str) -> Band | None:
     """Return the mean of a column over seeds against "moves" or "cpu_s"; None where no seed has two points."""
-    seeds = [
-        points for record in records if len((points := _points(record, column, against))[0]) >= 2
-    ]
+    curves = (points_of(record, column, against) for record in records)
+    seeds = [points for points in curves if len(points[0]) >= 2]
     if not seeds:
         return None
     first, last = max(x[0] for x, _ in seeds), min(x[-1] for x, _ in seeds)
@@ -134,32 +129,32 @@ def band(records: Sequence[Record], column: str, against: str) -> Band | None:
     return Band(grid, values.mean(-1), low, high, len(seeds))
 
 
-def _points(record: Record, column: str, against: str) -> tuple[Floats, Floats]:
-    pairs = zip(record.curve[against], record.curve[column], strict=True)
-    known = [(x, y) for x, y in pairs if x is not None and y is not None]
-    return np.array([x for x, _ in known], np.float64), np.array([y for _, y in known], np.float64)
+def points_of(record: Record, column: str, against: str) -> tuple[Floats, Floats]:
+    """Return a column of a curve against "moves" or "cpu_s" where it is known, (x, y) float64[points] each."""
+    x, y = (np.array(record.curve[name], np.float64) for name in (against, column))
+    known = ~np.isnan(x + y)  # None became NaN
+    return x[known], y[known]
 
 
-def grouped(records: Iterable[Record]) -> dict[tuple[str, str, str, int], list[Record]]:
-    """Return the records by what seeds are averaged over, each list by seed."""
-    groups: dict[tuple[str, str, str, int], list[Record]] = {}
+def chosen(records: Iterable[Record], **wanted: Any) -> list[Record]:
+    """Return the records of the trials with these values (algorithm, variant, level, size, ...)."""
+    return [each for each in records if wanted.items() <= vars(each.trial).items()]
+
+
+def grouped(records: Iterable[Record]) -> dict[Kind, list[Record]]:
+    """Return the records by kind, each list by seed."""
+    groups: dict[Kind, list[Record]] = {}
     for record in sorted(records, key=lambda each: each.trial.seed):
-        groups.setdefault(record.group, []).append(record)
+        groups.setdefault(record.kind, []).append(record)
     return groups
 
 
 def draw_band(axes: Axes, found: Band, unit: float = 1.0, **style: Any) -> None:
     """Draw a mean as a line and its interval as a surface; `unit` is what one on the x axis stands for."""
-    axes.plot(found.x / unit, found.mean, linewidth=1.8, **style)
+    x, surface = found.x / unit, {"color": style["color"], "alpha": BAND_ALPHA, "linewidth": 0}
+    axes.plot(x, found.mean, linewidth=1.8, **style)
     if found.low is not None and found.high is not None:
-        axes.fill_between(
-            found.x / unit,
-            found.low,
-            found.high,
-            color=style["color"],
-            alpha=BAND_ALPHA,
-            linewidth=0,
-        )
+        axes.fill_between(x, found.low, found.high, **surface)
 
 
 def set_moves_axis(axes: Axes) -> None:
@@ -181,7 +176,7 @@ def count_text(count: float) -> str:
 
 def write_records(records: Sequence[Record], path: Path) -> Path:
     """Write records to a file, the settings before the first trial that has them; return its path."""
-    lines: list[dict[str, Any]] = []
+    lines: list[Line] = []
     known: dict[str, int] = {}
     for record in records:
         common = {"settings": record.settings, "versions": record.versions}
@@ -189,94 +184,44 @@ def write_records(records: Sequence[Record], path: Path) -> Path:
         if key not in known:
             known[key] = len(known)
             lines.append({"kind": "settings", "id": known[key], **common})
-        own = {
-            "trial": vars(record.trial),
-            "settings": known[key],
-            "curve": record.curve,
-            "result": record.result,
-        }
-        lines.append({"kind": "trial", **own})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with write_whole(path) as file:
-        file.write(
-            "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines).encode()
-        )
-    return path
+        own = {"settings": known[key], "curve": record.curve, "result": record.result}
+        lines.append({"kind": "trial", "trial": vars(record.trial), **own})
+    return write_lines(path, lines)
 
 
 def add_records(records: Sequence[Record], path: Path) -> Path:
     """Write records to a file beside those that it has; return its path.
 
-    A kind of trial is an algorithm, variant, level and size. All trials of a kind in the file make way for new ones of that
-    kind, so that no mean is taken over trainings of two runs. ValueError when the file was not written by `write_records`.
+    All trials of a kind in the file make way for new ones of that kind, so that no mean is taken over trainings of two
+    runs. ValueError when the file was not written by `write_records`.
     """
-    new = {_kind_of(record.trial) for record in records}
-    old = read_exported(path) if path.is_file() else []
-    kept = [record for record in old if _kind_of(record.trial) not in new]
-    return write_records(
-        sorted([*kept, *records], key=lambda record: (_place_of(record.trial), record.trial.seed)),
-        path,
-    )
+    new = {record.kind for record in records}
+    kept = [record for record in read_exported(path) if record.kind not in new]
+    every = grouped([*kept, *records])
+    return write_records([each for kind in sorted(every, key=_rank) for each in every[kind]], path)
 
 
-def _kind_of(trial: Trial) -> tuple[str, str, str, int]:
-    return trial.variant, trial.algorithm, trial.level, trial.size
-
-
-def _place_of(trial: Trial) -> tuple[int, tuple[str, str, str, int]]:
+def _rank(kind: Kind) -> tuple[Any, ...]:
     """Return what kinds are sorted by: the columns of figure 4 first, in their order, then the others by name."""
+    algorithm, variant, *where = kind
     columns = list(TITLES)
-    return columns.index(trial.variant) if trial.variant in columns else len(columns), _kind_of(
-        trial
-    )
+    place = columns.index(variant) if variant in columns else len(columns)
+    return place, variant, algorithm, *where
 
 
 def read_exported(path: Path) -> list[Record]:
-    """Return the records of a file that `write_records` wrote; ValueError when it is none."""
+    """Return the records of a file that `write_records` wrote, none where there is none; ValueError when it is another's."""
     records, settings = [], {}
     try:
-        for text in path.read_text().splitlines():
-            line = json.loads(text)
+        for line in read_lines(path):
             if line["kind"] == "settings":
-                settings[line["id"]] = line
+                settings[line["id"]] = line["settings"], line["versions"]
             else:
-                common = settings[line["settings"]]
-                trial = Trial(**line["trial"])
-                records.append(
-                    Record(
-                        trial, common["settings"], common["versions"], line["curve"], line["result"]
-                    )
-                )
+                trial, common = Trial(**line["trial"]), settings[line["settings"]]
+                records.append(Record(trial, *common, line["curve"], line["result"]))
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path} is no file of trials that --export wrote") from error
     return records
-
-
-MEASURES = ("score", "coverage", "completion", "steps", "ratio")
-
-
-@dataclass(frozen=True)
-class Mean:
-    """A mean over seeds with its 95 % t interval; low and high are None for a single seed."""
-
-    mean: float
-    low: float | None
-    high: float | None
-
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Mean:
-        """Return the mean of at least one value."""
-        array = np.array(values, np.float64)
-        if len(array) < 2:
-            return cls(float(array.mean()), None, None)
-        low, high = t_interval(array)
-        return cls(float(array.mean()), float(low), float(high))
-
-    def text(self, digits: int, unit: str = "") -> str:
-        """Return it with half of its interval, such as `0.912 ± 0.020`."""
-        if self.high is None:
-            return f"{self.mean:.{digits}f}{unit}"
-        return f"{self.mean:.{digits}f} ± {self.high - self.mean:.{digits}f}{unit}"
 
 
 @dataclass(frozen=True)
@@ -297,81 +242,44 @@ class Row:
     moves: float
     cpu_minutes: float
     terrains: int
-    score: Mean
-    coverage: Mean
-    completion: Mean
-    steps: Mean
-    ratio: Mean
+    score: Estimate
+    coverage: Estimate
+    completion: Estimate
+    steps: Estimate
+    ratio: Estimate
 
 
 def rows_of(records: Sequence[Record]) -> list[Row]:
     """Return the rows, by variant in the order of TITLES, the others after them by name, then algorithm, then level."""
-    rank = {variant: place for place, variant in enumerate(TITLES)}
-    by_variant = sorted(
-        grouped(records).items(),
-        key=lambda each: (rank.get(each[0][1], len(rank)), each[0][1], *each[0]),
-    )
-    return [_row(group) for _, group in by_variant]
+    groups = grouped(records)
+    return [_row(groups[kind]) for kind in sorted(groups, key=_rank)]
 
 
 def _row(group: Sequence[Record]) -> Row:
-    trial, results = group[0].trial, [record.result for record in group]
-    means = {
-        name: Mean.of([result[name] for result in results]) for name in MEASURES if name != "ratio"
-    }
-    ratio = Mean.of([result["steps"] / result["best_rule_steps"] for result in results])
-    return Row(
-        trial.algorithm,
-        trial.variant,
-        trial.level,
-        trial.size,
-        len(group),
-        float(np.mean([result["moves"] for result in results])),
-        float(np.mean([result["cpu_s"] for result in results])) / 60,
-        trial.terrains,
-        **means,
-        ratio=ratio,
-    )
+    def column(name: str) -> list[float]:
+        return [record.result[name] for record in group]
+
+    measured = (column(name) for name in ("score", "coverage", "completion", "steps"))
+    moves, minutes = (float(np.mean(column(name))) for name in ("moves", "cpu_s"))
+    ratio = np.divide(column("steps"), column("best_rule_steps"))
+    trial, means = group[0].trial, (Estimate.of(each) for each in (*measured, ratio))
+    return Row(*group[0].kind, len(group), moves, minutes / 60, trial.terrains, *means)
 
 
 TABLE_COLUMNS = (
-    "algorithm",
-    "variant",
-    "level",
-    "seeds",
-    "moves",
-    "CPU min",
-    "score",
-    "coverage",
-    "completion",
-    "steps",
-    "to rule",
+    *("algorithm", "variant", "level", "seeds", "moves", "CPU min"),
+    *("score", "coverage", "completion", "steps", "to rule"),
 )
 
 
 def cells_of(row: Row) -> list[str]:
     """Return a row as text, under TABLE_COLUMNS."""
-    shares = [_percent(each) for each in (row.coverage, row.completion)]
-    begun = [
-        NAMES.get(row.algorithm, row.algorithm),
-        row.variant,
-        row.level,
-        str(row.seeds),
-        count_text(row.moves),
-    ]
+    name, spent = NAMES.get(row.algorithm, row.algorithm), f"{row.cpu_minutes:.1f}"
+    shares = row.coverage.percent(), row.completion.percent()
     return [
-        *begun,
-        f"{row.cpu_minutes:.1f}",
-        row.score.text(3),
-        *shares,
-        row.steps.text(0),
-        row.ratio.text(2),
+        *(name, row.variant, row.level, str(row.seeds), count_text(row.moves), spent),
+        *(row.score.text(3), *shares, row.steps.text(0), row.ratio.text(2)),
     ]
-
-
-def _percent(share: Mean) -> str:
-    low, high = (None if end is None else 100 * end for end in (share.low, share.high))
-    return Mean(100 * share.mean, low, high).text(0, " %")
 
 
 def write_table(rows: Sequence[Row], path: Path) -> list[Path]:
@@ -381,25 +289,20 @@ def write_table(rows: Sequence[Row], path: Path) -> list[Path]:
     writer = csv.DictWriter(text, list(flat[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows({name: to_cell(value) for name, value in row.items()} for row in flat)
-    lines = "".join(json.dumps(line) + "\n" for line in flat)
-    paths = []
-    for suffix, content in ((".csv", text.getvalue()), (".jsonl", lines)):
-        paths.append(path.with_suffix(suffix))
-        with write_whole(paths[-1]) as file:
-            file.write(content.encode())
-    return paths
+    return [
+        write_text(path.with_suffix(".csv"), text.getvalue()),
+        write_lines(path.with_suffix(".jsonl"), flat),
+    ]
 
 
-def _flat(row: Row) -> dict[str, str | float | None]:
+def _flat(row: Row) -> Line:
     """Return a row with each mean in three columns: NAME, NAME_low, NAME_high."""
-    flat: dict[str, str | float | None] = {}
-    for name, value in asdict(row).items():
-        if isinstance(value, dict):
-            flat |= {name: round(value["mean"], 5)}
-            flat |= {
-                f"{name}_{end}": None if value[end] is None else round(value[end], 5)
-                for end in ("low", "high")
-            }
+    flat: Line = {}
+    for name, value in vars(row).items():
+        if isinstance(value, Estimate):
+            names = (name, f"{name}_low", f"{name}_high")
+            numbers = (None if isnan(each) else round(each, 5) for each in astuple(value))
+            flat |= zip(names, numbers, strict=True)
         else:
             flat[name] = round(value, 3) if isinstance(value, float) else value
     return flat

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import cycle
 from pathlib import Path
+from typing import Any
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 
-from marsexplorer.files import replace_whole, write_whole
+from marsexplorer.config import LEVELS
+from marsexplorer.files import replace_whole
 from research.informed import INFORMED
+from research.paper.jobs import Line
+from research.paper.tables import Estimate
 
-ORDER = ("ppo-earlier", "ppo", "ppo-paper", "frontier-utility", "frontier-cost", INFORMED)
-"""Policies that are always drawn in this order and in the same colours; others follow."""
-
-FIXED_COLOURS = ("#0072B2", "#000000", "#CC79A7", "#E69F00", "#D55E00", "#4D4D4D")
-"""Of the policies in ORDER; colour-blind people can tell them apart."""
+FIXED_COLOURS = {
+    "ppo-earlier": "#0072B2",
+    "ppo": "#000000",
+    "ppo-paper": "#CC79A7",
+    "frontier-utility": "#E69F00",
+    "frontier-cost": "#D55E00",
+    INFORMED: "#4D4D4D",
+}
+"""Policies that are always drawn in this order and in the same colours, which colour-blind people can tell apart."""
 
 ALGORITHM_COLOURS = {"ppo": "#0072B2", "a2c": "#56B4E9", "rainbow": "#009E73", "sac": "#882255"}
 """Of the four algorithms' learning curves, and of the policies that `python -m research.paper` trained, in every figure."""
@@ -30,28 +41,36 @@ INK, SOFT_INK, LINE_COLOUR, SAND = "#1f2328", "#59636e", "#d8dde3", "#f6f1ea"
 DPI = 160
 
 
-def in_order(names: Sequence[str]) -> list[str]:
-    """Return the different names: those in ORDER first, then the others as they came."""
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return the different names: those of FIXED_COLOURS first, then the others as they came."""
     known = dict.fromkeys(names)
-    return [
-        *(name for name in ORDER if name in known),
-        *(name for name in known if name not in ORDER),
+    return [name for name in FIXED_COLOURS if name in known] + [
+        name for name in known if name not in FIXED_COLOURS
     ]
 
 
-def colours_of(names: Sequence[str]) -> dict[str, str]:
+def colours_of(names: Iterable[str]) -> dict[str, str]:
     """Return a colour for each policy; what was trained by A2C, Rainbow or SAC has its algorithm's, as in figure 4."""
-    algorithms = {name: name.split("-")[0] for name in names}
-    trained = {
-        name: ALGORITHM_COLOURS[each]
-        for name, each in algorithms.items()
-        if each in ("a2c", "rainbow", "sac")
-    }
-    fixed = dict(zip(ORDER, FIXED_COLOURS, strict=True)) | trained
-    others = [name for name in in_order(names) if name not in fixed]
-    return fixed | {
-        name: SPARE_COLOURS[number % len(SPARE_COLOURS)] for number, name in enumerate(others)
-    }
+    colours, spare = dict(FIXED_COLOURS), cycle(SPARE_COLOURS)
+    for name in in_order(names):
+        algorithm = name.split("-")[0]
+        trained = ALGORITHM_COLOURS[algorithm] if algorithm in ("a2c", "rainbow", "sac") else ""
+        if name not in colours:
+            colours[name] = trained or next(spare)
+    return colours
+
+
+def sorted_lines(lines: Sequence[Line]) -> list[Line]:
+    """Return results of policies by size, then by level in the order of LEVELS, then by policy `in_order`."""
+    levels, policies = list(LEVELS), in_order(line["policy"] for line in lines)
+    return sorted(
+        lines,
+        key=lambda line: (
+            line["rows"],
+            levels.index(line["level"]),
+            policies.index(line["policy"]),
+        ),
+    )
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -72,43 +91,55 @@ def plain(axes: Axes, title: str = "") -> None:
         spine.set_color(LINE_COLOUR)
 
 
+def line_of(label: str, colour: str, **style: Any) -> Line2D:
+    """Return a line for a legend; `style` is matplotlib's."""
+    return Line2D([], [], color=colour, label=label, **style)
+
+
+def legend(figure: Figure, handles: Sequence[Artist], columns: int, place: str = "center") -> None:
+    """Put a legend below everything; `place` is "left" or "center"."""
+    style: dict[str, Any] = {"loc": f"outside lower {place}", "frameon": False, "fontsize": 8.5}
+    if place == "left":
+        style["labelcolor"] = INK
+    figure.legend(handles=handles, ncols=columns, **style)
+
+
+def draw_interval(
+    axes: Axes, found: Estimate, at: float, marker: str, colour: str, sizes: Sequence[float]
+) -> None:
+    """Draw a mean and its interval along the x axis; sizes: of its line, of the marker and of the marker's edge, points."""
+    line, size, edge = sizes
+    axes.plot(
+        [found.low, found.high], [at, at], color=colour, linewidth=line, solid_capstyle="round"
+    )
+    border: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": edge}
+    axes.plot(found.mean, at, marker, color=colour, markersize=size, **border)
+
+
+def shade_rows(axes: Axes, rows: int) -> None:
+    """Shade every other row of axes whose rows stand at 0, 1, ..., and take the grid lines between them away."""
+    axes.grid(visible=False, axis="y")
+    for number in range(0, rows, 2):
+        axes.axhspan(number - 0.5, number + 0.5, color=SAND, zorder=0, linewidth=0)
+
+
 def heading(figure: Figure, title: str, text: str) -> None:
     """Put a title above everything, and below it what the picture shows, in lines that are broken by hand."""
-    height = figure.get_figheight()
-    figure.text(
-        0.1 / figure.get_figwidth(),
-        1 - 0.08 / height,
-        title,
-        va="top",
-        fontsize=13,
-        fontweight="bold",
-        color=INK,
-    )
-    figure.text(
-        0.1 / figure.get_figwidth(),
-        1 - 0.36 / height,
-        text,
-        va="top",
-        fontsize=8.5,
-        color=SOFT_INK,
-        linespacing=1.35,
-    )
+    width, height = figure.get_size_inches()
+    bold: dict[str, Any] = {"fontsize": 13, "fontweight": "bold", "color": INK}
+    soft: dict[str, Any] = {"fontsize": 8.5, "linespacing": 1.35, "color": SOFT_INK}
+    for down, words, style in ((0.08, title, bold), (0.36, text, soft)):
+        figure.text(0.1 / width, 1 - down / height, words, va="top", **style)
     engine = figure.get_layout_engine()
     assert isinstance(engine, ConstrainedLayoutEngine)
     engine.set(rect=(0, 0, 1, 1 - (0.48 + 0.16 * len(text.splitlines())) / height))
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a picture whole; the same figure gives the same bytes."""
+    """Write a picture whole, and its folder where there is none; the same figure gives the same bytes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with replace_whole(path) as unfinished:
         figure.savefig(unfinished, format="png", dpi=DPI, metadata={"Software": None})
-    return path
-
-
-def save_text(text: str, path: Path) -> Path:
-    """Write a text whole."""
-    with write_whole(path) as file:
-        file.write(text.encode())
     return path
 
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ from research.paper.figures.curves import (
     TITLES,
     Record,
     band,
+    chosen,
     draw_band,
     grouped,
     set_moves_axis,
@@ -34,6 +36,8 @@ from research.paper.figures.drawing import (
     INK,
     SOFT_INK,
     heading,
+    legend,
+    line_of,
     new_figure,
     per_cent,
     plain,
@@ -56,6 +60,7 @@ ENDING_COLOURS = {
     "out_of_bounds": "#DDCC77",
 }
 """Not those of the algorithms (Tol's muted scheme)."""
+HUMAN_STYLE: dict[str, Any] = {"color": SOFT_INK, "linewidth": 1.2, "linestyle": (0, (6, 2))}
 MAX_COLUMNS = 2
 LEAST_LABELLED = 0.12
 """Share from which a part of a bar has its number in it."""
@@ -74,13 +79,12 @@ class HumanLevel:
 
 def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = None) -> list[Path]:
     """Draw the pictures of trials, at least one, into a folder and return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
     pictures = {
-        "figure4-moves": curves_figure(records, "moves", human),
-        "figure4-cpu": curves_figure(records, "cpu_s", human),
-        "figure4-endings": endings_figure(records),
+        "moves": curves_figure(records, "moves", human),
+        "cpu": curves_figure(records, "cpu_s", human),
+        "endings": endings_figure(records),
     }
-    return [save(figure, folder / f"{name}.png") for name, figure in pictures.items()]
+    return [save(figure, folder / f"figure4-{name}.png") for name, figure in pictures.items()]
 
 
 def shown_variants(records: Sequence[Record]) -> list[str]:
@@ -100,109 +104,77 @@ def curves_figure(
 ) -> Figure:
     """Plot score, coverage and completion in training against "moves" or "cpu_s", a column for each variant."""
     variants, algorithms = shown_variants(records), shown_algorithms(records)
+    last_row, heights = len(ROWS) - 1, [*(1 for _ in ROWS), 0.1 + 0.13 * len(algorithms)]
     figure = new_figure(4.6 * len(variants) + 0.4, 8.6 + 0.26 * len(algorithms))
-    grid = figure.add_gridspec(
-        len(ROWS) + 1, len(variants), height_ratios=[1] * len(ROWS) + [0.1 + 0.13 * len(algorithms)]
-    )
+    grid = figure.add_gridspec(len(heights), len(variants), height_ratios=heights)
     shared: dict[str, Axes] = {}
     for column, variant in enumerate(variants):
-        own = [record for record in records if record.trial.variant == variant]
+        own, is_first = chosen(records, variant=variant), column == 0
         for row, name in enumerate(ROWS):
-            axes = figure.add_subplot(
-                grid[row, column], sharex=shared.get("x"), sharey=shared.get(name)
-            )
+            of_row = {"sharex": shared.get("x"), "sharey": shared.get(name)}
+            axes = figure.add_subplot(grid[row, column], **of_row)
             shared.setdefault("x", axes)
             shared.setdefault(name, axes)
             _draw_panel(axes, own, name, against, human)
-            title = TITLES.get(variant, variant) if row == 0 else ""
-            axes.set(
-                xlabel=AXES[against] if row == len(ROWS) - 1 else "",
-                ylabel=ROWS[name] if column == 0 else "",
-            )
-            plain(axes, title)
-            axes.tick_params(labelbottom=row == len(ROWS) - 1, labelleft=column == 0)
-        _draw_last_endings(
-            figure.add_subplot(grid[len(ROWS), column]), own, algorithms, is_labelled=column == 0
-        )
+            axes.set_xlabel(AXES[against] if row == last_row else "")
+            axes.set_ylabel(ROWS[name] if is_first else "")
+            plain(axes, TITLES.get(variant, variant) if row == 0 else "")
+            axes.tick_params(labelbottom=row == last_row, labelleft=is_first)
+        below = figure.add_subplot(grid[len(ROWS), column])
+        _draw_last_endings(below, own, algorithms, is_labelled=is_first)
     if against == "cpu_s":
         shared["x"].set_xlim(left=0)  # last: it ends the automatic choice of the other end
     _add_legend(figure, algorithms, human)
-    place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
-    shown = [record for record in records if record.trial.variant in shown_variants(records)]
+    shown = [record for record in records if record.trial.variant in variants]
     text = f"{seeds_text(shown)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
-    heading(figure, f"Learning on {place}, at {AGAINST[against]}", text)
+    heading(figure, f"Learning on {place_of(records)}, at {AGAINST[against]}", text)
     return figure
+
+
+def place_of(records: Sequence[Record]) -> str:
+    """Return the level and size of some trials in words."""
+    trial = records[0].trial
+    return f"level {trial.level}, {trial.size}x{trial.size}"
 
 
 def _draw_panel(
     axes: Axes, records: Sequence[Record], name: str, against: str, human: HumanLevel | None
 ) -> None:
-    for algorithm, own in _by_algorithm(records).items():
-        found = band(own, name, against)
+    unit = 60 if against == "cpu_s" else 1
+    for algorithm in shown_algorithms(records):
+        found = band(chosen(records, algorithm=algorithm), name, against)
+        style = {"color": ALGORITHM_COLOURS[algorithm], "linestyle": LINE_STYLES[algorithm]}
         if found is not None:
-            unit = 60 if against == "cpu_s" else 1
-            draw_band(
-                axes,
-                found,
-                unit,
-                color=ALGORITHM_COLOURS[algorithm],
-                linestyle=LINE_STYLES[algorithm],
-            )
+            draw_band(axes, found, unit, **style)
     if human is not None and name == "score":
-        _draw_human(axes, human)
+        axes.axhline(human.mean, **HUMAN_STYLE)
+        if human.low is not None and human.high is not None:
+            axes.axhspan(human.low, human.high, color=SOFT_INK, alpha=0.15, linewidth=0)
     if against == "moves":
         set_moves_axis(axes)
     axes.set_ylim(-0.02, 1.02)
-
-
-def _by_algorithm(records: Sequence[Record]) -> dict[str, list[Record]]:
-    return {
-        name: [record for record in records if record.trial.algorithm == name]
-        for name in shown_algorithms(records)
-    }
-
-
-def _draw_human(axes: Axes, human: HumanLevel) -> None:
-    axes.axhline(human.mean, color=SOFT_INK, linewidth=1.2, linestyle=(0, (6, 2)))
-    if human.low is not None and human.high is not None:
-        axes.axhspan(human.low, human.high, color=SOFT_INK, alpha=0.15, linewidth=0)
 
 
 def _draw_last_endings(
     axes: Axes, records: Sequence[Record], algorithms: Sequence[str], is_labelled: bool
 ) -> None:
     """Draw a bar for each algorithm: how the episodes at the end of training ended, means over seeds."""
-    by_algorithm = _by_algorithm(records)
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7.5, "color": INK}
     for place, algorithm in enumerate(algorithms):
-        left = 0.0
+        left, own = 0.0, chosen(records, algorithm=algorithm)
         for name in ENDINGS:
-            known = [
-                value
-                for record in by_algorithm.get(algorithm, [])
-                if (value := record.curve[name][-1]) is not None
-            ]
+            ends = (record.curve[name][-1] for record in own)
+            known = [end for end in ends if end is not None]
             share = float(np.mean(known)) if known else 0.0
             axes.barh(place, share, left=left, color=ENDING_COLOURS[name], height=0.72)
             if share >= LEAST_LABELLED:
-                axes.text(
-                    left + share / 2,
-                    place,
-                    per_cent(share),
-                    ha="center",
-                    va="center",
-                    fontsize=7.5,
-                    color=INK,
-                )
+                axes.text(left + share / 2, place, per_cent(share), **style)
             left += share
     plain(axes)
     axes.grid(visible=False)
-    axes.set(
-        xlim=(0, 1),
-        xticks=(0, 0.25, 0.5, 0.75),
-        ylim=(len(algorithms) - 0.4, -0.6),
-        yticks=range(len(algorithms)),
-    )
-    axes.set_yticklabels([NAMES[name] for name in algorithms] if is_labelled else [])
+    axes.set(xlim=(0, 1), xticks=(0, 0.25, 0.5, 0.75), ylim=(len(algorithms) - 0.4, -0.6))
+    names = [NAMES[name] for name in algorithms] if is_labelled else []
+    axes.set_yticks(range(len(algorithms)), names)
     axes.xaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     axes.set_xlabel("share of the last episodes")
 
@@ -210,32 +182,21 @@ def _draw_last_endings(
 def _add_legend(figure: Figure, algorithms: Sequence[str], human: HumanLevel | None) -> None:
     """Add a row for the lines and one for the endings."""
     lines: list[Line2D | Patch] = [
-        Line2D(
-            [],
-            [],
-            color=ALGORITHM_COLOURS[name],
-            linestyle=LINE_STYLES[name],
-            linewidth=2,
-            label=NAMES[name],
-        )
-        for name in algorithms
+        line_of(NAMES[each], ALGORITHM_COLOURS[each], linestyle=LINE_STYLES[each], linewidth=2)
+        for each in algorithms
     ]
     if human is not None:
         label = f"{human.players} people (study {human.study})"
-        lines.append(
-            Line2D([], [], color=SOFT_INK, linewidth=1.2, linestyle=(0, (6, 2)), label=label)
-        )
-    endings = [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
+        lines.append(Line2D([], [], label=label, **HUMAN_STYLE))
     nothing = Line2D([], [], linestyle="", label=" ")
-    pairs = zip_longest(lines, endings, fillvalue=nothing)
+    pairs = zip_longest(lines, ending_patches(), fillvalue=nothing)
     handles = [handle for pair in pairs for handle in pair]  # a legend is filled column by column
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=len(handles) // 2,
-        frameon=False,
-        fontsize=8.5,
-    )
+    legend(figure, handles, len(handles) // 2)
+
+
+def ending_patches() -> list[Patch]:
+    """Return the colours of the endings for a legend."""
+    return [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
 
 
 def seeds_text(records: Sequence[Record]) -> str:
@@ -256,27 +217,14 @@ def endings_figure(records: Sequence[Record]) -> Figure:
     for row, variant in enumerate(variants):
         for column, algorithm in enumerate(algorithms):
             axes = panels[row, column]
-            own = [
-                record
-                for record in records
-                if (record.trial.algorithm, record.trial.variant) == (algorithm, variant)
-            ]
-            _draw_endings(axes, own)
+            _draw_endings(axes, chosen(records, algorithm=algorithm, variant=variant))
             axes.set_xlabel("moves (logarithmic)" if row == len(variants) - 1 else "")
-            axes.set_ylabel(
-                f"{TITLES.get(variant, variant)}\nshare of episodes" if column == 0 else ""
-            )
+            title = f"{TITLES.get(variant, variant)}\nshare of episodes"
+            axes.set_ylabel(title if column == 0 else "")
             plain(axes, NAMES[algorithm] if row == 0 else "")
-    handles = [Patch(color=ENDING_COLOURS[name], label=label) for name, label in ENDINGS.items()]
-    figure.legend(
-        handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8.5
-    )
-    place = f"level {records[0].trial.level}, {records[0].trial.size}x{records[0].trial.size}"
-    heading(
-        figure,
-        f"How episodes ended in training on {place}",
-        "Means over seeds of the last 100 episodes.",
-    )
+    legend(figure, ending_patches(), len(ENDINGS))
+    text = "Means over seeds of the last 100 episodes."
+    heading(figure, f"How episodes ended in training on {place_of(records)}", text)
     return figure
 
 

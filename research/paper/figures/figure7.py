@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,31 +22,33 @@ from marsexplorer.config import LEVELS, EnvConfig
 from marsexplorer.evaluation import RULES
 from marsexplorer.evaluation.intervals import t_quantile
 from research.informed import INFORMED
-from research.paper.episodes.play import EPISODES, Line, can_play, read_results
+from research.paper.episodes.play import EPISODES, can_play, read_results, with_own_names
 from research.paper.episodes.scale import (
     KNEE,
     PER_CENT,
     Coverage,
-    Estimate,
     compare,
     group_by_place,
     scale_rows,
     steps_of,
 )
 from research.paper.figures.drawing import (
-    INK,
-    SAND,
     SOFT_INK,
     colours_of,
+    draw_interval,
     heading,
     in_order,
+    legend,
+    line_of,
     new_figure,
     per_cent,
     plain,
     save,
-    save_text,
+    shade_rows,
+    sorted_lines,
 )
-from research.paper.jobs import Job
+from research.paper.jobs import Job, Line, write_text
+from research.paper.tables import Estimate, markdown_table
 
 FIGURE = 7
 WIDTH = 9.6
@@ -67,6 +70,8 @@ REFERENCE = "frontier-cost"
 
 CONSTANT_PACE = (99 - KNEE) / 99
 """Share of the last per cents where coverage grows at a constant pace."""
+INTERVAL = (2, 5, 0.6)
+DOTTED = (0, (1, 2))
 
 
 def jobs(
@@ -88,50 +93,33 @@ def jobs(
         for policy in policies
         if can_play(policy, EnvConfig.of(level, size))
     ]
-    if len({play.name for play in plays}) < len(plays):
-        raise ValueError(f"each policy needs a name of its own, got {', '.join(policies)}")
-    return list(plays)
+    return [*with_own_names(plays)]
 
 
-def draw(results: Path, pictures: Path | None = None) -> list[Path]:
+def draw(results: Path, pictures: Path) -> list[Path]:
     """Draw the pictures and write the table from the results in a folder, into another or the same; return their paths.
 
     FileNotFoundError when the folder has no results of the figure.
     """
-    pictures = pictures or results
-    pictures.mkdir(parents=True, exist_ok=True)
-    lines = read_results(results, FIGURE)
-    drawn = [
-        save(coverage_figure(lines), pictures / "figure7-coverage.png"),
-        save(steps_figure(lines), pictures / "figure7-steps.png"),
-    ]
+    lines = sorted_lines(read_results(results, FIGURE))
+    text = write_text(pictures / "figure7.md", f"{table(lines)}\n\n{shares_table(lines)}\n")
+    drawn = {"coverage": coverage_figure(lines), "steps": steps_figure(lines)}
     if any(line["policy"] == REFERENCE for line in lines):
-        drawn.append(save(shares_figure(lines), pictures / "figure7-shares.png"))
-    return [*drawn, save_text(f"{table(lines)}\n{shares_table(lines)}", pictures / "figure7.md")]
+        drawn["shares"] = shares_figure(lines)
+    return [*(save(each, pictures / f"figure7-{name}.png") for name, each in drawn.items()), text]
 
 
 def coverage_figure(lines: Sequence[Line]) -> Figure:
     """Draw each policy's mean coverage, its 95 % interval and one standard deviation, a panel for each level and size."""
-    places, levels, sizes = _places(lines)
-    policies = in_order([line["policy"] for line in lines])
-    colours = colours_of(policies)
-    figure = new_figure(WIDTH, 2.6 * len(levels) + 1.3)
-    panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
-    for level, row in zip(levels, panels, strict=True):
-        for size, axes in zip(sizes, row, strict=True):
-            group = places.get((level, size), {})
-            for policy in (each for each in policies if each in group):
-                _draw_curve(axes, group[policy], colours[policy])
-            plain(axes, f"level {level}, {size} x {size}")
-            if not group:
-                _leave_empty(axes)
-                continue
-            axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
-            axes.set(xlim=(0, _right_edge(list(group.values()))), ylim=(0, 102))
-            axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
-    for axes in panels[-1]:
-        axes.set_xlabel("moves")
-    _legend(figure, policies, colours)
+    figure, panels = _panels(lines, 2.6, 1.3, "moves")
+    colours = colours_of(line["policy"] for line in lines)
+    for axes, group in panels:
+        for policy, line in group.items():
+            _draw_curve(axes, line, colours[policy])
+        axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
+        axes.set(xlim=(0, _right_edge([*group.values()])), ylim=(0, 102))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
+    _legend(figure, in_order(line["policy"] for line in lines))
     heading(
         figure,
         "Coverage against moves",
@@ -143,32 +131,28 @@ def coverage_figure(lines: Sequence[Line]) -> Figure:
 
 def steps_figure(lines: Sequence[Line]) -> Figure:
     """Draw the moves to 99 % and the share of the last per cents, a column for each size."""
-    rows = scale_rows(lines)
-    _, levels, sizes = _places(lines)
-    policies = in_order([row.policy for row in rows])
+    levels, sizes = _places(lines)
+    policies = in_order(line["policy"] for line in lines)
     colours = colours_of(policies)
     figure = new_figure(WIDTH, 0.2 * len(levels) * (len(policies) + 1) * 2 + 2.2)
     panels = figure.subplots(2, len(sizes), squeeze=False, sharey=True)
     for size, steps, shares in zip(sizes, *panels, strict=True):
-        for row in (each for each in rows if each.size == size):
-            at = levels.index(row.level) + (
-                policies.index(row.policy) - (len(policies) - 1) / 2
-            ) * 0.8 / len(policies)
-            _draw_estimate(steps, row.steps, at, colours[row.policy])
-            _draw_estimate(shares, row.last_share, at, colours[row.policy])
-        shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=(0, (1, 2)))
+        for row in (each for each in scale_rows(lines) if each.size == size):
+            aside = policies.index(row.policy) - (len(policies) - 1) / 2
+            at = levels.index(row.level) + aside * 0.8 / len(policies)
+            for axes, found in ((steps, row.steps), (shares, row.last_share)):
+                draw_interval(axes, found, at, "o", colours[row.policy], INTERVAL)
+        shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
         plain(steps, f"{size} x {size}: moves to 99 %")
         plain(shares, f"{size} x {size}: share from {KNEE} % on")
         for axes in (steps, shares):
-            axes.grid(visible=False, axis="y")
-            for number in range(0, len(levels), 2):
-                axes.axhspan(number - 0.5, number + 0.5, color=SAND, zorder=0, linewidth=0)
+            shade_rows(axes, len(levels))
         steps.set_xlim(left=0)
         shares.set(xlim=(0, 0.62))
         shares.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
         steps.set_yticks(range(len(levels)), [f"level {level}" for level in levels])
     panels[0][0].set_ylim(len(levels) - 0.5, -0.5)
-    _legend(figure, policies, colours)
+    _legend(figure, policies)
     heading(
         figure,
         "Moves to 99 %, and the knee",
@@ -181,40 +165,20 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
 
 def shares_figure(lines: Sequence[Line]) -> Figure:
     """Draw the moves to each share of PER_CENT over those of REFERENCE, a panel for each level and size."""
-    places, levels, sizes = _places(lines)
-    policies = [
-        policy for policy in in_order([line["policy"] for line in lines]) if policy != REFERENCE
-    ]
-    colours = colours_of([*policies, REFERENCE])
-    figure = new_figure(WIDTH, 2.4 * len(levels) + 1.5)
-    panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
-    for level, row in zip(levels, panels, strict=True):
-        for size, axes in zip(sizes, row, strict=True):
-            group = places.get((level, size), {})
-            for policy in (each for each in policies if each in group):
-                aside = 0.08 * (
-                    policies.index(policy) - (len(policies) - 1) / 2
-                )  # intervals do not cover each other
-                found = (
-                    (at, compare(group[policy], group.get(REFERENCE), share))
-                    for at, share in enumerate(PER_CENT)
-                )
-                ratios = [(at + aside, ratio) for at, ratio in found]
-                _draw_ratios(
-                    axes,
-                    [(at, ratio) for at, ratio in ratios if ratio is not None],
-                    policy,
-                    colours[policy],
-                )
-            plain(axes, f"level {level}, {size} x {size}")
-            if not group:
-                _leave_empty(axes)
-                continue
-            axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
-            axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
-    for axes in panels[-1]:
-        axes.set_xlabel("coverage")
-    _legend(figure, [*policies, REFERENCE], colours)
+    figure, panels = _panels(lines, 2.4, 1.5, "coverage")
+    names = in_order(line["policy"] for line in lines)
+    policies = [name for name in names if name != REFERENCE]
+    colours = colours_of(names)
+    for axes, group in panels:
+        for policy in (each for each in group if each != REFERENCE):
+            # intervals do not cover each other
+            aside = 0.08 * (policies.index(policy) - (len(policies) - 1) / 2)
+            ratios = [compare(group[policy], group.get(REFERENCE), each) for each in PER_CENT]
+            known = {at + aside: ratio for at, ratio in enumerate(ratios) if ratio.is_known}
+            _draw_ratios(axes, known, policy, colours[policy])
+        axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
+        axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
+    _legend(figure, [*policies, REFERENCE])
     heading(
         figure,
         f"Moves to a share of the cells, over those of {REFERENCE}",
@@ -225,142 +189,93 @@ def shares_figure(lines: Sequence[Line]) -> Figure:
 
 def table(lines: Sequence[Line]) -> str:
     """Return the numbers as a table in Markdown."""
-    text = "| policy | level | size | terrains | explored | moves to 99 % | to rule | to informed | from 90 % on |\n"
-    text += "|---|---|---|---|---|---|---|---|---|\n"
-    names, policies = list(LEVELS), in_order([line["policy"] for line in lines])
-    for row in sorted(
-        scale_rows(lines),
-        key=lambda row: (row.size, names.index(row.level), policies.index(row.policy)),
-    ):
-        ratios = " | ".join(
-            _estimate_text(each, "{:.3f}") for each in (row.to_rule, row.to_informed)
-        )
-        text += f"| {row.policy} | {row.level} | {row.size} | {row.terrains} | {per_cent(row.completion)} | "
-        text += f"{_estimate_text(row.steps, '{:.1f}')} | {ratios} | {_estimate_text(row.last_share, '{:.1%}')} |\n"
-    return text
+    rows = [
+        [
+            *(row.policy, row.level, str(row.size), str(row.terrains), per_cent(row.completion)),
+            *(row.steps.span("{:.1f}"), row.to_rule.span("{:.3f}"), row.to_informed.span("{:.3f}")),
+            row.last_share.span("{:.1%}"),
+        ]
+        for row in scale_rows(lines)
+    ]
+    moves = ("moves to 99 %", "to rule", "to informed", "from 90 % on")
+    return markdown_table(("policy", "level", "size", "terrains", "explored", *moves), rows)
 
 
 def shares_table(lines: Sequence[Line]) -> str:
     """Return the mean moves to each share of PER_CENT, and their ratio to those of REFERENCE, as a table in Markdown."""
-    text = f"| policy | level | size | {' | '.join(f'{share} %' for share in PER_CENT)} |\n"
-    text += f"|---|---|---|{'---|' * len(PER_CENT)}\n"
-    places, levels, sizes = _places(lines)
-    policies = in_order([line["policy"] for line in lines])
-    for size in sizes:
-        for level in levels:
-            group = places.get((level, size), {})
-            for policy in (each for each in policies if each in group):
-                text += f"| {policy} | {level} | {size} | "
-                text += (
-                    " | ".join(
-                        _share_text(group[policy], group.get(REFERENCE), share)
-                        for share in PER_CENT
-                    )
-                    + " |\n"
-                )
-    return text
+    rows = []
+    for (level, size), group in group_by_place(lines).items():
+        for policy, line in group.items():
+            cells = [_share_text(line, group.get(REFERENCE), share) for share in PER_CENT]
+            rows.append([policy, level, str(size), *cells])
+    return markdown_table(("policy", "level", "size", *(f"{each} %" for each in PER_CENT)), rows)
 
 
 def _share_text(line: Line, reference: Line | None, share: int) -> str:
     moves = f"{np.nanmean(steps_of(line, share)):.1f}"
     if line["policy"] == REFERENCE or reference is None:
         return moves
-    return f"{moves}: {_estimate_text(compare(line, reference, share), '{:.2f}')}"
+    return f"{moves}: {compare(line, reference, share).span('{:.2f}')}"
 
 
-def _places(
-    lines: Sequence[Line],
-) -> tuple[dict[tuple[str, int], dict[str, Line]], list[str], list[int]]:
-    """Return the results by level and size, the levels in the order of LEVELS, and the sizes."""
-    groups = group_by_place(lines)
-    levels = [level for level in LEVELS if any(place[0] == level for place in groups)]
-    return groups, levels, sorted({size for _, size in groups})
+def _places(lines: Sequence[Line]) -> tuple[list[str], list[int]]:
+    """Return the levels of some results in the order of LEVELS, and the sizes."""
+    found = {line["level"] for line in lines}
+    return [level for level in LEVELS if level in found], sorted({line["rows"] for line in lines})
 
 
-def _estimate_text(estimate: Estimate | None, form: str) -> str:
-    if estimate is None:
-        return ""
-    mean, low, high = (form.format(each) for each in (estimate.mean, estimate.low, estimate.high))
-    return mean if low == high else f"{mean} ({low} to {high})"
+def _panels(
+    lines: Sequence[Line], height: float, rest: float, xlabel: str
+) -> tuple[Figure, list[tuple[Axes, dict[str, Line]]]]:
+    """Return a figure with a panel for each level and size, and the panels that have results with these, by policy.
+
+    height  of a row of panels, and rest: of what stands above and below, inches
+    """
+    levels, sizes = _places(lines)
+    places, found = group_by_place(lines), []
+    figure = new_figure(WIDTH, height * len(levels) + rest)
+    panels = figure.subplots(len(levels), len(sizes), squeeze=False, sharey=True)
+    for level, row in zip(levels, panels, strict=True):
+        for size, axes in zip(sizes, row, strict=True):
+            plain(axes, f"level {level}, {size} x {size}")
+            if (level, size) in places:
+                found.append((axes, places[level, size]))
+            else:
+                _leave_empty(axes)
+    for axes in panels[-1]:
+        axes.set_xlabel(xlabel)
+    return figure, found
 
 
 def _leave_empty(axes: Axes) -> None:
     """Say in a panel that there are no results for it."""
-    axes.text(
-        0.5,
-        0.5,
-        "no results here",
-        transform=axes.transAxes,
-        ha="center",
-        fontsize=8.5,
-        color=SOFT_INK,
-    )
+    style: dict[str, Any] = {"ha": "center", "fontsize": 8.5, "color": SOFT_INK}
+    axes.text(0.5, 0.5, "no results here", transform=axes.transAxes, **style)
     axes.set_xticks([])
     axes.grid(visible=False)
 
 
 def _draw_curve(axes: Axes, line: Line, colour: str) -> None:
-    mean, sd = 100 * np.array(line["mean"]), 100 * np.array(line["sd"])
+    mean, sd = (100 * np.array([*line[name], line[name][-1]]) for name in ("mean", "sd"))
     moves = line["stride"] * np.arange(len(mean))
-    moves, mean, sd = (
-        np.append(each, end)
-        for each, end in ((moves, 10 * moves[-1] + 1), (mean, mean[-1]), (sd, sd[-1]))
-    )
+    moves[-1] = 10 * moves[-2] + 1
     half = sd * t_quantile(line["played"] - 1) / np.sqrt(line["played"])
     for width, alpha in ((sd, 0.10), (half, 0.28)):
-        axes.fill_between(
-            moves,
-            mean - width,
-            np.minimum(mean + width, 100),
-            color=colour,
-            alpha=alpha,
-            linewidth=0,
-        )
-    axes.plot(
-        moves,
-        mean,
-        color=colour,
-        linewidth=1.5,
-        linestyle="--" if line["policy"] == INFORMED else "-",
-    )
+        high = np.minimum(mean + width, 100)
+        axes.fill_between(moves, mean - width, high, color=colour, alpha=alpha, linewidth=0)
+    axes.plot(moves, mean, _style(line["policy"]), color=colour, linewidth=1.5)
 
 
-def _draw_estimate(axes: Axes, estimate: Estimate | None, at: float, colour: str) -> None:
-    if estimate is not None:
-        axes.plot(
-            [estimate.low, estimate.high],
-            [at, at],
-            color=colour,
-            linewidth=2,
-            solid_capstyle="round",
-        )
-        axes.plot(
-            estimate.mean,
-            at,
-            "o",
-            color=colour,
-            markersize=5,
-            markeredgecolor="white",
-            markeredgewidth=0.6,
-        )
-
-
-def _draw_ratios(
-    axes: Axes, ratios: Sequence[tuple[float, Estimate]], policy: str, colour: str
-) -> None:
+def _draw_ratios(axes: Axes, ratios: dict[float, Estimate], policy: str, colour: str) -> None:
     """Draw a line through the ratios, each at its place, with their intervals."""
-    at, found = [place for place, _ in ratios], [ratio for _, ratio in ratios]
-    means = [ratio.mean for ratio in found]
-    axes.vlines(
-        at,
-        [ratio.low for ratio in found],
-        [ratio.high for ratio in found],
-        color=colour,
-        linewidth=2,
-    )
-    axes.plot(
-        at, means, "--o" if policy == INFORMED else "-o", color=colour, markersize=4, linewidth=1.3
-    )
+    lows, highs = ([getattr(each, end) for each in ratios.values()] for end in ("low", "high"))
+    axes.vlines([*ratios], lows, highs, color=colour, linewidth=2)
+    means = [ratio.mean for ratio in ratios.values()]
+    axes.plot([*ratios], means, f"{_style(policy)}o", color=colour, markersize=4, linewidth=1.3)
+
+
+def _style(policy: str) -> str:
+    return "--" if policy == INFORMED else "-"
 
 
 def _right_edge(lines: Sequence[Line]) -> float:
@@ -374,22 +289,11 @@ def _right_edge(lines: Sequence[Line]) -> float:
     return float(np.nanquantile(found, SHOWN_SHARE))
 
 
-def _legend(figure: Figure, policies: Sequence[str], colours: dict[str, str]) -> None:
-    axes = figure.axes[0]
-    for policy in policies:
-        name = "informed search (shown the true map)" if policy == INFORMED else policy
-        axes.plot(
-            [],
-            [],
-            "--" if policy == INFORMED else "-",
-            color=colours[policy],
-            linewidth=2,
-            label=name,
-        )
-    figure.legend(
-        loc="outside lower left",
-        ncols=min(6, len(policies)),
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
-    )
+def _legend(figure: Figure, policies: Sequence[str]) -> None:
+    colours = colours_of(policies)
+    names = {INFORMED: "informed search (shown the true map)"}
+    handles = [
+        line_of(names.get(each, each), colours[each], linestyle=_style(each), linewidth=2)
+        for each in policies
+    ]
+    legend(figure, handles, min(6, len(policies)), "left")

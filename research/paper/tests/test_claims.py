@@ -19,69 +19,59 @@ from research.paper.claims.results import (
     PARTLY,
     REPRODUCED,
     VERDICTS,
+    Results,
     read,
 )
 from research.paper.claims.training_claims import with_bonus
-from research.paper.figures.curves import Record, write_records
+from research.paper.episodes.play import DIFFICULTIES
+from research.paper.figures.curves import Record
 from research.paper.plan import BUDGETS
 from research.paper.trial import ENDINGS, Trial
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
-MEASURED = {
-    "score": 0.5,
-    "coverage": 0.9,
-    "steps": 100.0,
-    "best_rule_steps": 80.0,
-    "moves": 3000,
-    "cpu_s": 60.0,
-}
+MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0}
 LONG = 10**8
 """Moves, more than any budget has."""
-LEVELS = [f"{t}-{m}-{b}" for t in (1, 2, 3) for m in (1, 2) for b in (1, 2)]
+FINALS = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
+"""Final scores as the paper has them in order."""
+FIGURE_4 = ("best", "second", "half")
+FIGURE_5 = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
 
 
-def trained(algorithm, seed, scores, level="random", variant="paper", settings=None, explored=None):
+def trained(
+    algorithm, seed, scores, level="random", variant="paper", explored=None, completion=0.0
+):
     """A long finished trial; the points of its curve, these scores, are 1,000 moves and 10 CPU seconds apart.
 
     explored  the share of completed episodes; None: the one with which a score is the same with a bonus and without
     """
     points = range(1, len(scores) + 1)
-    curve = {
-        "moves": [1000 * k for k in points],
-        "cpu_s": [10.0 * k for k in points],
-        "score": scores,
-        "coverage": scores,
-    }
+    curve = {"moves": [1000 * k for k in points], "cpu_s": [10.0 * k for k in points]}
     curve |= {name: [0.0 for _ in points] for name in ENDINGS}
+    curve |= {"score": scores, "coverage": scores}
     curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
-    return Record(
-        Trial(algorithm, variant, level, 21, seed, LONG),
-        settings or {},
-        {},
-        curve,
-        {**MEASURED, "completion": 0.0},
-    )
+    result = MEASURED | {"moves": 3000, "cpu_s": 60.0, "completion": completion}
+    return Record(Trial(algorithm, variant, level, 21, seed, LONG), {}, {}, curve, result)
 
 
-def results_of(folder, records):
-    write_records(records, folder / "trials.jsonl")
-    return read(folder)
+def verdicts_of(names, results):
+    return [CLAIMS[name].decide(results).verdict for name in names]
 
 
 def verdict_of(name, results):
     return CLAIMS[name].decide(results).verdict
 
 
-def figure_4(folder, seeds=3, **finals):
-    values = finals.items()
-    return results_of(
-        folder,
-        [
-            trained(name, seed, [0.1, value + 0.01 * seed])
-            for name, value in values
-            for seed in range(seeds)
-        ],
-    )
+def figure_4(finals=FINALS, seeds=3):
+    return [
+        trained(name, seed, [0.1, value + 0.01 * seed])
+        for name, value in finals.items()
+        for seed in range(seeds)
+    ]
+
+
+def of_moves(records, moves):
+    return [replace(each, trial=replace(each.trial, moves=moves)) for each in records]
 
 
 def test_every_claim_has_its_row_and_every_row_its_claim():
@@ -103,9 +93,9 @@ def test_every_picture_of_the_page_lies_there_and_is_small():
     assert all((DOCUMENT.parent / name).stat().st_size < 200_000 for name in shown)
 
 
-def test_other_results_draw_another_page(tmp_path):
+def test_other_results_draw_another_page():
     text = DOCUMENT.read_text()
-    drawn = page.redraw(text, figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1))
+    drawn = page.redraw(text, Results(records=figure_4()))
     assert re.search(r"^\| `best` \|.*ppo 0\.810 ± 0\.025.*\| reproduced \|$", drawn, re.M)
     assert re.search(r"^\| `actions` \|.*\| not yet measured \|$", drawn, re.M)
     assert page.redraw(drawn, read()) == text
@@ -116,14 +106,7 @@ def test_the_checks_of_the_environment_find_what_is_shipped():
     assert checks.run() == shipped
 
 
-def finished(algorithm, variant, completion, seed, level="random"):
-    return replace(
-        trained(algorithm, seed, [0.5], level, variant),
-        result={**MEASURED, "completion": completion},
-    )
-
-
-def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
+def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out():
     shares = {
         "paper": 0.0,
         "works": 0.95,
@@ -134,9 +117,12 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
         "paper+mask": 0.02,
         "paper-no-bonus": 0.01,
     }
-    results = results_of(
-        tmp_path,
-        [finished("sac", name, each, seed) for name, each in shares.items() for seed in range(3)],
+    results = Results(
+        records=[
+            trained("sac", seed, [0.5], variant=name, completion=each)
+            for name, each in shares.items()
+            for seed in range(3)
+        ]
     )
     assert training_claims.aims(results).splitlines()[2:] == [
         "| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"
@@ -155,129 +141,98 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out(tmp_path):
 def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
     with pytest.raises(SystemExit):
         checks.main(["rewards"])
-    assert "no check 'rewards'; choose from: actions, state, reward," in capsys.readouterr().err
-
-
-def test_figure_4_is_judged_by_who_is_best_and_second(tmp_path):
-    results = figure_4(tmp_path, ppo=0.8, rainbow=0.4, a2c=0.2, sac=0.1)
-    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [REPRODUCED] * 3
-    results = figure_4(tmp_path, ppo=0.3, rainbow=0.4, a2c=0.5, sac=0.1)
-    assert [verdict_of(name, results) for name in ("best", "second", "half")] == [
-        NOT_REPRODUCED,
-        REPRODUCED,
-        NOT_REPRODUCED,
-    ]
-
-
-def test_a_lead_within_the_noise_reproduces_nothing(tmp_path):
-    assert (
-        verdict_of("best", figure_4(tmp_path, ppo=0.405, rainbow=0.4, a2c=0.2, sac=0.1))
-        == NOT_REPRODUCED
+    assert re.search(
+        "'rewards' is not one of 'actions', 'state', 'reward',", capsys.readouterr().err
     )
 
 
 @pytest.mark.parametrize(
-    ("finals", "seeds"),
+    ("finals", "verdicts"),
     [
-        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}, 2),
-        ({"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2}, 3),
+        (FINALS, [REPRODUCED] * 3),
+        (
+            {"ppo": 0.3, "rainbow": 0.4, "a2c": 0.5, "sac": 0.1},
+            [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED],
+        ),
+        (FINALS | {"ppo": 0.405}, [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED]),  # within the noise
     ],
 )
-def test_too_few_seeds_or_algorithms_decide_nothing(tmp_path, finals, seeds):
-    assert verdict_of("best", figure_4(tmp_path, seeds, **finals)) == NOT_YET
+def test_figure_4_is_judged_by_who_is_best_and_second(finals, verdicts):
+    assert verdicts_of(FIGURE_4, Results(records=figure_4(finals))) == verdicts
 
 
-def test_only_the_longest_trainings_of_a_kind_count(tmp_path):
-    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
-    cases = [(name, value, seed) for name, value in finals.items() for seed in range(3)]
-    long = [trained(name, seed, [value + 0.01 * seed]) for name, value, seed in cases]
+def test_too_few_seeds_or_algorithms_decide_nothing():
+    three = {name: value for name, value in FINALS.items() if name != "sac"}
+    for records in (figure_4(seeds=2), figure_4(three)):
+        assert verdict_of("best", Results(records=records)) == NOT_YET
+
+
+def test_only_the_longest_trainings_of_a_kind_count():
     short = [
-        replace(each, trial=replace(each.trial, moves=10), curve={**each.curve, "score": [0.5]})
-        for each in long
+        replace(each, curve={**each.curve, "score": [0.5, 0.5]})
+        for each in of_moves(figure_4(), 10)
     ]
-    assert verdict_of("best", results_of(tmp_path, [*short, *long])) == REPRODUCED
+    assert verdict_of("best", Results(records=[*short, *figure_4()])) == REPRODUCED
 
 
-def test_short_trainings_are_shown_and_decide_nothing(tmp_path):
-    finals = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
-    trials = [
-        trained(name, seed, [value + 0.01 * seed])
-        for name, value in finals.items()
-        for seed in range(3)
-    ]
-    short = [
-        replace(each, trial=replace(each.trial, moves=BUDGETS["full"].moves["sac"] - 1))
-        for each in trials
-    ]
-    for name in ("best", "second", "half"):
-        found = CLAIMS[name].decide(results_of(tmp_path, short))
+def test_short_trainings_are_shown_and_decide_nothing():
+    results = Results(records=of_moves(figure_4(), BUDGETS["full"].moves["sac"] - 1))
+    for name in FIGURE_4:
+        found = CLAIMS[name].decide(results)
         assert found.verdict == NOT_YET
         assert found.measured.startswith("after short trainings, which decide nothing: ")
 
 
-def test_a_curve_that_has_not_begun_has_no_score(tmp_path):
-    trials = [
-        trained(name, seed, [0.2, 0.3 + 0.01 * seed]) for name in ALGORITHMS for seed in range(3)
-    ]
+def test_a_curve_that_has_not_begun_has_no_score():
     late = [
         replace(each, curve={**each.curve, "moves": [5000, 6000]})
         if each.trial.algorithm == "a2c"
         else each
-        for each in trials
+        for each in figure_4()
     ]
-    measured = CLAIMS["best"].decide(results_of(tmp_path, late)).measured
+    measured = CLAIMS["best"].decide(Results(records=late)).measured
     assert "a2c too early to say; at equal CPU time" in measured
 
 
-def figure_5(tmp_path, topology, morphology, bonus, variants=("paper",)):
+def figure_5(topology, morphology, bonus, variants=("paper",)):
     """Results of the 12 levels whose final scores have these effects."""
 
     def score(level):
         t, m, b = map(int, level.split("-"))
         return 0.95 - topology * (t - 1) - morphology * (m - 1) - bonus * (b - 1)
 
-    trials = [
-        trained("ppo", seed, [score(level) + 0.001 * seed], level)
-        for level in LEVELS
-        for seed in range(3)
-    ]
-    chosen = [
-        replace(each, trial=replace(each.trial, variant=variant))
-        for variant in variants
-        for each in trials
-    ]
-    return results_of(tmp_path, chosen)
+    return Results(
+        records=[
+            trained("ppo", seed, [score(level) + 0.001 * seed], level, variant)
+            for variant in variants
+            for level in DIFFICULTIES
+            for seed in range(3)
+        ]
+    )
 
 
-def test_figure_5_is_judged_by_the_effects_of_the_three_elements(tmp_path):
-    names = ("morphology-first", "morphology-degrades", "bonus-little", "hardest")
-    assert [verdict_of(name, figure_5(tmp_path, 0.02, 0.28, 0.01)) for name in names] == [
-        REPRODUCED
-    ] * 4
-    assert [verdict_of(name, figure_5(tmp_path, 0.2, 0.0, 0.3)) for name in names] == [
-        NOT_REPRODUCED
-    ] * 4
+LIKE_THE_PAPER, UNLIKE = (0.02, 0.28, 0.01), (0.2, 0.0, 0.3)
 
 
-def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it(tmp_path):
+def test_figure_5_is_judged_by_the_effects_of_the_three_elements():
+    assert verdicts_of(FIGURE_5, figure_5(*LIKE_THE_PAPER)) == [REPRODUCED] * 4
+    assert verdicts_of(FIGURE_5, figure_5(*UNLIKE)) == [NOT_REPRODUCED] * 4
+
+
+def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it():
     scores = {("1", "1"): 0.945, ("2", "1"): 0.939, ("1", "2"): 0.836, ("2", "2"): 0.818}
-    trials = [
-        trained(
-            "ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", explored=1.0
-        )
-        for level in LEVELS
-        for seed in range(3)
-    ]
-    results = results_of(tmp_path, trials)
-    found = {
-        name: CLAIMS[name].decide(results)
-        for name in ("morphology-first", "morphology-degrades", "bonus-little")
-    }
+    results = Results(
+        records=[
+            trained("ppo", seed, [scores[level[2], level[4]] + 0.0001 * seed], level, "works", 1.0)
+            for level in DIFFICULTIES
+            for seed in range(3)
+        ]
+    )
     assert (
         "d_b 0.115 ± 0.000 of score, 0.000 ± 0.000 of score with the bonus counted everywhere"
-        in found["morphology-first"].measured
+        in CLAIMS["morphology-first"].decide(results).measured
     )
-    assert [each.verdict for each in found.values()] == [PARTLY, NOT_REPRODUCED, NOT_REPRODUCED]
+    assert verdicts_of(FIGURE_5[:3], results) == [PARTLY, NOT_REPRODUCED, NOT_REPRODUCED]
 
 
 def test_the_bonus_is_counted_by_how_the_episodes_end():
@@ -292,17 +247,12 @@ def test_the_bonus_is_counted_by_how_the_episodes_end():
     assert with_bonus(same) == pytest.approx(0.7)
 
 
-def test_what_holds_on_the_levels_as_it_works_alone_holds_in_part(tmp_path):
-    works = figure_5(tmp_path, 0.02, 0.28, 0.01, ["works"])
-    assert verdict_of("hardest", works) == PARTLY
-    assert (
-        CLAIMS["hardest"].decide(works).measured.startswith("as it works: final score: 3-2-1 0.6")
-    )
-    assert verdict_of("hardest", figure_5(tmp_path, 0.2, 0.0, 0.3, ["works"])) == NOT_REPRODUCED
-    assert (
-        verdict_of("hardest", figure_5(tmp_path, 0.02, 0.28, 0.01, ["paper", "works"]))
-        == REPRODUCED
-    )
+def test_what_holds_on_the_levels_as_it_works_alone_holds_in_part():
+    works = CLAIMS["hardest"].decide(figure_5(*LIKE_THE_PAPER, ["works"]))
+    assert works.verdict == PARTLY
+    assert works.measured.startswith("as it works: final score: 3-2-1 0.6")
+    assert verdict_of("hardest", figure_5(*UNLIKE, ["works"])) == NOT_REPRODUCED
+    assert verdict_of("hardest", figure_5(*LIKE_THE_PAPER, ["paper", "works"])) == REPRODUCED
 
 
 def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
@@ -312,17 +262,13 @@ def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
 
 
 def test_every_verdict_is_one_of_the_six():
-    shipped = read()
-    assert {verdict_of(name, shipped) for name in CLAIMS} <= set(VERDICTS)
+    assert set(verdicts_of(CLAIMS, read())) <= set(VERDICTS)
 
 
 def test_the_settings_have_every_number_of_the_appendix_and_no_other():
+    digits = set("0123456789[")
     cells = {
-        name: [
-            row["paper"]
-            for row in settings_table.rows_of(name)
-            if row["paper"][:1].isdigit() or row["paper"][:1] == "["
-        ]
+        name: [row["paper"] for row in settings_table.rows_of(name) if row["paper"][:1] in digits]
         for name in ALGORITHMS
     }
     assert cells == {
@@ -334,13 +280,7 @@ def test_the_settings_have_every_number_of_the_appendix_and_no_other():
 
 
 def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
-    row = {
-        "key": "gamma",
-        "parameter": "discount",
-        "ours": "0.95",
-        "works": "0.99",
-        "tuned": "0.99",
-    }
+    row = {"key": "gamma", "parameter": "discount", "ours": "0.95", "works": "0.99", "tuned": "1"}
     monkeypatch.setattr(settings_table, "rows_of", lambda algorithm: [row])
     assert settings_table.differences("ppo", "paper", {"gamma": 0.95}) == []
     assert settings_table.differences("ppo", "works", {"gamma": 0.95}) == [
@@ -362,9 +302,6 @@ def test_the_table_is_what_the_trainers_log(algorithm, variant):
 
 
 def test_every_shipped_trial_has_the_settings_of_the_table():
-    trials = read().records
-    found = [
-        settings_table.differences(each.trial.algorithm, each.trial.variant, each.settings)
-        for each in trials
-    ]
-    assert [each for each in found if each] == []
+    for each in read().records:
+        trial = each.trial
+        assert settings_table.differences(trial.algorithm, trial.variant, each.settings) == []

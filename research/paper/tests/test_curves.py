@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from research.paper.claims.results import read
+from research.paper.episodes.play import DIFFICULTIES
 from research.paper.figures import figure4, figure5
 from research.paper.figures.curves import (
     COLUMNS,
@@ -21,7 +22,6 @@ from research.paper.figures.curves import (
     write_records,
     write_table,
 )
-from research.paper.plan import DIFFICULTIES
 from research.paper.tests.logs import trial_of, write_trial
 
 
@@ -155,12 +155,12 @@ def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs)
 def test_figure_5_has_a_line_for_each_level(tmp_path):
     for number, level in enumerate(DIFFICULTIES):
         write_trial(tmp_path, trial_of(level=level), [0.1, 0.2 + number / 100])
-    figure = figure5.levels_figure(read_records(tmp_path), "paper")
+    figure = figure5.levels_figure(read_records(tmp_path))
     ends = [line.get_ydata()[-1] for axes in figure.axes[:3] for line in axes.get_lines()]
     assert sorted(ends) == pytest.approx([0.2 + number / 100 for number in range(12)])
     steps = {"mean": 51.0, "low": 50.0, "high": 52.0}
     known = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
-    panel = figure5.difficulty_figure(read_records(tmp_path), "paper", known).axes[-1]
+    panel = figure5.difficulty_figure(read_records(tmp_path), known).axes[-1]
     assert [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()] == [
         [1.66, 2.34]
     ]

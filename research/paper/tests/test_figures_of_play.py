@@ -14,7 +14,7 @@ from marsexplorer.policies import find_file
 from marsexplorer.terrain import generate
 from research.informed import INFORMED
 from research.paper.claims.results import FOLDER
-from research.paper.episodes.play import FIRST_SEED, can_play, gather, read_lines, read_results
+from research.paper.episodes.play import DIFFICULTIES, FIRST_SEED, can_play, gather, read_results
 from research.paper.episodes.quadrants import (
     Visits,
     course_rates,
@@ -25,7 +25,8 @@ from research.paper.episodes.quadrants import (
 from research.paper.episodes.scale import PER_CENT, compare, scale_rows, steps_of
 from research.paper.episodes.walks import NULLS
 from research.paper.figures import figure6, figure7
-from research.paper.figures.drawing import ORDER, colours_of, save
+from research.paper.figures.drawing import FIXED_COLOURS, colours_of, save
+from research.paper.jobs import read_lines
 
 SIZE, EPISODES = 9, 4
 SEEDS = range(FIRST_SEED, FIRST_SEED + EPISODES)
@@ -210,7 +211,7 @@ def test_gathered_results_are_those_of_the_jobs_and_there_must_be_some(played, t
         episodes["frontier-cost", "2-2-1"],
     ) == (4, 2, EPISODES)
     with pytest.raises(FileNotFoundError, match=r"python -m research\.paper --figure 6"):
-        figure6.draw(tmp_path / "nowhere")
+        figure6.draw(tmp_path / "nowhere", tmp_path)
 
 
 def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
@@ -235,9 +236,7 @@ def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
 def test_the_shipped_results_are_whole_and_small():
     lines = [line for line in read_results(FOLDER, 6) if "policy" in line]
     for policy in ("ppo-earlier", "ppo-paper", *RULES):
-        assert [line["level"] for line in lines if line["policy"] == policy] == list(
-            figure6.DIFFICULTIES
-        )
+        assert [line["level"] for line in lines if line["policy"] == policy] == [*DIFFICULTIES]
     for line in lines:
         makes_u, never_goes_back = course_rates(line)
         assert never_goes_back.count <= makes_u.count <= makes_u.total == line["played"] == 100
@@ -250,19 +249,13 @@ def test_the_shipped_results_are_whole_and_small():
         for size in (21, 42)
     ):
         assert rows[place].terrains == 100
-    assert rows["ppo-earlier", "2-2-1", 42].to_rule is not None
+    assert rows["ppo-earlier", "2-2-1", 42].to_rule.is_known
     assert max(path.stat().st_size for path in FOLDER.glob("figure[67]-*.jsonl")) < 150_000
 
 
 def test_policies_that_are_drawn_together_have_different_colours():
-    names = [
-        "a2c-works",
-        "rainbow-works",
-        "sac-works",
-        "ppo-works",
-        "ppo-works-21-s0",
-        "ppo-priced",
-        "frontier-priced",
-        *ORDER,
-    ]
+    others = (
+        "a2c-works rainbow-works sac-works ppo-works ppo-works-21-s0 ppo-priced frontier-priced"
+    )
+    names = [*others.split(), *FIXED_COLOURS]
     assert len(set(colours_of(names).values())) == len(names)

@@ -46,15 +46,15 @@ def test_a_job_that_fails_or_dies_leaves_the_others_running_and_what_is_done_sta
         test_jobs.Counting("killed", trouble="dies"),
         test_jobs.Counting("good"),
     ]
-    shares = {}
-    failures = run_jobs(jobs, tmp_path, 2, shares.update)
+    done = []
+    failures = run_jobs(jobs, tmp_path, 2, lambda *each: done.append(each))
     assert failures == {
         "bad": "ValueError: this job fails",
         "killed": "its process ended with code -9",
     }
     assert "and says more" in (tmp_path / "bad" / ERROR_FILE).read_text()
-    assert ((tmp_path / "good" / "result").read_text(), shares["good"]) == ("1", 1.0)
-    assert run_jobs(jobs[2:], tmp_path, 2, lambda each: pytest.fail("nothing was to do")) == {}
+    assert ((tmp_path / "good" / "result").read_text(), done[-1]) == ("1", (100, 300))
+    assert run_jobs(jobs[2:], tmp_path, 2, lambda *each: pytest.fail("nothing was to do")) == {}
 
 
 def is_alive(pid):
@@ -70,7 +70,7 @@ from pathlib import Path
 from research.paper.jobs import run_jobs
 from research.paper.tests.test_jobs import Counting
 if __name__ == "__main__":
-    run_jobs([Counting("one", 10**6)], Path(sys.argv[1]), 1, lambda shares: None)
+    run_jobs([Counting("one", 10**6)], Path(sys.argv[1]), 1, lambda done, total: None)
 """
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from research.paper.algorithms import ALGORITHMS
-from research.paper.plan import DIFFICULTIES, Request, disagreement, plan
+from research.paper.episodes.play import DIFFICULTIES
+from research.paper.plan import Request, disagreement, plan
 from research.paper.tests.logs import trial_of, write_trial
 
 NOWHERE = Path("nowhere")

@@ -12,10 +12,11 @@ from marsexplorer.policies import load
 from marsexplorer.policies.files.onnx import OnnxModel
 from research.paper import algorithms
 from research.paper.algorithms import begin, check_variant
+from research.paper.jobs import read_lines
 from research.paper.trainers import settings
 from research.paper.trainers.ppo import PPOTrainer
 from research.paper.trainers.settings import PPO, PPO_NAMES, TUNED, Variants, ppo_settings
-from research.paper.trial import ENDINGS, TRAINING_SHARE, Trial, read_log
+from research.paper.trial import ENDINGS, TRAINING_SHARE, Trial
 
 SMALL = {"num_envs": 4, "num_steps": 8, "minibatch_size": 16, "update_epochs": 2}
 TRIAL = Trial("ppo", "paper", "random", 9, 3, 3 * 32, terrains=2)
@@ -31,7 +32,7 @@ def quick(monkeypatch):
 
 
 def without_time(folder):
-    lines = read_log(folder / TRIAL.name / "log.jsonl")
+    lines = read_lines(folder / TRIAL.name / "log.jsonl")
     return [{name: value for name, value in line.items() if name != "cpu_s"} for line in lines]
 
 
@@ -45,7 +46,7 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     shares = []
     assert not TRIAL.is_done(tmp_path)
     TRIAL.run(tmp_path, shares.append)
-    head, *curve, result = read_log(tmp_path / TRIAL.name / "log.jsonl")
+    head, *curve, result = read_lines(tmp_path / TRIAL.name / "log.jsonl")
     assert shares[:3] == pytest.approx([TRAINING_SHARE * each / 3 for each in (1, 2, 3)])
     assert shares[-1] == 1
     assert (head["kind"], head["trial"]) == ("trial", asdict(TRIAL))

@@ -1,0 +1,58 @@
+"""Numbers with their 95 % intervals, and tables of them in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import isnan, nan
+
+import numpy as np
+
+from marsexplorer.evaluation.intervals import Floats, t_interval
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean, a ratio or a share with its 95 % interval; NaN for what is not known."""
+
+    mean: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, values: Sequence[float] | Floats) -> Estimate:
+        """Return the mean of independent values with its t interval, which two values give and one does not."""
+        array = np.array(values, np.float64)
+        if len(array) < 2:
+            return cls(float(array[0]) if len(array) else nan, nan, nan)
+        return cls(float(array.mean()), *map(float, t_interval(array)))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a mean."""
+        return not isnan(self.mean)
+
+    def text(self, digits: int = 3, unit: str = "") -> str:
+        """Return it with half of its interval, such as `0.912 ± 0.020`; "none" without a mean."""
+        if not self.is_known:
+            return "none"
+        half = "" if isnan(self.high) else f" ± {self.high - self.mean:.{digits}f}"
+        return f"{self.mean:.{digits}f}{half}{unit}"
+
+    def percent(self) -> str:
+        """Return a share in per cent with half of its interval, such as `95 ± 2 %`."""
+        return Estimate(100 * self.mean, 100 * self.low, 100 * self.high).text(0, " %")
+
+    def span(self, form: str) -> str:
+        """Return it with both ends of its interval, such as `1.02 (1.00 to 1.05)`; nothing without a mean."""
+        mean, low, high = (form.format(each) for each in (self.mean, self.low, self.high))
+        return (mean if low == high else f"{mean} ({low} to {high})") if self.is_known else ""
+
+
+UNKNOWN = Estimate(nan, nan, nan)
+
+
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown, without a line break at its end."""
+    first, *others = ("| " + " | ".join(each) + " |" for each in (columns, *rows))
+    return "\n".join([first, "|---" * len(columns) + "|", *others])
