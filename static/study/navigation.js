@@ -41,10 +41,7 @@ export function createNavigation({ study, dispatch, ids, invitation, channel, on
     if (participant) arrive(participant);
     if (!participant || (participant.stage === stage && !participant.note)) dispatch({ kind: "notice", text: error.message });
   }
-  /**
-   * @param {() => Promise<Participant>} ask
-   * @param {string} [stage] the step is taken from
-   */
+  /** @param {() => Promise<Study.Participant>} ask @param {string} [stage] the step is taken from */
   const step = (ask, stage) => inTurn(async () => {
     try {
       arrive(await ask());
