@@ -17,9 +17,10 @@ from app.jobs import Jobs
 from app.leaderboard.evaluations import Evaluation, PolicyEvaluations
 from app.play.daily_terrain import cells_of_daily, day_before, day_start_ms, seed_of
 from app.play.policy_catalogue import PolicyOffer
-from app.storage.playground import DailyAttempt, DailyTerrain, results
+from app.storage.playground import DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
+from app.storage.trial import Trial
 from marsexplorer import policies
 
 SHOWN = 10
@@ -67,14 +68,14 @@ def people_on(
     }
 
 
-def describe_attempt(attempt: DailyAttempt | None, terrain: DailyTerrain) -> dict[str, Any] | None:
+def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, Any] | None:
     """Return a player's attempt for their own page; None before it. `unranked` says why an ended one has no rank."""
     if attempt is None:
         return None
     ended = attempt.ended_ms is not None
     return {
         "state": "ended" if ended else "open",
-        "episode": attempt.episode_id,
+        "episode": attempt.id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
         "coverage": attempt.discovered / cells_of_daily(terrain)
@@ -85,7 +86,7 @@ def describe_attempt(attempt: DailyAttempt | None, terrain: DailyTerrain) -> dic
     }
 
 
-def streak(attempts: Sequence[DailyAttempt], today: str) -> int:
+def streak(attempts: Sequence[Trial], today: str) -> int:
     """Return on how many days in a row a player came to the end of the daily terrain, up to today or to yesterday."""
     played = {
         each.day for each in attempts if each.ended_ms is not None and each.outcome != "abandoned"
@@ -97,14 +98,14 @@ def streak(attempts: Sequence[DailyAttempt], today: str) -> int:
     return count
 
 
-def _why_unranked(attempt: DailyAttempt) -> str | None:
+def _why_unranked(attempt: Trial) -> str | None:
     if attempt.driver != "human":
         return "a move was a script's"
     if attempt.attestation not in ("attested", "supervised"):
         return "not every move could be matched with a key press or a touch of yours"
     if attempt.moves == 0:
         return "no move was made"
-    if attempt.ended_ms is not None and attempt.ended_ms >= day_end_ms(attempt.day):
+    if attempt.ended_ms is not None and attempt.ended_ms >= day_end_ms(attempt.day or ""):
         return "it ended after midnight UTC, when its day was over"
     return None
 

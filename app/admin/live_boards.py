@@ -10,7 +10,8 @@ from app.play.lobby import Lobby
 from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
 from app.storage.studies import StudyStore
-from app.storage.study_rows import Participant, TrialRow, participant_label
+from app.storage.study_rows import Participant, participant_label
+from app.storage.trial import Trial
 
 MAX_BOARDS = 60
 """Boards in a list."""
@@ -23,7 +24,7 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
     ]
     listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
 
-    def read() -> list[tuple[Participant | None, TrialRow | None]]:
+    def read() -> list[tuple[Participant | None, Trial | None]]:
         present = [study_store.participant_of_session(session.id) for session in listed]
         return [
             (each, next(iter(study_store.trials(each.id)[::-1]), None) if each else None)

@@ -13,19 +13,20 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
+from statistics import fmean
 from typing import Any, get_args
 
 from app.statistics.study_figures import live_figure
 from app.storage import study_reader
-from app.storage.reader import Reader, config_of
+from app.storage.reader import Reader
 from app.storage.study_rows import Stage, participant_label
+from app.storage.trial import Trial
 from app.study.data import load
 from app.study.flow import REPEATED_JOIN, repeated_reasons
 from app.study.folder import Study
 from app.study.invitations import Invitations, state_of, token_of, uses_of
 from app.study.protocol import StudyError
 from app.study.recruitment import code_of, valid_until_ms
-from marsexplorer.score import steps_to_target
 
 STAGES: tuple[str, ...] = get_args(Stage)
 QUIET_MS = 30 * 60_000
@@ -51,9 +52,9 @@ def list_participants(
 
     is_open  whether the study is: of people then only counts are listed, neither means nor outcomes
     """
-    trials = defaultdict(list)
-    for row in study_reader.trial_activity(reader, study):
-        trials[row["participant_id"]].append(row)
+    trials = defaultdict[str, list[Trial]](list)
+    for trial in study_reader.trial_activity(reader, study):
+        trials[trial.participant].append(trial)
     events = study_reader.event_summaries(reader, study)
     left = {
         event.participant_id: json.loads(event.detail).get("from")
@@ -65,7 +66,8 @@ def list_participants(
     found = []
     for person in study_reader.participants(reader, study):
         own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
-        last_ms = max([person.joined_ms, seen["last_ms"], *(trial["last_ms"] for trial in own)])
+        signs_of = [trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own]
+        last_ms = max([person.joined_ms, seen["last_ms"], *signs_of])
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
         found.append(
             {
@@ -82,21 +84,18 @@ def list_participants(
     return found
 
 
-def _totals(trials: Sequence[dict[str, Any]], hides: bool) -> dict[str, Any]:
+def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
     """Return the numbers of finished episodes, and the means over ranked ones (None before the first, and where hidden)."""
-    ended = [trial for trial in trials if trial["outcome"] is not None]
-    ranked = [trial for trial in ended if trial["phase"] == "ranked"]
-    counts = {"warm_up": sum(trial["phase"] == "warm_up" for trial in ended), "ranked": len(ranked)}
+    ended = [trial for trial in trials if trial.outcome is not None]
+    ranked = [trial for trial in ended if trial.phase == "ranked"]
+    counts = {"warm_up": sum(trial.phase == "warm_up" for trial in ended), "ranked": len(ranked)}
     if hides:
         return {**counts, "mean_score": None, "mean_steps": None, "outcomes": {}}
-    steps = [
-        steps_to_target(config_of(trial), trial["outcome"], trial["steps"]) for trial in ranked
-    ]
     return {
         **counts,
-        "mean_score": sum(trial["score"] for trial in ranked) / len(ranked) if ranked else None,
-        "mean_steps": sum(steps) / len(steps) if steps else None,
-        "outcomes": dict(Counter(trial["outcome"] for trial in ranked)),
+        "mean_score": fmean(trial.score or 0.0 for trial in ranked) if ranked else None,
+        "mean_steps": fmean(trial.steps_to_target or 0 for trial in ranked) if ranked else None,
+        "outcomes": dict(Counter(trial.outcome for trial in ranked)),
     }
 
 

@@ -138,7 +138,7 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     ranked = [cohort.ranked[person] for person in members(cohort, rules)]
     groups = [
         [
-            EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_99 or 0, (), ())
+            EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_target or 0, (), ())
             for each in own
         ]
         for own in ranked

@@ -22,7 +22,8 @@ from app.statistics.summaries import (
     trial_summaries,
     visit_counts,
 )
-from app.storage.reader import Reader, record_of
+from app.storage.reader import Reader
+from app.storage.trial import Trial
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 
@@ -181,14 +182,16 @@ def _size(summary: EpisodeSummary | None) -> int:
 
 def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -> dict[str, Any]:
     """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
-    rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
+    trials = [
+        Trial.of(row) for row in reader.finished("human") if row["config_hash"] == config.hash
+    ]
     people: dict[str, list[EpisodeSummary]] = {}
-    for row in rows[-MAX_EPISODES:]:
-        course = (row["trajectory_hash"], row["outcome"], row["core_version"])
+    for trial in trials[-MAX_EPISODES:]:
+        course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
         if course not in now:
-            now[course] = known[course] if course in known else _replayed(reader, row)
+            now[course] = known[course] if course in known else _replayed(reader, trial)
         if (summary := now[course]) is not None:
-            people.setdefault(row["owner_id"], []).append(summary)
+            people.setdefault(trial.owner_id or "", []).append(summary)
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
@@ -199,9 +202,9 @@ def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -
     }
 
 
-def _replayed(reader: Reader, row: dict[str, Any]) -> EpisodeSummary | None:
+def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
     """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
     try:
-        return summary_of(replay(record_of(row, reader.steps(row["id"]))))
+        return summary_of(replay(trial.record(reader.steps(trial.id))))
     except ValueError:
         return None

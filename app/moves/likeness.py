@@ -57,7 +57,7 @@ def episode_agreements(
         if trial.core_version == CORE_VERSION:
             found.update(
                 {
-                    (trial.episode, name): agreement_with(policy, record)
+                    (trial.id, name): agreement_with(policy, record)
                     for name, policy in loaded.items()
                 }
             )
@@ -73,9 +73,7 @@ def player_agreements(
     names, none = [name for name in dict.fromkeys(policies) if name != NO_PLAN], Agreement()
     return {
         player: {
-            name: sum(
-                (found.get((trial.episode, name), none) for trial in cohort.ranked[player]), none
-            )
+            name: sum((found.get((trial.id, name), none) for trial in cohort.ranked[player]), none)
             for name in names
         }
         for player in members(cohort, {})
@@ -102,7 +100,7 @@ def human_likeness(
         if policy is not None:
             agreements = {}
             for player in ids[:SAMPLED_PLAYERS]:
-                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain)[
+                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain_index)[
                     :SAMPLED_EPISODES
                 ]
                 own = [

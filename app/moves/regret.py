@@ -17,7 +17,8 @@ import numpy as np
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.intervals import Interval, printed_interval
 from app.storage.reader import Reader
-from app.study.data import StudyData, StudyEpisode, trial_records
+from app.storage.trial import Trial
+from app.study.data import StudyData, trial_records
 from app.study.policy_files import REGRET_POLICY
 from app.study.protocol import StudyError
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
@@ -101,10 +102,10 @@ def study_estimator(data: StudyData, cache: Path | None) -> RegretEstimator:
 def trial_regrets(
     reader: Reader,
     data: StudyData,
-    trials: Sequence[StudyEpisode],
+    trials: Sequence[Trial],
     estimator: RegretEstimator,
     progress: Progress | None = None,
-) -> Iterator[tuple[StudyEpisode, Record, EpisodeRegret]]:
+) -> Iterator[tuple[Trial, Record, EpisodeRegret]]:
     """Yield the regret of each finished trial that this core version can replay; StudyError for a ranked one of an open study.
 
     progress  called with (episodes done, in all)
@@ -128,13 +129,13 @@ def trial_regrets(
 def regret_rows(
     reader: Reader,
     data: StudyData,
-    trials: Sequence[StudyEpisode],
+    trials: Sequence[Trial],
     estimator: RegretEstimator,
     progress: Progress | None = None,
 ) -> Iterator[RegretRow]:
     """Yield every move of the trials with its regret, as tables of it have them; see `trial_regrets`."""
     for trial, _, found in trial_regrets(reader, data, trials, estimator, progress):
-        yield from rows_of(trial.episode, found)
+        yield from rows_of(trial.id, found)
 
 
 def rows_of(episode: str, found: EpisodeRegret) -> Iterator[RegretRow]:

@@ -28,7 +28,7 @@ from app.database_file.write_queue import NOTICE_S
 from app.play.messages import Pace, encode_thought
 from app.play.replays import restore_episode
 from app.play.session import Move, RefusedError, Session
-from app.storage.store import EpisodeRow, StoreError
+from app.storage.store import StoreError, Trial
 from app.tasks.mars.view import View
 from marsexplorer.policies import Policy, goal_of
 from marsexplorer.policies.kernels.visibility import VisibilityMap
@@ -197,7 +197,7 @@ class Agent:
         self._session, self._player, self._load, self._decisions = session, player, load, decisions
         self._owner = (player or session).row.player_id or session.id
         self._policy: Policy | None = None
-        self._prepared_for: EpisodeRow | None = None
+        self._prepared_for: Trial | None = None
         self._decided: tuple[str, int, int] | None = None
         self._woken = asyncio.Event()
         self._single_moves = 0
@@ -323,7 +323,7 @@ class Agent:
         )
         self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
 
-    async def _prepared_policy(self, row: EpisodeRow) -> Policy | None:
+    async def _prepared_policy(self, row: Trial) -> Policy | None:
         """Return the policy with the memory of the episode so far; None when the episode changed meanwhile."""
         if self._policy is None:
             self._policy = await asyncio.to_thread(self._load)
@@ -336,7 +336,7 @@ class Agent:
         return self._policy
 
 
-def replay_decisions(policy: Policy, row: EpisodeRow, actions: bytes) -> None:
+def replay_decisions(policy: Policy, row: Trial, actions: bytes) -> None:
     """Reset the policy and show it every observation that it has decided on so far, so that it remembers the episode."""
     policy.reset(row.policy_seed)
     if not actions:

@@ -14,7 +14,6 @@ from app.play.daily_terrain import seed_of, terrain_of_day
 from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.playground import (
-    DailyAttempt,
     DailyTerrain,
     daily_secret,
     find_attempt,
@@ -22,7 +21,7 @@ from app.storage.playground import (
     keep_terrain,
 )
 from app.storage.reader import utc_day
-from app.storage.store import DailyDay
+from app.storage.trial import DailyDay, Trial
 from marsexplorer.config import EnvConfig
 
 
@@ -56,7 +55,7 @@ class DailyBoards:
             return today
         return await store.read(lambda: find_terrain(store, day)) if day < today.day else None
 
-    async def attempt(self, player_id: str | None, day: str) -> DailyAttempt | None:
+    async def attempt(self, player_id: str | None, day: str) -> Trial | None:
         """Return a player's attempt at a day's terrain; None before it."""
         store = self._lobby.store
         return (
@@ -87,7 +86,7 @@ class DailyBoards:
                 )
             return await self._lobby.get(attempt.session_id), True
 
-    async def board(self, attempt: DailyAttempt) -> Session | None:
+    async def board(self, attempt: Trial) -> Session | None:
         """Return the board of an attempt that is running; None once it has ended."""
         return await self._lobby.get(attempt.session_id) if attempt.ended_ms is None else None
 

@@ -23,7 +23,7 @@ from app.play.replays import restore_episode
 from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources, WatchIds
 from app.play.terrains import ChosenTerrain, MapCatalogue, terrain_of
-from app.storage.store import Control, DailyDay, EpisodeRow, Resumable, SessionRow, Store
+from app.storage.store import Control, DailyDay, Resumable, SessionRow, Store, Trial
 from app.tasks.mars.view import View
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -36,7 +36,7 @@ class UnknownSessionError(LookupError):
         super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
 
 
-EpisodeTransaction = Callable[[EpisodeRow], AbstractContextManager[None]]
+EpisodeTransaction = Callable[[Trial], AbstractContextManager[None]]
 """What else is written in the transaction that opens an episode: before it, then after it."""
 
 ParticipationOf = Callable[[str], Participation | None]
@@ -284,7 +284,7 @@ class Lobby:
                 await held.enter_async_context(board.changing)
             now = self.sources.clock_ms()
             rows = [
-                EpisodeRow(
+                Trial(
                     id=self.sources.episode_id(),
                     session_id=board.id,
                     number=board.number + 1,

@@ -26,7 +26,6 @@ from app.play.lobby import Lobby, UnknownSessionError
 from app.play.messages import NewEpisode, NewSession
 from app.play.session import HUMAN, RefusedError, Session
 from app.storage.playground import (
-    OpenRanked,
     delete_unplayed,
     newest_session,
     open_ranked,
@@ -34,6 +33,7 @@ from app.storage.playground import (
     watchable_session,
 )
 from app.storage.store import StoreError
+from app.storage.trial import Trial
 from marsexplorer.config import EnvConfig
 
 SWEEP_S = 60.0
@@ -144,9 +144,9 @@ class PageBoards:
         store = self._lobby.store
         for row in await store.read(lambda: ranked_left_since(store, before_ms)):
             board = await self._board_of(row)
-            if board is not None and board.current.id == row.episode_id:
+            if board is not None and board.current.id == row.id:
                 with suppress(RefusedError):  # a move came meanwhile
-                    await board.abandon(row.episode_id, row.moves)
+                    await board.abandon(row.id, row.moves)
 
     async def delete_unplayed(self) -> int:
         """Delete boards that nobody has moved on for `unplayed_h` hours and that are not in memory; return how many."""
@@ -186,13 +186,9 @@ class PageBoards:
         store = self._lobby.store
         rows = await store.read(lambda: open_ranked(store, player_id))
         found = [(row, await self._board_of(row)) for row in rows]
-        return [
-            board
-            for row, board in found
-            if board is not None and board.current.id == row.episode_id
-        ]
+        return [board for row, board in found if board is not None and board.current.id == row.id]
 
-    async def _board_of(self, row: OpenRanked) -> Session | None:
+    async def _board_of(self, row: Trial) -> Session | None:
         """Return the board of an open episode; None when the rules that it was played by are gone."""
         with suppress(UnknownSessionError):
             return await self._lobby.get(row.session_id)

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from app.play.messages import encode_frame
-from app.storage.store import EpisodeRow
+from app.storage.store import Trial
 from marsexplorer.episode import Episode, Record, replay
 
 MAX_REPLAY_CELLS = 2_000_000
@@ -28,7 +28,7 @@ def frames(record: Record, episode_id: str) -> list[dict[str, Any]]:
     return [json.loads(each) for each in texts]
 
 
-def restore_episode(row: EpisodeRow, actions: bytes = b"", ended: bool = False) -> Episode:
+def restore_episode(row: Trial, actions: bytes = b"", ended: bool = False) -> Episode:
     """Return the episode of a row after its actions; one that had ended without an ending move was abandoned."""
     record = Record(
         config=row.config,

@@ -34,7 +34,7 @@ from app.play.attestation import (
 from app.play.messages import Events, Pace, encode_frame
 from app.play.replays import restore_episode
 from app.storage.input_events import InputEventRow, add_input_events
-from app.storage.store import Closing, EpisodeRow, SessionRow, StepRow, Store
+from app.storage.store import Closing, SessionRow, StepRow, Store, Trial
 from app.tasks.mars.view import View
 from marsexplorer.episode import Episode
 
@@ -242,7 +242,7 @@ class Session:
         self.attested: Attested | None = None
         self.touched = time.monotonic()
         self.changing = asyncio.Lock()
-        self.current: EpisodeRow
+        self.current: Trial
         self.shown: View
         self._run: Episode | None = None
         """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
@@ -374,14 +374,14 @@ class Session:
                 record, then=lambda found: self.go_on(current, run, View(run), *found)
             )
 
-    def begin(self, row: EpisodeRow, run: Episode, hides_scores: bool) -> None:
+    def begin(self, row: Trial, run: Episode, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
         self.number, self.fault = row.number, None
         self.go_on(row, run, View(run), None, hides_scores)
 
     def go_on(
         self,
-        current: EpisodeRow,
+        current: Trial,
         run: Episode,
         shown: View,
         attested: Attested | None,
@@ -412,7 +412,7 @@ class Session:
             return run
         return await asyncio.to_thread(restore_episode, self.current, self.shown.actions)
 
-    async def prepare_end(self, current: EpisodeRow, last: StepRow | None = None) -> Ending | None:
+    async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
         """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
 
         There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
@@ -434,7 +434,7 @@ class Session:
         return await self._store.read(prepare)
 
     def closing(
-        self, current: EpisodeRow, run: Episode, at_ms: int, ending: Ending | None
+        self, current: Trial, run: Episode, at_ms: int, ending: Ending | None
     ) -> tuple[Closing, Attested | None]:
         """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
 
@@ -526,7 +526,7 @@ class Session:
         self.channel.notify()
 
     def _close(
-        self, current: EpisodeRow, run: Episode, at_ms: int, ending: Ending | None
+        self, current: Trial, run: Episode, at_ms: int, ending: Ending | None
     ) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
         closing, attested = self.closing(current, run, at_ms, ending)
@@ -535,7 +535,7 @@ class Session:
             self.participation.note_end()
         return attested
 
-    def _conditions(self, current: EpisodeRow) -> Conditions | None:
+    def _conditions(self, current: Trial) -> Conditions | None:
         """Return what the level of an episode depends on besides its rows; None for a script's or a policy's."""
         if current.driver != HUMAN:
             return None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from app.play.messages import NewEpisode, NewSession
 from app.play.validation import MAX_API_SIDE
-from app.storage.store import EpisodeRow
+from app.storage.store import Trial
 from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain
 from marsexplorer.maps import CELL_M, read_map
@@ -76,7 +76,7 @@ class MapCatalogue:
         """Return what may be chosen."""
         return list(self._maps.values())
 
-    def name_of(self, row: EpisodeRow) -> str | None:
+    def name_of(self, row: Trial) -> str | None:
         """Return the name of the map that an episode is played on; None for a seed's terrain and a map not on offer."""
         if row.seed is not None:
             return None
@@ -89,7 +89,7 @@ class MapCatalogue:
             return self._find(wanted.map)
         return ChosenTerrain(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
 
-    def next_terrain(self, was: EpisodeRow, wanted: NewEpisode) -> ChosenTerrain:
+    def next_terrain(self, was: Trial, wanted: NewEpisode) -> ChosenTerrain:
         """Return the terrain of a session's next episode: what is left out stays as it was, so a map is played again."""
         if wanted.map is not None:
             return self._find(wanted.map)
@@ -111,14 +111,14 @@ class MapCatalogue:
         return self._maps[name].terrain
 
 
-def terrain_of(row: EpisodeRow) -> ChosenTerrain:
+def terrain_of(row: Trial) -> ChosenTerrain:
     """Return the terrain of an episode, to be played once more."""
     if row.seed is not None:
         return ChosenTerrain(row.config, row.seed)
     return ChosenTerrain(row.config, None, unpack_terrain(row.terrain, row.config), row.start)
 
 
-def _is_of(row: EpisodeRow, terrain: ChosenTerrain) -> bool:
+def _is_of(row: Trial, terrain: ChosenTerrain) -> bool:
     assert terrain.cells is not None
     return (row.config, row.start) == (
         terrain.config,

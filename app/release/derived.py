@@ -53,7 +53,7 @@ def write_derived(
                 conn,
                 "input_summaries",
                 (
-                    (trial.episode, json.dumps(list(trial.labels)), trial.pause_share)
+                    (trial.id, json.dumps(list(trial.labels)), trial.pause_share)
                     for trial in data.trials
                     if trial.ended_ms is not None
                 ),

@@ -16,7 +16,7 @@ from app.release.errors import library
 from app.storage.columns import BUNDLE_TABLES, bundle_table
 from app.storage.database import rows, stream
 from app.storage.export import csv_cell
-from app.storage.reader import record_of
+from app.storage.trial import Trial
 from marsexplorer.episode import Episode, replay
 
 QUERIES = Path(__file__).with_name("queries.sql")
@@ -55,7 +55,7 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Epis
         steps = rows(
             conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", header["episode"]
         )
-        yield header, replay(record_of(row, steps))
+        yield header, replay(Trial.of(row).record(steps))
 
 
 def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:

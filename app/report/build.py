@@ -45,7 +45,8 @@ from app.statistics.study_figures import (
     study_figures,
 )
 from app.statistics.terrain_leaks import leak_trend
-from app.study.data import StudyData, StudyEpisode
+from app.storage.trial import Trial
+from app.study.data import StudyData
 from app.study.flow import participant_flow
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import Floats
@@ -333,7 +334,7 @@ def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> F
     )
 
 
-def _minutes(trial: StudyEpisode) -> float:
+def _minutes(trial: Trial) -> float:
     """Return how long a finished trial took."""
     assert trial.ended_ms is not None
     return (trial.ended_ms - trial.started_ms) / 60_000

@@ -9,7 +9,8 @@ from app.report import measured_coverage
 from app.statistics.exclusion_sets import Cohort
 from app.statistics.formatting import percent
 from app.statistics.intervals import TAIL, Estimate
-from app.study.data import StudyData, StudyEpisode
+from app.storage.trial import Trial
+from app.study.data import StudyData
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
 from marsexplorer.config import CORE_VERSION
@@ -100,7 +101,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     ]
     found = []
 
-    def note(trials: list[StudyEpisode], what: str) -> None:
+    def note(trials: list[Trial], what: str) -> None:
         if trials:
             count, people = len(trials), len({trial.participant for trial in trials})
             one = f"{count} ranked episode{'s' * (count != 1)} of {people} participant{'s' * (people != 1)}"
@@ -130,7 +131,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
         wrong = [
             trial
             for trial in ranked
-            if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain)
+            if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain_index)
         ]
         note(wrong, "were not on the terrain that the secret gives")
     events = [

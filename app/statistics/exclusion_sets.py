@@ -15,7 +15,8 @@ import numpy as np
 
 from app.play.attestation import level_reaches
 from app.statistics.formatting import percent
-from app.study.data import Person, StudyData, StudyEpisode
+from app.storage.trial import Trial
+from app.study.data import Person, StudyData
 from marsexplorer.evaluation.intervals import Floats
 
 MetricName = Literal["score", "steps"]
@@ -30,8 +31,8 @@ class Cohort:
     name: str
     kind: str
     people: tuple[Person, ...]
-    ranked: Mapping[str, tuple[StudyEpisode, ...]]
-    warm_up: Mapping[str, tuple[StudyEpisode, ...]]
+    ranked: Mapping[str, tuple[Trial, ...]]
+    warm_up: Mapping[str, tuple[Trial, ...]]
     terrains: int
     practice: int
 
@@ -42,7 +43,7 @@ class Cohort:
         found = np.full((len(ids), self.terrains), np.nan)
         for row, person in enumerate(ids):
             for trial in self.ranked[person]:
-                column = trial.terrain if by == "terrain" else trial.trial
+                column = trial.terrain_index if by == "terrain" else trial.trial
                 if 0 <= column < self.terrains:
                     found[row, column] = metric_value(trial, metric)
         return found
@@ -52,8 +53,8 @@ class Cohort:
         found = np.full((len(ids), self.terrains), np.nan)
         for row, person in enumerate(ids):
             for each in self.ranked[person]:
-                if 0 <= each.terrain < self.terrains:
-                    found[row, each.terrain] = each.trial
+                if 0 <= each.terrain_index < self.terrains:
+                    found[row, each.terrain_index] = each.trial
         return found
 
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
@@ -66,9 +67,9 @@ class Cohort:
         return found
 
 
-def metric_value(trial: StudyEpisode, metric: MetricName) -> float:
+def metric_value(trial: Trial, metric: MetricName) -> float:
     """Return a finished trial's normalized score or its steps to 99 %."""
-    found = trial.score if metric == "score" else trial.steps_to_99
+    found = trial.score if metric == "score" else trial.steps_to_target
     assert found is not None
     return float(found)
 
@@ -101,9 +102,9 @@ def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Coho
 
 def _finished(
     data: StudyData, people: list[Person], kind: str, phase: str
-) -> dict[str, tuple[StudyEpisode, ...]]:
+) -> dict[str, tuple[Trial, ...]]:
     """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level."""
-    found: dict[str, list[StudyEpisode]] = {person.id: [] for person in people}
+    found: dict[str, list[Trial]] = {person.id: [] for person in people}
     required = data.protocol.required_attestation
     for trial in data.trials:
         is_own = trial.phase == phase and trial.ended_ms is not None and trial.driver == kind
@@ -142,7 +143,7 @@ def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
     ranked, warm_up = (
         sorted(
             (
-                each.terrain,
+                each.terrain_index,
                 each.trial,
                 metric_value(each, "score"),
                 metric_value(each, "steps"),
@@ -158,7 +159,7 @@ def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
     trials = cohort.ranked[person.id]
     # trials that a script touched or below the required level are not among them: a person with one does not have all
-    whole = len({trial.terrain for trial in trials}) == cohort.terrains
+    whole = len({trial.terrain_index for trial in trials}) == cohort.terrains
     if rules.get("completed") and (person.completed_ms is None or not whole):
         return False
     if rules.get("all_ranked_driver_human") and not whole:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from app.statistics.intervals import Interval
-from app.study.data import StudyEpisode
+from app.storage.trial import Trial
 from marsexplorer.evaluation.intervals import t_quantile
 
 FEWEST_PLAYERS = 5
@@ -55,7 +55,7 @@ class LeakTrend:
         )
 
 
-def leak_trend(ranked: Mapping[str, Sequence[StudyEpisode]]) -> LeakTrend:
+def leak_trend(ranked: Mapping[str, Sequence[Trial]]) -> LeakTrend:
     """Return the trend over people's finished ranked episodes, given by participant.
 
     Least squares over players: the mean of the player's steps to 99 %, each minus the mean of its terrain, on the mean number
@@ -66,14 +66,16 @@ def leak_trend(ranked: Mapping[str, Sequence[StudyEpisode]]) -> LeakTrend:
         each
         for own in ranked.values()
         for each in own
-        if each.steps_to_99 is not None and each.ended_ms is not None
+        if each.steps_to_target is not None and each.ended_ms is not None
     ]
     difficulty = {terrain: np.mean(steps) for terrain, steps in _by_terrain(episodes).items()}
     before: dict[str, list[int]] = defaultdict(list)
     steps: dict[str, list[float]] = defaultdict(list)
     for each in episodes:
         before[each.participant].append(_finishers_before(each, episodes))
-        steps[each.participant].append(float((each.steps_to_99 or 0) - difficulty[each.terrain]))
+        steps[each.participant].append(
+            float((each.steps_to_target or 0) - difficulty[each.terrain_index])
+        )
     most = max((max(counts) for counts in before.values()), default=0)
     x, y = ([float(np.mean(own)) for own in found.values()] for found in (before, steps))
     if len(x) < FEWEST_PLAYERS or np.ptp(x) == 0:
@@ -84,17 +86,17 @@ def leak_trend(ranked: Mapping[str, Sequence[StudyEpisode]]) -> LeakTrend:
     return LeakTrend(len(x), most, slope, (slope - half, slope + half), float(found.pvalue))
 
 
-def _by_terrain(episodes: Sequence[StudyEpisode]) -> dict[int, list[float]]:
+def _by_terrain(episodes: Sequence[Trial]) -> dict[int, list[float]]:
     found: dict[int, list[float]] = defaultdict(list)
     for each in episodes:
-        found[each.terrain].append(float(each.steps_to_99 or 0))
+        found[each.terrain_index].append(float(each.steps_to_target or 0))
     return found
 
 
-def _finishers_before(episode: StudyEpisode, episodes: Sequence[StudyEpisode]) -> int:
+def _finishers_before(episode: Trial, episodes: Sequence[Trial]) -> int:
     """Return how many others' episodes on the same terrain had ended when this one began."""
     return sum(
-        other.terrain == episode.terrain
+        other.terrain_index == episode.terrain_index
         and other.participant != episode.participant
         and other.ended_ms is not None
         and other.ended_ms <= episode.started_ms

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from app.storage.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link, select
 from app.storage.database import StoreError, check_writable, reading, rows, transaction
 from app.storage.reader import Reader, now_ms
-from app.storage.resimulation import Finding, differences
+from app.storage.resimulation import Finding, simulate
 from app.storage.study_rows import ORDER_EVENT, StudyRow
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
@@ -28,22 +28,6 @@ _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM session
 
 _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
     WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id){within} ORDER BY e.session_id"""
-
-_STUDY_EPISODES = """SELECT s.phase, s.trial, s.terrain, e.id, e.seed, e.config_hash, e.seed_chosen, e.assisted
-    FROM study_episodes s JOIN episodes e ON e.id = s.episode_id WHERE s.participant_id = ? ORDER BY s.phase, s.trial"""
-
-
-class StudyEpisodeRow(NamedTuple):
-    """What a participant was given to play: its place in the study, and what fixes the episode."""
-
-    phase: str
-    trial: int
-    terrain: int
-    episode: str
-    seed: int | None
-    config_hash: str
-    seed_chosen: int
-    assisted: int
 
 
 def studies(conn: sqlite3.Connection, only: str | None = None) -> list[StudyRow]:
@@ -62,9 +46,11 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
     ]
 
 
-def episodes_of(conn: sqlite3.Connection, participant: str) -> list[StudyEpisodeRow]:
-    """Return what a participant was given to play, by phase and trial."""
-    return [StudyEpisodeRow(*row) for row in conn.execute(_STUDY_EPISODES, [participant])]
+def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
+    """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
+    sql = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index FROM study_episodes s
+        JOIN episodes e ON e.id = s.episode_id WHERE s.participant_id = ? ORDER BY s.phase, s.trial"""
+    return rows(conn, sql, participant)
 
 
 def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
@@ -88,13 +74,6 @@ def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
     return int(count)
 
 
-class PlayedEpisode(NamedTuple):
-    """A finished episode's row, with `control` of its session, and its moves."""
-
-    row: dict[str, Any]
-    steps: list[dict[str, Any]]
-
-
 class InputOf(NamedTuple):
     """What the attestation of an episode follows from, besides its row and moves.
 
@@ -110,18 +89,17 @@ class InputOf(NamedTuple):
     is_studys: bool
 
 
-def check_episode(conn: sqlite3.Connection, ident: str) -> tuple[PlayedEpisode, list[Finding]]:
-    """Return a finished episode and what is wrong with it."""
-    row = rows(
-        conn,
-        "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?",
-        ident,
-    )[0]
+def check_episode(
+    conn: sqlite3.Connection, ident: str
+) -> tuple[dict[str, Any], list[dict[str, Any]], list[Finding]]:
+    """Return a finished episode's row with `control` of its session, the rows of its moves, and what is wrong with it.
+
+    They are rows and no `Trial`: what was tampered with need not be one.
+    """
+    sql = "SELECT e.*, s.control FROM episodes e LEFT JOIN sessions s ON s.id = e.session_id WHERE e.id = ?"
+    (row,) = rows(conn, sql, ident)
     steps = rows(conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", ident)
-    return PlayedEpisode(row, steps), [
-        *differences(row, steps),
-        *check_thing(conn, "episode", ident),
-    ]
+    return row, steps, [*simulate(row, steps)[1], *check_thing(conn, "episode", ident)]
 
 
 def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:

@@ -278,8 +278,8 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
 
 
 def stream(conn: sqlite3.Connection, sql: str, *values: Any) -> Iterator[dict[str, Any]]:
-    """Yield a query's rows one at a time, each a dictionary by column."""
-    cursor = conn.execute(sql, values)
+    """Yield a query's rows one at a time, each a dictionary by column; values are for its question marks, or one by name."""
+    cursor = conn.execute(sql, values[0] if values and isinstance(values[0], dict) else values)
     names = [column[0] for column in cursor.description]
     for row in cursor:
         yield dict(zip(names, row, strict=True))

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.storage.columns import TABLES, Column, ColumnType
-from app.storage.reader import Reader, Who, cells_of, config_of, now_ms
+from app.storage.reader import Reader, Who, now_ms
 from app.storage.resimulation import simulate
+from app.storage.trial import Trial
 from marsexplorer.config import ACTIONS
 from marsexplorer.files import to_cell, write_whole
-from marsexplorer.score import steps_to_target
 
 ExportTable = Literal["episodes", "steps"]
 COLUMNS: dict[ExportTable, tuple[str, ...]] = {
@@ -138,22 +138,23 @@ def _rows_of(
 ) -> list[dict[str, Any]]:
     """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
-    config, cells = config_of(row), cells_of(row)
+    trial = Trial.of(row)
     common = {
-        "episode": row["id"],
-        "player": _pseudonym(row["owner_id"], key),
+        "episode": trial.id,
+        "player": _pseudonym(trial.owner_id, key),
         "verified": not findings,
     }
     if table == "episodes":
         return [
             {
-                **config.to_dict(),
+                **trial.config.to_dict(),
                 **row,
                 **common,
-                "terrain": row["terrain"].hex(),
-                "coverage": row["discovered"] / cells,
-                "return": row["total"],
-                "steps_to_target": steps_to_target(config, row["outcome"], row["steps"]),
+                "terrain": trial.terrain.hex(),
+                "coverage": trial.coverage,
+                "return": trial.total,
+                "steps_to_target": trial.steps_to_target,
+                "daily": trial.day,
                 "actions": " ".join(ACTIONS[step["action"]] for step in steps),
             }
         ]

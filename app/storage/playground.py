@@ -18,14 +18,15 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from app.storage.database import rows
-from app.storage.reader import Reader, utc_day
+from app.storage.reader import JOINED, TRIAL, Reader, utc_day
 from app.storage.store import DAY_MS, Store
+from app.storage.trial import Trial
 from marsexplorer.config import EnvConfig
 
-_RANKED = """SELECT e.id, e.session_id, s.owner_id, e.config_hash,
-    (SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
-    (SELECT max(server_ms) FROM steps t WHERE t.episode_id = e.id) AS moved_ms
-    FROM {tables} ON s.id = e.session_id
+_MOVES = """(SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
+    (SELECT max(server_ms) FROM steps t WHERE t.episode_id = e.id) AS moved_ms"""
+_RANKED = f"""SELECT {TRIAL}, {_MOVES} FROM {{tables}} ON s.id = e.session_id
+    LEFT JOIN daily_attempts d ON d.episode_id = e.id
     WHERE e.ended_ms IS NULL AND e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen
     AND s.control = 'cookie' AND s.owner_id IS NOT NULL
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)"""
@@ -68,32 +69,15 @@ _WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
     AND NOT EXISTS (SELECT 1 FROM daily_attempts WHERE player_id = ?1)"""
 
 
-@dataclass(frozen=True)
-class OpenRanked:
-    """An open ranked episode; `moved_ms` is when its last move was made, None without a move."""
-
-    episode_id: str
-    session_id: str
-    player_id: str
-    config_hash: str
-    moves: int
-    moved_ms: int | None
+def open_ranked(store: Store, player_id: str) -> list[Trial]:
+    """Return a player's open ranked episodes, with the moves made."""
+    return [Trial.of(row) for row in rows(store.connection, _OF_PLAYER, {"player": player_id})]
 
 
-def open_ranked(store: Store, player_id: str) -> list[OpenRanked]:
-    """Return a player's open ranked episodes."""
-    return [
-        OpenRanked(*row)
-        for row in store.connection.execute(_OF_PLAYER, {"player": player_id}).fetchall()
-    ]
-
-
-def ranked_left_since(store: Store, before_ms: int) -> list[OpenRanked]:
+def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
     """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
-    return [
-        OpenRanked(*row)
-        for row in store.connection.execute(_OF_ALL + " AND moved_ms < ?", [before_ms]).fetchall()
-    ]
+    found = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
+    return [Trial.of(row) for row in found]
 
 
 def newest_session(store: Store, player_id: str, now_ms: int) -> str | None:
@@ -179,9 +163,7 @@ _SECRET = "daily_secret"
 
 _TERRAIN = """SELECT t.* FROM daily_terrains t WHERE t.day = ?1
     ORDER BY (SELECT count(*) FROM daily_attempts a WHERE a.commitment = t.commitment) DESC, t.commitment LIMIT 1"""
-_ATTEMPT = """SELECT a.episode_id, e.session_id, a.day, e.ended_ms, e.outcome, e.steps, e.discovered, e.score, e.driver,
-    e.attestation, (SELECT count(*) FROM steps t WHERE t.episode_id = e.id) AS moves
-    FROM daily_attempts a JOIN episodes e ON e.id = a.episode_id WHERE a.player_id = ?1"""
+_ATTEMPT = f"SELECT {TRIAL}, {_MOVES} FROM episodes e {JOINED} WHERE d.player_id = ?1"
 _RESULTS = """SELECT a.episode_id, a.player_id, e.outcome, e.steps, e.discovered, e.score, e.ended_ms
     FROM daily_attempts a JOIN episodes e ON e.id = a.episode_id
     WHERE a.commitment = ?1 AND e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0
@@ -200,22 +182,6 @@ class DailyTerrain:
     day: str
     key: bytes = field(repr=False)
     config: EnvConfig
-
-
-class DailyAttempt(NamedTuple):
-    """A player's one attempt at a day's terrain; `ended_ms` to `attestation` are as in the table `episodes`."""
-
-    episode_id: str
-    session_id: str
-    day: str
-    ended_ms: int | None
-    outcome: str | None
-    steps: int | None
-    discovered: int | None
-    score: float | None
-    driver: str
-    attestation: str | None
-    moves: int
 
 
 def daily_secret(store: Store) -> bytes:
@@ -243,17 +209,15 @@ def find_terrain(reader: Reader, day: str) -> DailyTerrain | None:
     return _terrain_of(found[0]) if found else None
 
 
-def find_attempt(reader: Reader, player_id: str, day: str) -> DailyAttempt | None:
-    """Return a player's attempt at a day's terrain; None when they have not begun it."""
-    found = reader.query(f"{_ATTEMPT} AND a.day = ?2", [player_id, day])
-    return DailyAttempt(**found[0]) if found else None
+def find_attempt(reader: Reader, player_id: str, day: str) -> Trial | None:
+    """Return a player's attempt at a day's terrain, with the moves made; None when they have not begun it."""
+    found = reader.query(f"{_ATTEMPT} AND d.day = ?2", [player_id, day])
+    return Trial.of(found[0]) if found else None
 
 
-def attempts_of(reader: Reader, player_id: str) -> list[DailyAttempt]:
+def attempts_of(reader: Reader, player_id: str) -> list[Trial]:
     """Return all daily attempts of a player, the newest day first."""
-    return [
-        DailyAttempt(**row) for row in reader.query(f"{_ATTEMPT} ORDER BY a.day DESC", [player_id])
-    ]
+    return [Trial.of(row) for row in reader.query(f"{_ATTEMPT} ORDER BY d.day DESC", [player_id])]
 
 
 def results(reader: Reader, commitment: str, before_ms: int) -> list[dict[str, Any]]:

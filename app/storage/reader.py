@@ -6,21 +6,18 @@ holds a player's or a session's id, because a session's id is all that is needed
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.database_file.file import hold
 from app.storage.database import StoreError, open_read_only
-from marsexplorer.config import ACTIONS, EnvConfig
-from marsexplorer.episode import Record, unpack_terrain
-from marsexplorer.score import steps_to_target
-from marsexplorer.world import cells_that_count
+from app.storage.trial import Trial
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Record
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -42,8 +39,11 @@ _NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participan
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
-_SELECT = f"""SELECT e.*, s.owner_id, {HUMAN_SCORE_CONDITION} AS counts,
-    (SELECT day FROM daily_attempts d WHERE d.episode_id = e.id) AS daily FROM episodes e JOIN sessions s ON s.id = e.session_id
+TRIAL = "e.*, s.owner_id, d.day AS daily_day, d.commitment AS daily_commitment"
+"""What `Trial.of` takes of an episode `e`, its session `s` and its attempt at a daily terrain `d` (SQL)."""
+JOINED = "JOIN sessions s ON s.id = e.session_id LEFT JOIN daily_attempts d ON d.episode_id = e.id"
+
+_SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e {JOINED}
     WHERE {FINISHED_CONDITION}"""
 _DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
 _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
@@ -116,26 +116,20 @@ class Reader:
         return list(self._db.query(sql))
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
-        """Yield finished episodes' rows with `owner_id`, `counts` and `daily`, oldest first; for export, not for the API.
+        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
 
         player  theirs alone, whatever day it is: what they drove, not what policies did beside them
         """
         order = "ORDER BY e.started_ms, e.id"
         if player is None:
             return self._db.query(f"{self._select}{_FILTER[who]} {order}")
-        return self._db.query(
-            f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}", [player]
-        )
+        sql = f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}"
+        return self._db.query(sql, [player])
 
-    def played_by(self, player: str) -> list[dict[str, Any]]:
-        """Return the finished episodes that a player drove, newest first, for their own page; no seed among the columns."""
-        columns = (
-            "id, config, terrain, start_row, start_col, driver, counts, daily, outcome, steps, discovered, score, "
-            "ended_ms, "
-        )
-        columns += "attestation_reason, seed_chosen, assisted, terrain_met_before"
-        sql = f"SELECT {columns} FROM ({self._select_own}{_DRIVEN_BY_PLAYER}) ORDER BY ended_ms DESC, id"
-        return list(self._db.query(sql, [player]))
+    def played_by(self, player: str) -> list[Trial]:
+        """Return the finished episodes that a player drove, newest first, for their own page."""
+        sql = f"{self._select_own}{_DRIVEN_BY_PLAYER} ORDER BY e.ended_ms DESC, e.id"
+        return list(map(Trial.of, self._db.query(sql, [player])))
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
@@ -147,7 +141,7 @@ class Reader:
         """Return finished episodes, newest first, with seed, totals and the actions in words."""
         sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
         return [
-            _described(row, self.steps(row["id"]))
+            _described(Trial.of(row), self.steps(row["id"]))
             for row in list(self._db.query(sql, [limit, offset]))
         ]
 
@@ -160,7 +154,7 @@ class Reader:
         for row in list(self._db.query(sql, [episode_id, viewer])):
             steps = self.steps(episode_id)
             moves = [_move(step) for step in steps]
-            return {**_described(row, steps), "moves": moves}
+            return {**_described(Trial.of(row), steps), "moves": moves}
         return None
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
@@ -185,47 +179,10 @@ class Reader:
                 "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
             )
         ):
-            return record_of(row, self.steps(episode_id))
+            return Trial.of(row).record(self.steps(episode_id))
         raise StoreError(
             f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them"
         )
-
-
-def config_of(row: dict[str, Any]) -> EnvConfig:
-    """Return the configuration an episode row was played on."""
-    return EnvConfig(**json.loads(row["config"]))
-
-
-def cells_of(row: dict[str, Any]) -> int:
-    """Return how many cells coverage refers to on the terrain of an episode row: all, or those that can be discovered."""
-    config = config_of(row)
-    return (
-        _cells(config, row["terrain"], (row["start_row"], row["start_col"]))
-        if config.discoverable_only
-        else config.n
-    )
-
-
-@lru_cache(maxsize=1024)
-def _cells(config: EnvConfig, terrain: bytes, start: tuple[int, int]) -> int:
-    return cells_that_count(config, unpack_terrain(terrain, config), start)
-
-
-def record_of(row: dict[str, Any], steps: list[dict[str, Any]]) -> Record:
-    """Return the Record an episode row and its step rows make."""
-    return Record(
-        config=config_of(row),
-        seed=row["seed"],
-        terrain=row["terrain"],
-        start=(row["start_row"], row["start_col"]),
-        actions=bytes(step["action"] for step in steps),
-        outcome=row["outcome"],
-        total=row["total"],
-        steps=row["steps"],
-        discovered=row["discovered"],
-        trajectory_hash=row["trajectory_hash"],
-        core_version=row["core_version"],
-    )
 
 
 def _move(step: dict[str, Any]) -> dict[str, Any]:
@@ -243,27 +200,21 @@ def _move(step: dict[str, Any]) -> dict[str, Any]:
     return {"action": ACTIONS[step["action"]], **{name: step[name] for name in names}}
 
 
-def _described(row: dict[str, Any], steps: list[dict[str, Any]]) -> dict[str, Any]:
+def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
     """Return an episode for the API."""
-    config = config_of(row)
-    flags = ("assisted", "seed_chosen", "terrain_met_before", "counts")
-    plain = ("config_hash", "core_version", "started_ms", "ended_ms", "outcome", "steps", "discovered", "score",
-             "attestation", "attestation_reason")  # fmt: skip
+    config = trial.config
+    plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
+             "started_ms", "ended_ms", "outcome", "steps", "discovered", "score", "attestation", "attestation_reason",
+             "coverage", "steps_to_target", "trajectory_hash")  # fmt: skip
     return {
-        "episode": row["id"],
+        "episode": trial.id,
         "level": config.level,
         "rows": config.rows,
         "cols": config.cols,
         "config": config.to_dict(),
-        "seed": row["seed"],
-        "daily": row["daily"],
-        "start": [row["start_row"], row["start_col"]],
-        "driver": row["driver"],
-        **{name: bool(row[name]) for name in flags},
-        **{name: row[name] for name in plain},
-        "coverage": row["discovered"] / cells_of(row),
-        "return": row["total"],
-        "steps_to_target": steps_to_target(config, row["outcome"], row["steps"]),
-        "trajectory_hash": row["trajectory_hash"],
+        "daily": trial.day,
+        "start": list(trial.start),
+        **{name: getattr(trial, name) for name in plain},
+        "return": trial.total,
         "actions": [ACTIONS[step["action"]] for step in steps],
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from app.storage.reader import config_of, record_of
+from app.storage.trial import Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, replay
 from marsexplorer.terrain import generate
@@ -40,11 +39,6 @@ def _short(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def differences(row: dict[str, Any], steps: Sequence[dict[str, Any]]) -> list[Finding]:
-    """Return what differs between a finished episode's rows and its simulation; nothing when all is well."""
-    return simulate(row, steps)[1]
-
-
 def simulate(
     row: dict[str, Any], steps: Sequence[dict[str, Any]]
 ) -> tuple[Episode | None, list[Finding]]:
@@ -64,11 +58,12 @@ def _simulated(
     row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]
 ) -> Episode | None:
     try:
-        config = config_of(row)
+        trial = Trial.of(row)
     except (ValueError, TypeError) as error:
         found.append(("config", row["config"], f"no configuration: {error}"))
         return None
-    found += _of_config(row, config)
+    config = trial.config
+    found += _of_config(row, trial)
     if row["core_version"] != CORE_VERSION:
         elsewhere = f"{CORE_VERSION} here: only the release that made it can simulate it"
         found.append(("core_version", row["core_version"], elsewhere))
@@ -77,7 +72,7 @@ def _simulated(
     if numbers != list(range(len(steps))):
         found.append(("steps", numbers, "0, 1, 2, ... without a gap"))
     try:
-        record = record_of(row, steps)
+        record = trial.record(steps)
         found += _of_seed(row, config)
         episode = replay(record)
     except (ValueError, TypeError, RuntimeError) as error:
@@ -90,12 +85,11 @@ def _simulated(
     return episode
 
 
-def _of_config(row: dict[str, Any], config: EnvConfig) -> Iterator[Found]:
-    shape = f"{config.rows}x{config.cols}:".encode()
+def _of_config(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
     expected = {
-        "config_hash": config.hash,
-        "level": config.level,
-        "terrain_hash": hashlib.sha256(shape + row["terrain"]).hexdigest(),
+        "config_hash": trial.config_hash,
+        "level": trial.config.level,
+        "terrain_hash": trial.terrain_hash,
     }
     for name, value in expected.items():
         if row[name] != value:

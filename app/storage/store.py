@@ -10,14 +10,12 @@ transactions of the same store.
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import json
 import secrets
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
@@ -38,8 +36,8 @@ from app.storage.database import (
     open_database,
     open_read_only,
 )
-from app.storage.reader import Reader, config_of
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from app.storage.reader import JOINED, TRIAL, Reader
+from app.storage.trial import DailyDay, Trial
 from marsexplorer.episode import Record
 from marsexplorer.score import score
 
@@ -49,12 +47,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Closing",
     "DailyDay",
-    "EpisodeRow",
     "Resumable",
     "SessionRow",
     "StepRow",
     "Store",
     "StoreError",
+    "Trial",
 ]
 
 PaceMode = Literal["follow", "timed", "paused"]
@@ -83,37 +81,6 @@ class SessionRow:
 
 
 @dataclass(frozen=True)
-class DailyDay:
-    """The daily terrain that an episode is an attempt at: its day and the commitment to its key."""
-
-    day: str
-    commitment: str
-
-
-@dataclass(frozen=True)
-class EpisodeRow:
-    """What fixes an episode before its first move.
-
-    driver  "human", "script" or "policy:NAME"
-    daily   of a player's attempt at a daily terrain, else None
-    """
-
-    id: str
-    session_id: str
-    number: int
-    config: EnvConfig
-    seed: int | None
-    seed_chosen: bool
-    terrain: bytes
-    start: tuple[int, int]
-    policy_seed: int
-    driver: str
-    assisted: bool
-    started_ms: int
-    daily: DailyDay | None = None
-
-
-@dataclass(frozen=True)
 class StepRow:
     """One move; `step` counts from 0, times are milliseconds."""
 
@@ -135,9 +102,13 @@ class Resumable:
     """A session's latest episode as a restarted server finds it."""
 
     session: SessionRow
-    episode: EpisodeRow
+    episode: Trial
     actions: bytes
-    ended: bool
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has ended."""
+        return self.episode.ended_ms is not None
 
 
 class Closing(NamedTuple):
@@ -173,16 +144,11 @@ _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discove
 _ADD_ATTEMPT = "INSERT INTO daily_attempts SELECT ?1, ?2, owner_id, ?3 FROM sessions WHERE id = ?4"
 _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
-_EPISODE = """e.*, (e.ended_ms IS NOT NULL) AS ended, d.day AS daily_day, d.commitment AS daily_commitment"""
-_LATEST = f"""SELECT {_EPISODE} FROM sessions s
+_LATEST = f"""SELECT {TRIAL} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
     LEFT JOIN daily_attempts d ON d.episode_id = e.id
     WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
         OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
-
-
-_AS_STORED = ("id", "session_id", "number", "seed", "terrain", "policy_seed", "driver", "started_ms")  # fmt: skip
-"""Columns of an episode that hold a field of `EpisodeRow` as it is."""
 
 
 class Store(Reader):
@@ -434,11 +400,11 @@ class Store(Reader):
                 (mode, moves_per_second, session_id),
             )
 
-    def open_episode(self, row: EpisodeRow) -> None:
+    def open_episode(self, row: Trial) -> None:
         """Open an episode, and note whether its player had met the terrain before."""
         self.next_episode((), (row,))
 
-    def next_episode(self, closing: Sequence[Closing], rows: Sequence[EpisodeRow]) -> None:
+    def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> None:
         """Close the given episodes and open the next ones, all of it or nothing."""
         with self.transaction():
             for each in closing:
@@ -509,41 +475,21 @@ class Store(Reader):
 
     def find_episode(self, episode_id: str) -> Resumable | None:
         """Return an episode as it stands now, open or ended, and its session; None when there is none."""
-        sql = f"SELECT {_EPISODE} FROM episodes e LEFT JOIN daily_attempts d ON d.episode_id = e.id WHERE e.id = ?"
+        sql = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
         found = self.query(sql, [episode_id])
         return self._resumable(found[0]) if found else None
 
     def _resumable(self, row: dict[str, Any]) -> Resumable:
         (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
-        day, commitment = row["daily_day"], row["daily_commitment"]
-        episode = EpisodeRow(
-            config=config_of(row),
-            start=(row["start_row"], row["start_col"]),
-            seed_chosen=bool(row["seed_chosen"]),
-            assisted=bool(row["assisted"]),
-            daily=None if day is None else DailyDay(day, commitment),
-            **{name: row[name] for name in _AS_STORED},
-        )
         actions = bytes(step["action"] for step in self.steps(row["id"]))
-        return Resumable(SessionRow(**session), episode, actions, bool(row["ended"]))
+        return Resumable(SessionRow(**session), Trial.of(row), actions)
 
-    def _has_met(self, row: EpisodeRow) -> bool:
-        return bool(self._conn.execute(_MET, (terrain_hash(row), row.session_id)).fetchone()[0])
+    def _has_met(self, row: Trial) -> bool:
+        return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])
 
-    def _open(self, row: EpisodeRow, met_before: bool) -> None:
-        values = {
-            **{name: getattr(row, name) for name in (*_AS_STORED, "seed_chosen", "assisted")},
-            "level": row.config.level,
-            "config": json.dumps(row.config.to_dict(), sort_keys=True, separators=(",", ":")),
-            "config_hash": row.config.hash,
-            "terrain_hash": terrain_hash(row),
-            "terrain_met_before": met_before,
-            "start_row": row.start[0],
-            "start_col": row.start[1],
-            "core_version": CORE_VERSION,
-        }
-        self._db.table("episodes").insert(values)
+    def _open(self, row: Trial, met_before: bool) -> None:
+        self._db.table("episodes").insert(replace(row, terrain_met_before=met_before).row())
         if row.daily is not None:
             attempt = (row.id, row.daily.day, row.daily.commitment, row.session_id)
             self._conn.execute(_ADD_ATTEMPT, attempt)
@@ -565,10 +511,3 @@ class Store(Reader):
 def is_busy(error: sqlite3.Error) -> bool:
     """Return whether an error of SQLite says that another connection holds the lock."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
-
-
-def terrain_hash(row: EpisodeRow) -> str:
-    """Return SHA-256 (hex) of the shape and the packed bits: the same for two seeds that draw the same terrain."""
-    return hashlib.sha256(
-        f"{row.config.rows}x{row.config.cols}:".encode() + row.terrain
-    ).hexdigest()

@@ -14,12 +14,14 @@ from typing import Any
 
 from app.storage import chain
 from app.storage.columns import TABLES
+from app.storage.database import rows
 from app.storage.erasure import invitation_hash
 from app.storage.store import Store
-from app.storage.study_rows import ORDER_EVENT, Participant, Phase, Stage, StudyRow, TrialRow
+from app.storage.study_reader import STUDY_JOINED, STUDY_TRIAL
+from app.storage.study_rows import ORDER_EVENT, Participant, Stage, StudyRow
+from app.storage.trial import Phase, Trial
 
-_TRIALS = """SELECT t.episode_id, t.phase, t.trial, t.terrain, e.ended_ms, e.outcome, e.steps, e.score
-    FROM study_episodes t JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY e.number"""
+_TRIALS = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE x.participant_id = ? ORDER BY e.number"
 _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
     FROM stage_events WHERE participant_id = ?1"""
 _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
@@ -234,9 +236,9 @@ class StudyStore:
             self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
         return int(number)
 
-    def trials(self, participant_id: str) -> list[TrialRow]:
+    def trials(self, participant_id: str) -> list[Trial]:
         """Return a participant's episodes in the order played."""
-        return [TrialRow(*row) for row in self._conn.execute(_TRIALS, [participant_id]).fetchall()]
+        return [Trial.of(row) for row in rows(self._conn, _TRIALS, participant_id)]
 
     def has_trial(self, participant_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of the participant's."""

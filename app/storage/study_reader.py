@@ -1,7 +1,6 @@
 """Studies as the database holds them, for reports, releases, the leaderboard and the operator; nothing of identities.
 
-Every function takes an open reader. Episodes are dictionaries by column, since `config_of`, `record_of` and
-`app.study.plausibility` take those.
+Every function takes an open reader.
 """
 
 from __future__ import annotations
@@ -11,17 +10,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.storage.erasure import ARRIVALS, ERASED
-from app.storage.reader import Reader
+from app.storage.reader import JOINED, TRIAL, Reader
 from app.storage.study_rows import Participant, StageEventRow, StudyRow
+from app.storage.trial import Trial
 
 Row = dict[str, Any]
 
-_EPISODES = """SELECT e.*, x.participant_id, x.phase, x.trial, x.terrain AS terrain_index FROM study_episodes x
-    JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
-    WHERE p.study = ? ORDER BY e.started_ms, e.id"""
-_ACTIVITY = """SELECT t.participant_id, t.phase, e.outcome, e.steps, e.score, e.config, e.driver,
-    coalesce(e.ended_ms, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id), e.started_ms) AS last_ms
-    FROM study_episodes t JOIN participants p ON p.id = t.participant_id JOIN episodes e ON e.id = t.episode_id
+STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
+"""What `Trial.of` takes of a study's episode (SQL)."""
+STUDY_JOINED = f"""FROM study_episodes x JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
+    {JOINED}"""
+_ACTIVITY = f"""SELECT {STUDY_TRIAL}, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id) AS moved_ms {STUDY_JOINED}
     WHERE p.study = ?"""
 _EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
     FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
@@ -81,9 +80,10 @@ def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[
     ]
 
 
-def study_episodes(reader: Reader, study: str) -> list[Row]:
-    """Return a study's episodes, oldest first, with `participant_id`, `phase`, `trial` and `terrain_index`."""
-    return reader.query(_EPISODES, [study])
+def study_trials(reader: Reader, study: str) -> list[Trial]:
+    """Return a study's episodes, finished or running, oldest first."""
+    sql = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE p.study = ? ORDER BY e.started_ms, e.id"
+    return [Trial.of(row) for row in reader.query(sql, [study])]
 
 
 def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
@@ -94,12 +94,9 @@ def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
     )
 
 
-def trial_activity(reader: Reader, study: str) -> list[Row]:
-    """Return `participant_id`, `phase`, configuration, driver, totals and `last_ms` of every trial of a study.
-
-    `last_ms` is the time of the last sign of the trial: its end, else its newest move, else its start.
-    """
-    return reader.query(_ACTIVITY, [study])
+def trial_activity(reader: Reader, study: str) -> list[Trial]:
+    """Return every trial of a study with the time of its newest move."""
+    return [Trial.of(row) for row in reader.query(_ACTIVITY, [study])]
 
 
 def event_summaries(reader: Reader, study: str) -> dict[str, Row]:

@@ -6,11 +6,11 @@ import hashlib
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from app.storage.trial import ParticipantKind
+
 Stage = Literal[
     "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
 ]  # fmt: skip
-Phase = Literal["tutorial", "warm_up", "ranked"]
-ParticipantKind = Literal["human", "script"]
 ORDER_EVENT = "order"
 """Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
 
@@ -50,24 +50,6 @@ class Participant:
     settings: str
     invitation: str | None = None
     supervised_ms: int | None = None
-
-
-@dataclass(frozen=True)
-class TrialRow:
-    """An episode as a participant's trial; `ended_ms`, `outcome`, `steps` and `score` are None while it runs.
-
-    trial    0.. in the order played, within its phase
-    terrain  index of its seed, within its phase
-    """
-
-    episode_id: str
-    phase: Phase
-    trial: int
-    terrain: int
-    ended_ms: int | None
-    outcome: str | None
-    steps: int | None
-    score: float | None
 
 
 class StageEventRow(NamedTuple):

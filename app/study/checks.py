@@ -10,13 +10,12 @@ import json
 import sqlite3
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 from app.play.attestation import COPIED, Conditions, attest, key_map_of
 from app.storage.checks import (
     InputOf,
-    PlayedEpisode,
-    StudyEpisodeRow,
     episodes_of,
     input_of,
     order_events,
@@ -80,11 +79,11 @@ def _check_study(
 
 
 def _ranked_order(
-    conn: sqlite3.Connection, participant: str, episodes: list[StudyEpisodeRow], expected: _Expected
+    conn: sqlite3.Connection, participant: str, episodes: list[dict[str, Any]], expected: _Expected
 ) -> Generator[Finding, None, list[int] | None]:
     """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
     secret, count = expected.secret, expected.protocol.ranked
-    if not any(row.phase == "ranked" for row in episodes):
+    if not any(row["phase"] == "ranked" for row in episodes):
         return None
     kind, details = order_events(conn, participant)
     number = _order_number(details)
@@ -113,7 +112,7 @@ def _order_number(details: list[str]) -> int | None:
 
 
 def _check_order(
-    participant: str, episodes: list[StudyEpisodeRow], expected: _Expected, ranked: list[int] | None
+    participant: str, episodes: list[dict[str, Any]], expected: _Expected, ranked: list[int] | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
@@ -121,8 +120,8 @@ def _check_order(
         ("warm_up", expected.protocol.warm_up),
         ("ranked", expected.protocol.ranked),
     ):
-        numbers = [row.trial for row in episodes if row.phase == phase]
-        terrains = [row.terrain for row in episodes if row.phase == phase]
+        numbers = [row["trial"] for row in episodes if row["phase"] == phase]
+        terrains = [row["terrain_index"] for row in episodes if row["phase"] == phase]
         if numbers != list(range(len(numbers))):
             yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
@@ -134,32 +133,35 @@ def _check_order(
             yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
 
 
-def _check_cause(row: StudyEpisodeRow, expected: _Expected) -> Iterator[Finding]:
+def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
     """Yield what is wrong with an episode's configuration, its flags and its seed."""
-    where, config_hash = f"episode {row.episode}", expected.protocol.env_config.hash
-    if row.config_hash != config_hash:
-        yield Finding(where, "config_hash", row.config_hash, f"{config_hash} of the protocol")
-    if row.seed_chosen or row.assisted:
-        yield Finding(where, "seed_chosen, assisted", (row.seed_chosen, row.assisted), (0, 0))
+    where, config_hash = f"episode {row['id']}", expected.protocol.env_config.hash
+    if row["config_hash"] != config_hash:
+        yield Finding(where, "config_hash", row["config_hash"], f"{config_hash} of the protocol")
+    if row["seed_chosen"] or row["assisted"]:
+        yield Finding(where, "seed_chosen, assisted", (row["seed_chosen"], row["assisted"]), (0, 0))
     seed = None
-    if row.phase == "tutorial":
+    if row["phase"] == "tutorial":
         seed = seeds.TUTORIAL_SEED
     elif expected.secret is not None:
-        label: Literal["ranked", "warm-up"] = "ranked" if row.phase == "ranked" else "warm-up"
-        seed = seeds.seed(expected.secret, expected.protocol_hash, label, row.terrain)
-    if seed is not None and row.seed != seed:
-        what = f"seed of {row.phase} terrain {row.terrain} (trial {row.trial})"
-        yield Finding(where, what, row.seed, f"{seed} from the study's secret")
+        label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
+        seed = seeds.seed(expected.secret, expected.protocol_hash, label, row["terrain_index"])
+    if seed is not None and row["seed"] != seed:
+        what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
+        yield Finding(where, what, row["seed"], f"{seed} from the study's secret")
 
 
-def check_attestation(conn: sqlite3.Connection, episode: PlayedEpisode) -> Iterator[Finding]:
+def check_attestation(
+    conn: sqlite3.Connection, row: dict[str, Any], steps: list[dict[str, Any]]
+) -> Iterator[Finding]:
     """Yield what is wrong with the level of a finished episode and with the reason for it.
+
+    row, steps  as `app.storage.checks.check_episode` returns them
 
     `declared` is the level of episodes that an earlier version recorded: those follow from nothing, but none is of a board
     that a cookie moves. That an episode's timing is another one's copy follows from rows that need not be here.
     Earlier versions of the playground attested no long burst, and what they stored of one may stand.
     """
-    row = episode.row
     stored: Level = (row["attestation"], row["attestation_reason"])
     where = f"episode {row['id']}"
     if row["driver"] != "human":
@@ -174,16 +176,20 @@ def check_attestation(conn: sqlite3.Connection, episode: PlayedEpisode) -> Itera
     if stored == ("declared", None) and row["control"] == "bearer":
         return
     given = input_of(conn, row["id"])
-    found = _derive_level(episode, given, row["ended_ms"])
-    others = [_derive_level(episode, given, None)] + (
-        [] if given.is_studys else [_derive_level(episode, given, None, types_ahead=False)]
-    )
+    derive = partial(_derive_level, row["started_ms"], steps, given)
+    found, others = derive(row["ended_ms"]), [derive(None)]
+    if not given.is_studys:
+        others.append(derive(None, types_ahead=False))
     if not any(_fits(stored, each) for each in (found, *others)):
         yield Finding(where, "attestation", _in_words(stored), _in_words(found))
 
 
 def _derive_level(
-    episode: PlayedEpisode, given: InputOf, until_ms: int | None, types_ahead: bool = True
+    started_ms: int,
+    steps: list[dict[str, Any]],
+    given: InputOf,
+    until_ms: int | None,
+    types_ahead: bool = True,
 ) -> Level:
     """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
 
@@ -196,12 +202,12 @@ def _derive_level(
             if until_ms is None or at_ms <= until_ms
         ]
         conditions = Conditions(
-            episode.row["started_ms"],
+            started_ms,
             key_map_of(settings),
             tuple(given.supervised_ms),
             types_ahead and not given.is_studys,
         )
-        found = attest(episode.steps, given.events, conditions)
+        found = attest(steps, given.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return None, f"rows that cannot be read: {error}"
     return found.level, found.reason

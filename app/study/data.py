@@ -12,9 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from app.play.attestation import Attestation
 from app.storage.input_events import input_events
-from app.storage.reader import Reader, cells_of, config_of
+from app.storage.reader import Reader
 from app.storage.study_reader import (
     count_erased,
     find_study,
@@ -22,16 +21,15 @@ from app.storage.study_reader import (
     noted_arrivals,
     participants,
     stage_events,
-    study_episodes,
     study_names,
+    study_trials,
 )
-from app.storage.study_rows import ParticipantKind, Phase
+from app.storage.trial import ParticipantKind, Trial
 from app.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from app.study.plausibility import effort_labels, pause_share, plausibility_labels
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from marsexplorer.episode import Record
-from marsexplorer.score import steps_to_target
 
 
 @dataclass(frozen=True)
@@ -63,46 +61,6 @@ class Person:
 
 
 @dataclass(frozen=True)
-class StudyEpisode:
-    """An episode of a study, finished or still running (`outcome` None, and no totals).
-
-    kind         the participant's
-    trial        0.. in the order played, within its phase
-    terrain      index of its seed, within its phase
-    driver       `human` when the page called every move a person's own key or touch
-    attestation  level of `app.play.attestation`; None for a script's and a running one, and `attestation_reason` why it is none
-    steps_to_99  moves; `max_steps` for any ending but `explored`
-    total        the return; discovered in cells
-    pause_share  paused or out of sight, 0..1 of the time between first and last move
-    labels       of `app.study.plausibility`
-    """
-
-    participant: str
-    kind: ParticipantKind
-    phase: Phase
-    trial: int
-    terrain: int
-    episode: str
-    driver: str
-    outcome: str | None
-    steps: int | None
-    steps_to_99: int | None
-    score: float | None
-    total: float | None
-    discovered: int | None
-    started_ms: int
-    ended_ms: int | None
-    trajectory_hash: str | None
-    seed: int | None = field(repr=False)
-    config_hash: str = field(repr=False)
-    core_version: str = field(repr=False)
-    pause_share: float = 0.0
-    labels: tuple[str, ...] = ()
-    attestation: Attestation | None = None
-    attestation_reason: str | None = None
-
-
-@dataclass(frozen=True)
 class StudyData:
     """Everything figures are made from. `secret` is hex, known here once the study is closed.
 
@@ -117,7 +75,7 @@ class StudyData:
     closed_ms: int | None
     secret: str | None = field(repr=False)
     people: tuple[Person, ...]
-    trials: tuple[StudyEpisode, ...] = field(repr=False)
+    trials: tuple[Trial, ...] = field(repr=False)
     arrivals: Arrivals = field(default_factory=Arrivals)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
 
@@ -153,13 +111,13 @@ class StudyData:
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
         return {
-            each.terrain: each.seed
+            each.terrain_index: each.seed
             for each in self.trials
             if each.phase == "ranked" and each.seed is not None
         }
 
 
-def _unfinished(trial: StudyEpisode) -> StudyEpisode:
+def _unfinished(trial: Trial) -> Trial:
     """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
     if trial.phase == "tutorial":
         return trial
@@ -167,7 +125,6 @@ def _unfinished(trial: StudyEpisode) -> StudyEpisode:
         trial,
         outcome=None,
         steps=None,
-        steps_to_99=None,
         score=None,
         total=None,
         discovered=None,
@@ -193,13 +150,11 @@ def load(source: Reader | Path | str, study: str) -> StudyData:
         reader.close()
 
 
-def trial_records(
-    reader: Reader, trials: Iterable[StudyEpisode]
-) -> Iterator[tuple[StudyEpisode, Record]]:
+def trial_records(reader: Reader, trials: Iterable[Trial]) -> Iterator[tuple[Trial, Record]]:
     """Yield each finished trial with its cause, ready to be replayed."""
     for trial in trials:
         if trial.ended_ms is not None:
-            yield trial, reader.load_record(trial.episode)
+            yield trial, reader.load_record(trial.id)
 
 
 def _load(reader: Reader, study: str) -> StudyData:
@@ -210,7 +165,6 @@ def _load(reader: Reader, study: str) -> StudyData:
             f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}"
         )
     people = _people(reader, study)
-    kinds = {person.id: person.kind for person in people}
     protocol = parse_protocol(json.loads(row.protocol))
     return StudyData(
         protocol=protocol,
@@ -220,10 +174,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         closed_ms=row.closed_ms,
         secret=row.secret,
         people=people,
-        trials=tuple(
-            _with_input(reader, each, kinds[each["participant_id"]])
-            for each in study_episodes(reader, study)
-        ),
+        trials=tuple(_with_input(reader, each) for each in study_trials(reader, study)),
         arrivals=with_noted(
             arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)
         ),
@@ -255,34 +206,10 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-def _with_input(reader: Reader, row: dict[str, Any], kind: ParticipantKind) -> StudyEpisode:
-    """Return an episode of a study; its input is read and dropped, since a study's whole input may be larger than memory."""
-    moves, inputs = move_inputs(reader, row["id"]), input_events(reader, row["id"])
-    effort = (
-        effort_labels(config_of(row), moves, cells_of(row)) if row["ended_ms"] is not None else ()
-    )
-    found = _episode(row, kind, moves, inputs)
-    return replace(found, labels=(*found.labels, *effort))
-
-
-def _episode(
-    row: dict[str, Any],
-    kind: ParticipantKind,
-    moves: list[dict[str, Any]],
-    inputs: list[dict[str, Any]],
-) -> StudyEpisode:
-    ended = row["ended_ms"] is not None
-    same = ("phase", "trial", "driver", "outcome", "steps", "score", "total", "discovered", "started_ms", "ended_ms",
-            "trajectory_hash", "seed", "config_hash", "core_version", "attestation", "attestation_reason")  # fmt: skip
-    return StudyEpisode(
-        participant=row["participant_id"],
-        kind=kind,
-        terrain=row["terrain_index"],
-        episode=row["id"],
-        steps_to_99=steps_to_target(config_of(row), row["outcome"], row["steps"])
-        if ended
-        else None,
-        **{name: row[name] for name in same},
-        pause_share=pause_share(moves, inputs),
-        labels=plausibility_labels(moves, inputs),
-    )
+def _with_input(reader: Reader, trial: Trial) -> Trial:
+    """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
+    moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
+    labels = plausibility_labels(moves, inputs)
+    if trial.ended_ms is not None:
+        labels += effort_labels(trial.config, moves, trial.cells)
+    return replace(trial, pause_share=pause_share(moves, inputs), labels=labels)

@@ -8,12 +8,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from app.play.replays import frames
 from app.storage.store import Store
-from app.storage.study_rows import Participant, TrialRow
+from app.storage.study_rows import Participant
+from app.storage.trial import Trial
 from app.study.folder import Study
 from app.study.progress import StageError
 from marsexplorer.episode import Episode, Record
@@ -29,40 +29,28 @@ class NoTerrainError(LookupError):
     """The participant has played no such terrain to its end, or nothing can be shown of it."""
 
 
-@dataclass(frozen=True)
-class PolicyRun:
-    """What the debrief policy did on a terrain."""
-
-    record: Record
-    steps: int
-
-
 class Debriefs:
     """Debriefs of one server; a study's debrief policy plays the terrains of a phase once, in a thread."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._runs: dict[tuple[str, Shown], list[PolicyRun]] = {}
+        self._runs: dict[tuple[str, Shown], list[Record]] = {}
         self._working = asyncio.Lock()
 
     async def summary(
-        self, study: Study, participant: Participant, trials: Sequence[TrialRow]
+        self, study: Study, participant: Participant, trials: Sequence[Trial]
     ) -> dict[str, Any]:
         """Return the participant's figures as the page gets them under `debrief`."""
-        config, runs = study.protocol.env_config, await self._policy_runs(study, "warm_up")
+        runs = await self._policy_runs(study, "warm_up")
         ranked = [
             trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None
         ]
-        own = [
-            steps_to_target(config, trial.outcome or "", trial.steps or 0)
-            for trial in trials
-            if trial.phase == "warm_up"
-        ]
-        steps = [steps_to_target(config, trial.outcome or "", trial.steps or 0) for trial in ranked]
+        own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
+        its = [steps_to_target(run.config, run.outcome, run.steps) for run in runs]
         url, code = study.protocol.return_url, participant.completion_code or ""
         return {
             "mean_score": _mean([trial.score or 0.0 for trial in ranked]),
-            "mean_steps": _mean(steps),
+            "mean_steps": _mean([trial.steps_to_target or 0 for trial in ranked]),
             "episodes": [
                 {
                     "trial": trial.trial,
@@ -74,7 +62,7 @@ class Debriefs:
             ],
             "policy": {
                 "name": study.protocol.debrief_policy,
-                "mean_steps_warm_up": _mean([run.steps for run in runs]),
+                "mean_steps_warm_up": _mean(its),
                 "own_mean_steps_warm_up": _mean(own),
             }
             if runs and own
@@ -86,21 +74,23 @@ class Debriefs:
         }
 
     async def replays(
-        self, study: Study, trials: Sequence[TrialRow], phase: Shown, index: int
+        self, study: Study, trials: Sequence[Trial], phase: Shown, index: int
     ) -> dict[str, Any]:
         """Return the participant's own episode and the policy's on the same terrain; errors as `own_trial`."""
         own = own_trial(study, trials, phase, index)
         runs = await self._policy_runs(study, phase)
-        if own.terrain >= len(runs):
+        if own.terrain_index >= len(runs):
             raise NoTerrainError(
                 f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
             )
-        record = await self._store.read(lambda: self._store.load_record(own.episode_id))
-        mine = await asyncio.to_thread(frames, record, own.episode_id)
-        its = await asyncio.to_thread(frames, runs[own.terrain].record, f"policy-{own.terrain}")
+        record = await self._store.read(lambda: self._store.load_record(own.id))
+        mine = await asyncio.to_thread(frames, record, own.id)
+        its = await asyncio.to_thread(
+            frames, runs[own.terrain_index], f"policy-{own.terrain_index}"
+        )
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
-    async def _policy_runs(self, study: Study, phase: Shown) -> list[PolicyRun]:
+    async def _policy_runs(self, study: Study, phase: Shown) -> list[Record]:
         async with self._working:
             key = study.protocol_hash, phase
             if key not in self._runs:
@@ -108,7 +98,7 @@ class Debriefs:
             return self._runs[key]
 
 
-def own_trial(study: Study, trials: Sequence[TrialRow], phase: Shown, index: int) -> TrialRow:
+def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -> Trial:
     """Return a participant's ended trial: on warm-up terrain `index`, or the ranked one that they played as number `index`.
 
     StageError for a ranked one of an open study, NoTerrainError when there is none.
@@ -116,7 +106,7 @@ def own_trial(study: Study, trials: Sequence[TrialRow], phase: Shown, index: int
     if phase == "ranked" and study.is_open:
         raise StageError("ranked terrains are shown once the study is closed: come back then")
     for trial in trials:
-        number = trial.terrain if phase == "warm_up" else trial.trial
+        number = trial.terrain_index if phase == "warm_up" else trial.trial
         if trial.phase == phase and number == index and trial.ended_ms is not None:
             return trial
     raise NoTerrainError(
@@ -124,9 +114,9 @@ def own_trial(study: Study, trials: Sequence[TrialRow], phase: Shown, index: int
     )
 
 
-def _play(study: Study, phase: Shown) -> list[PolicyRun]:
+def _play(study: Study, phase: Shown) -> list[Record]:
     """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
-    config, runs = study.protocol.env_config, list[PolicyRun]()
+    config, runs = study.protocol.env_config, list[Record]()
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
         policy = load(
@@ -142,9 +132,7 @@ def _play(study: Study, phase: Shown) -> list[PolicyRun]:
         policy.reset(i)
         while not episode.ended:
             episode.step(policy.act(episode.codes.copy()))
-        runs.append(
-            PolicyRun(episode.record(), steps_to_target(config, episode.outcome, episode.steps))
-        )
+        runs.append(episode.record())
     return runs
 
 

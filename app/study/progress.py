@@ -18,9 +18,9 @@ from weakref import WeakValueDictionary
 
 from app.play.lobby import Lobby
 from app.play.session import RefusedError, Session
-from app.storage.store import EpisodeRow
 from app.storage.studies import StudyStore
-from app.storage.study_rows import Participant, Phase, Stage, TrialRow
+from app.storage.study_rows import Participant, Stage
+from app.storage.trial import Phase, Trial
 from app.study.folder import Folder, Study
 from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -223,7 +223,7 @@ class ParticipantProgress:
             board = await self._board(participant)
 
             @contextmanager
-            def within(row: EpisodeRow) -> Iterator[None]:
+            def within(row: Trial) -> Iterator[None]:
                 self._at(
                     name, player_id, participant.stage
                 )  # withdrawn in another tab, or closed, while the terrain grew
@@ -279,7 +279,7 @@ class ParticipantProgress:
 
     def _plan(
         self, name: str, player_id: str | None
-    ) -> tuple[Study, Participant, list[TrialRow], Phase, int, int, int] | None:
+    ) -> tuple[Study, Participant, list[Trial], Phase, int, int, int] | None:
         """Return what the next episode is (study, participant, trials, phase, trial, terrain, seed); None while one runs."""
         study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
         trials = self.study_store.trials(participant.id)
@@ -351,9 +351,7 @@ class ParticipantProgress:
             participant.player_id, self._participations.of(participant)
         )
 
-    def _note_break(
-        self, study: Study, participant: Participant, trials: Sequence[TrialRow]
-    ) -> None:
+    def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
@@ -383,7 +381,7 @@ class ParticipantProgress:
         return self._sources.clock_ms()
 
 
-def break_due(study: Study, participant: Participant, trials: Sequence[TrialRow]) -> bool:
+def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
     """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None

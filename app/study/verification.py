@@ -149,8 +149,8 @@ def _check_episodes(
 
 def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
     """Return the moves of a finished episode and what is wrong with it."""
-    episode, findings = checks.check_episode(conn, ident)
-    return len(episode.steps), [*findings, *check_attestation(conn, episode)]
+    row, steps, findings = checks.check_episode(conn, ident)
+    return len(steps), [*findings, *check_attestation(conn, row, steps)]
 
 
 def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:

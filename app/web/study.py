@@ -11,7 +11,8 @@ from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from app.moves.regret import POLICY
 from app.play.session import RefusedError
-from app.storage.study_rows import Participant, TrialRow, participant_label
+from app.storage.study_rows import Participant, participant_label
+from app.storage.trial import Trial
 from app.study.debrief import NoTerrainError, Shown, own_trial
 from app.study.folder import Study
 from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
@@ -349,13 +350,13 @@ async def debrief_regret(
     with answering_study_errors():
         own = own_trial(study, trials, phase, index)
     store = services_of(request).store
-    record = await store.read(lambda: store.load_record(own.episode_id))
+    record = await store.read(lambda: store.load_record(own.id))
     return {"policy": POLICY, **await regret_of(request, record)}
 
 
 def _at_debrief(
     progress: ParticipantProgress, player: str | None, name: str
-) -> tuple[Study, list[TrialRow]]:
+) -> tuple[Study, list[Trial]]:
     """Return a participant's study and trials, once they are at the debrief."""
     with answering_study_errors():
         study, participant = progress.study(name), progress.participant(name, player)

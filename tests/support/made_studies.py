@@ -3,9 +3,10 @@
 import numpy as np
 
 from app.report.policies import PolicyRun
-from app.study.data import Person, StudyData, StudyEpisode
+from app.storage.trial import Trial
+from app.study.data import Person, StudyData
 from app.study.protocol import default_protocol, protocol_hash
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from marsexplorer.config import EnvConfig
 
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 FROZEN_MS = 1_790_000_000_000
@@ -38,13 +39,14 @@ def person(number, kind="human", script=None, stage="complete", completed=True, 
 def trial(who, index, score=0.9, steps=20, **rest):
     """Return a finished ranked episode of a person; `rest` replaces fields."""
     given = {
-        "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain": index,
-        "episode": f"{who.id}-{index}", "driver": who.kind, "outcome": "explored", "steps": steps, "steps_to_99": steps,
-        "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS, "ended_ms": FROZEN_MS + 30_000,
-        "trajectory_hash": "0" * 64, "seed": 1000 + index, "config_hash": CONFIG.hash, "core_version": CORE_VERSION,
+        "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain_index": index,
+        "id": f"{who.id}-{index}", "session_id": who.id, "number": index, "config": CONFIG, "seed_chosen": False,
+        "terrain": b"", "start": (0, 0), "policy_seed": 0, "assisted": False, "driver": who.kind, "outcome": "explored",
+        "steps": steps, "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS,
+        "ended_ms": FROZEN_MS + 30_000, "trajectory_hash": "0" * 64, "seed": 1000 + index,
         "attestation": "attested" if who.kind == "human" else None, **rest,
     }  # fmt: skip
-    return StudyEpisode(**given)
+    return Trial(**given)
 
 
 def study(people=(), trials=(), closed=True, **rest):

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Sequence
 
-from app.storage.store import EpisodeRow, Resumable, SessionRow, StepRow, Store
+from app.storage.store import Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -44,7 +44,7 @@ def open_episode(
         "started_ms": NOW + next(_numbers),
         **rest,
     }
-    row = EpisodeRow(
+    row = Trial(
         id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
     )  # fmt: skip
@@ -53,7 +53,7 @@ def open_episode(
 
 
 def add_steps(
-    store: Store, row: EpisodeRow, episode: Episode, actions: Sequence[int], driver: str = "human"
+    store: Store, row: Trial, episode: Episode, actions: Sequence[int], driver: str = "human"
 ) -> None:
     """Make the moves and store them, up to the ending; the ending closes the episode."""
     for action in actions:
@@ -92,7 +92,7 @@ def play(
     explore: bool = False,
     config: EnvConfig = SMALL,
     **rest,
-) -> EpisodeRow:
+) -> Trial:
     """Return the row of a finished episode in a session of its own: a tour, or two moves and abandoned."""
     session = add_session(store, player)
     row, episode = open_episode(store, session, seed, config, **rest)

@@ -7,7 +7,7 @@ import json
 import random
 
 from app.storage import chain
-from app.storage.store import EpisodeRow, SessionRow, StepRow, Store
+from app.storage.store import SessionRow, StepRow, Store, Trial
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder
@@ -134,7 +134,7 @@ class StudyRecorder:
         episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
         self.store.open_episode(
-            EpisodeRow(
+            Trial(
                 id=ident, session_id=session, number=number, config=config, seed=seed, seed_chosen=False,
                 terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
                 started_ms=self.tick(),

@@ -45,7 +45,7 @@ def test_a_row_for_each_move_of_an_episode(reader, estimator):
     data = load(reader, "dunes")
     rows = list(regret_rows(reader, data, ranked(data), estimator))
     for trial, record in trial_records(reader, ranked(data)):
-        own = [row for row in rows if row.episode == trial.episode]
+        own = [row for row in rows if row.episode == trial.id]
         assert [row.step for row in own] == list(range(len(record.actions)))
         assert [row.action for row in own] == [ACTIONS[action] for action in record.actions]
         assert [row.regret for row in own] == estimator.regret(record).regret.tolist()

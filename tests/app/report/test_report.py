@@ -57,7 +57,7 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
 
 def test_steps_count_the_limit_for_an_unfinished_episode():
     people, trials = played(SCORES)
-    trials[0] = trial(people[0], 0, 0.2, steps=7, steps_to_99=CONFIG.limit, outcome="collided")
+    trials[0] = trial(people[0], 0, 0.2, steps=7, outcome="collided")
     report = build(study(people, trials))
     own = [CONFIG.limit, *(20 + index for index in range(1, 6))]
     assert report.groups[0].players[0].steps == pytest.approx(np.mean(own))
@@ -146,7 +146,7 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"config_hash": "x"}, "ran on another configuration"),
+        ({"config": EnvConfig("random", 7, 9, sensor_radius=4)}, "ran on another configuration"),
         ({"core_version": "0"}, "ran on another core version"),
         ({"outcome": "abandoned"}, "were given up"),
     ],
@@ -188,7 +188,7 @@ def test_deviations_that_the_server_recorded():
 def test_warm_up_trials_are_shown_and_enter_no_figure():
     people, trials = played(SCORES)
     practice = [
-        trial(who, index, 0.1, phase="warm_up", episode=f"w{who.id}{index}")
+        trial(who, index, 0.1, phase="warm_up", id=f"w{who.id}{index}")
         for who in people
         for index in range(2)
     ]

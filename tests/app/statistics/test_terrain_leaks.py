@@ -50,7 +50,7 @@ def test_it_is_silent_for_few_people_and_where_nobody_came_later():
     few = leak_trend(play_in_turn(rng, players=4))
     assert (few.players, few.p_value) == (4, None)
     alone = {
-        who: [each for each in own if each.terrain == index]
+        who: [each for each in own if each.terrain_index == index]
         for index, (who, own) in enumerate(play_in_turn(rng).items())
     }
     nobody = leak_trend(alone)

@@ -50,7 +50,7 @@ def test_the_secret_and_the_terrain_of_a_day_stay_as_they_were_made(store):
 def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
     row = play_daily(store)
     attempt = find_attempt(store, "ada", DAY)
-    assert (attempt.episode_id, attempt.outcome, attempt.moves) == (row.id, "abandoned", 2)
+    assert (attempt.id, attempt.outcome, attempt.moves) == (row.id, "abandoned", 2)
     assert store.find_episode(row.id).episode.daily == row.daily
     with pytest.raises(StoreError, match="did not take the write"):
         play_daily(store)

@@ -39,12 +39,12 @@ def test_people_and_trials_are_as_they_were_played(place):
         for each in data.trials
         if (each.participant, each.phase, each.trial) == (people[0], "ranked", 0)
     )
-    assert (first.outcome, first.steps, first.steps_to_99) == (
+    assert (first.outcome, first.steps, first.steps_to_target) == (
         "abandoned",
         2,
         study.protocol.env_config.limit,
     )
-    assert first.seed == study.seed("ranked", first.terrain)
+    assert first.seed == study.seed("ranked", first.terrain_index)
     assert data.seeds() == {i: study.seed("ranked", i) for i in range(3)}
 
 
@@ -77,7 +77,7 @@ def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
     recorder.close()
     data = load(tmp_path / "play.db", "dunes")
     (trial,) = data.trials
-    assert (trial.ended_ms, trial.outcome, trial.steps_to_99, trial.score) == (
+    assert (trial.ended_ms, trial.outcome, trial.steps_to_target, trial.score) == (
         None,
         None,
         None,

@@ -9,7 +9,6 @@ import pytest
 from app.cli.main import main
 from app.play.attestation import COPIED
 from app.storage import chain
-from app.storage.checks import PlayedEpisode
 from app.storage.database import create_tables
 from app.study import verification
 from app.study.checks import check_attestation
@@ -387,7 +386,7 @@ def test_a_burst_is_attested_on_the_playground_alone_and_what_earlier_versions_s
     def is_right(level, reason=None):
         row = {"id": ident, "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
                "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
-        return not list(check_attestation(conn, PlayedEpisode(row, typed.moves)))
+        return not list(check_attestation(conn, row, typed.moves))
 
     earlier = ("unattested", "step 15: the press answers the frame of step 6")
     assert (is_right("attested"), is_right(*earlier), is_right("unattested", "slow")) == (
