@@ -15,7 +15,7 @@ import click
 from app.cli.console import PATH, print_table, progress
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-from research.paper.algorithms import ALGORITHMS
+from research.paper.algorithms import missing_tianshou
 from research.paper.episodes.play import gather
 from research.paper.figures import figure4, figure5, figure6, figure7
 from research.paper.figures.curves import (
@@ -185,11 +185,7 @@ def _check_installed(jobs: list[Job], folder: Path) -> None:
     trials = [job for job in jobs if isinstance(job, Trial) and not job.is_done(folder)]
     wanted = sorted({trial.algorithm for trial in trials} - {"ppo"})
     if wanted and find_spec("tianshou") is None:
-        names = ", ".join(ALGORITHMS[name] for name in wanted)
-        raise click.UsageError(
-            f"what trains {names} is not installed here: run `make paper`, and then "
-            ".venv-research/bin/python -m research.paper; or give --algorithms ppo"
-        )
+        raise click.UsageError(missing_tianshou(wanted))
 
 
 def _outlook(jobs: list[Job], folder: Path) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.training.envs import TrainingEnvs
-from research.paper.trainers.ppo import PPOTrainer
-from research.paper.trainers.settings import VARIANTS, ppo_settings
+from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, make_update
+from research.paper.trainers.settings import VARIANTS, PPOSettings, ppo_settings
 
 ALGORITHMS = {
     "a2c": "A2C, in place of A3C",
@@ -40,45 +41,67 @@ class Trainer(Protocol):
         """
 
 
+class PPOTrainer:
+    """Train by PPO, our own trainer. A round is an update.
+
+    config      of PPO, such as `ppo_settings` returns
+    env_config  of the environments
+    moves       of the whole training
+    """
+
+    def __init__(self, config: PPOSettings, env_config: EnvConfig, seed: int, moves: int) -> None:
+        self._run = TrainingRun.begin(config, [env_config], moves, seed)
+        self._buffer = RolloutBuffer.empty(self._run.config, self._run.envs.observe())
+        self.settings = self._run.config.to_dict()
+        (self.envs,) = self._run.envs.parts
+        self.moves = 0
+
+    def advance(self) -> dict[str, float]:
+        """Make an update; return the policy's entropy, how far it moved, and how well the values explain the returns."""
+        numbers = make_update(self._run, self._buffer)
+        self.moves = self._run.global_step
+        return {**numbers, "kl_coef": self._run.kl_coef}
+
+    def save_policy(self, path: Path, card: dict[str, Any]) -> None:
+        """Write the policy with a card."""
+        self._run.config.save_policy(self._run.net, path, card)
+
+
 def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
     """Return the trainer of an algorithm at its beginning.
 
-    variant  "paper" is the letter of the paper, "works" what completes terrains; each algorithm's module lists its others
+    variant  "paper" is the letter of the paper, "works" what completes terrains; `trainers.settings` lists the others
     moves    of the whole training, which schedules may depend on
 
     ValueError when there is no such algorithm or variant; ModuleNotFoundError, saying
     what to run, when tianshou is not installed.
     """
+    check_variant(algorithm, variant)
     if algorithm == "ppo":
         return PPOTrainer(ppo_settings(variant), config, seed, moves)
-    check_variant(algorithm, variant)
-    return _begin_through_tianshou(algorithm, variant, config, seed, moves)
-
-
-def check_variant(algorithm: str, variant: str) -> None:
-    """Raise ValueError when there is no such algorithm, or it has no such variant."""
-    if algorithm not in ALGORITHMS:
-        raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
-    if algorithm == "ppo":
-        ppo_settings(variant)
-    else:
-        VARIANTS[algorithm].settings_for(variant)
-
-
-def _begin_through_tianshou(
-    algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
-) -> Trainer:
     try:
         from research.paper.trainers.off_policy import RainbowTrainer, SACTrainer
         from research.paper.trainers.tianshou_trainer import A2CTrainer
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "tianshou":
             raise
-        raise ModuleNotFoundError(
-            f"{ALGORITHMS[algorithm]} is trained through tianshou, which is not installed here; "
-            "run `make paper`, and then .venv-research/bin/python -m research.paper",
-            name="tianshou",
-        ) from error
+        raise ModuleNotFoundError(missing_tianshou([algorithm]), name="tianshou") from error
     if algorithm == "a2c":
         return A2CTrainer(variant, config, seed, moves)
     return (RainbowTrainer if algorithm == "rainbow" else SACTrainer)(variant, config, seed, moves)
+
+
+def missing_tianshou(algorithms: Iterable[str]) -> str:
+    """Return the sentence that says what to run where tianshou is not installed."""
+    names = ", ".join(ALGORITHMS[name] for name in algorithms)
+    return (
+        f"what trains {names} is not installed here: run `make paper`, and then "
+        ".venv-research/bin/python -m research.paper; or give --algorithms ppo"
+    )
+
+
+def check_variant(algorithm: str, variant: str) -> None:
+    """Raise ValueError when there is no such algorithm, or it has no such variant."""
+    if algorithm not in ALGORITHMS:
+        raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
+    VARIANTS[algorithm].settings_for(variant)

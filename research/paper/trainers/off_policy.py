@@ -51,8 +51,7 @@ from research.paper.trainers.settings import (
 from research.paper.trainers.tianshou_trainer import (
     MOVES,
     Actor,
-    Distributions,
-    QCritic,
+    Reads,
     TianshouTrainer,
     adam,
 )
@@ -115,7 +114,7 @@ class RainbowTrainer(OffPolicyTrainer):
         net = make_network(shape, own.noisy_sigma)
         assert isinstance(net, CategoricalNetwork)
         policy = BestOfDistributions(
-            model=Distributions(net, self.form),
+            model=Actor(net, self.form),
             action_space=MOVES,
             num_atoms=own.num_atoms,
             v_min=support[0],
@@ -155,10 +154,10 @@ class BestOfDistributions(C51Policy):
         """Return `logits`, the distributions, as tianshou calls them, and `act`, the best moves."""
         asked: Any = self.model if model is None else model
         distributions, _ = asked(batch.obs)
+        expected = (distributions * asked.net.support).sum(2)
+        best = asked.net.fill_invalid(expected, asked.form.unpack(batch.obs)).argmax(1).numpy()
         found = Batch()
-        found.__dict__.update(
-            logits=distributions, act=asked.best(batch.obs, distributions), state=None
-        )
+        found.__dict__.update(logits=distributions, act=best, state=None)
         return found
 
 
@@ -206,7 +205,7 @@ class SACTrainer(OffPolicyTrainer):
         super().__init__(asdict(own), own, config, seed, moves)
         net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
         critics = [
-            QCritic(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form)
+            Reads(QNetwork(own.shape(config, "q", hidden=own.q_hidden)), self.form)
             for _ in range(2)
         ]
         self._alpha = AutoAlpha(
@@ -216,7 +215,7 @@ class SACTrainer(OffPolicyTrainer):
         )
         optimizer = adam(own.learning_rate)
         algorithm = DiscreteSAC(
-            policy=DiscreteSACPolicy(actor=Actor(net, self.form), action_space=MOVES),
+            policy=DiscreteSACPolicy(actor=Actor(net, self.form, "logits"), action_space=MOVES),
             policy_optim=optimizer,
             critic=critics[0],
             critic_optim=optimizer,

@@ -19,8 +19,8 @@ PPO has besides
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,50 +39,41 @@ from research.paper.onnx_agents import save_agent
 class Variants:
     """The changes that an algorithm knows.
 
-    algorithm  its name in words, for errors
-    changes    name of a change -> the settings in which it differs from the paper's
-    works      the changes of the variant "works"
-    tuned      those of the variant "tuned"
+    algorithm     its name in words, for errors
+    changes       name of a change -> the settings in which it differs from the paper's
+    works, tuned  the changes of these variants; () takes all
+    alone         variant -> the settings in which it differs, for those that are no set of changes
     """
 
     algorithm: str
     changes: Mapping[str, Mapping[str, Any]]
-    works: Sequence[str]
-    tuned: Sequence[str]
+    works: tuple[str, ...] = ("mask", "features")
+    tuned: tuple[str, ...] = ()
+    alone: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
-    def names(self) -> list[str]:
-        """The names of the variants; besides, paper+CHANGE stands for any set of changes."""
-        return [
-            "paper",
-            *(
-                each
-                for name, added in self._sets.items()
-                for each in (name, *(f"{name}-no-{one}" for one in added))
-            ),
-        ]
-
-    @property
-    def _sets(self) -> dict[str, Sequence[str]]:
-        """Variant -> the changes that it makes together."""
-        return {"works": self.works, "tuned": self.tuned}
+    def sets(self) -> dict[str, tuple[str, ...]]:
+        """Variant -> the changes that it makes together; besides, paper+CHANGE stands for any set of changes."""
+        sets: dict[str, tuple[str, ...]] = {"paper": ()}
+        for name, changes in (("works", self.works), ("tuned", self.tuned or (*self.changes,))):
+            sets[name] = changes
+            for one in changes:
+                sets[f"{name}-no-{one}"] = tuple(each for each in changes if each != one)
+        return sets
 
     def settings_for(self, variant: str) -> dict[str, Any]:
         """Return the settings in which a variant differs from the paper's; ValueError when there is none of that name."""
-        if variant == "paper":
-            return {}
-        name, without, left_out = variant.partition("-no-")
-        changes = self._sets.get(name, ())
-        if (changes and not without) or left_out in changes:
-            return self._together(change for change in changes if change != left_out)
-        start, plus, added = variant.partition("+")
-        if start == "paper" and plus and set(added.split("+")) <= set(self.changes):
-            return self._together(added.split("+"))
-        known = ", ".join([*self.names, *(f"paper+{change}" for change in self.changes)])
-        raise ValueError(f"{self.algorithm} has no variant {variant!r}; choose one of: {known}")
-
-    def _together(self, changes: Iterable[str]) -> dict[str, Any]:
-        return {name: value for change in changes for name, value in self.changes[change].items()}
+        if variant in self.alone:
+            return dict(self.alone[variant])
+        sets, (start, *added) = self.sets, variant.split("+")
+        if start == "paper" and added and set(added) <= set(self.changes):
+            sets[variant] = tuple(added)
+        if variant not in sets:
+            known = ", ".join([*self.alone, *sets, *(f"paper+{change}" for change in self.changes)])
+            raise ValueError(f"{self.algorithm} has no variant {variant!r}; choose one of: {known}")
+        return {
+            name: value for change in sets[variant] for name, value in self.changes[change].items()
+        }
 
 
 def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
@@ -128,16 +119,14 @@ class PPOSettings(TrainConfig):
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network for environments of one size."""
         ((rows, cols),) = {(config.rows, config.cols) for config in env_configs}
-        if self.network == "features":
-            scale = 5.0 if self.mask else 1.0  # as our own network has it
-            shape = NetworkShape(
-                "features", "policy", critic="shared", mask=self.mask, value_scale=scale
+        if self.network != "features":
+            return PolicyNetwork(
+                NetworkShape(self.network, "policy", rows, cols, "separate", mask=self.mask)
             )
-        else:
-            shape = NetworkShape(
-                self.network, "policy", rows, cols, critic="separate", mask=self.mask
-            )
-        return PolicyNetwork(shape)
+        scale = 5.0 if self.mask else 1.0  # as our own network has it
+        return PolicyNetwork(
+            NetworkShape("features", "policy", None, None, "shared", scale, mask=self.mask)
+        )
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
         """Write the ONNX file of a network that `make_network` returned, with its limits in the card."""
@@ -179,44 +168,42 @@ gradient steps an update and an eighth of the speed, where these have 48.
 APPENDIX_PASSES: dict[str, Any] = {"update_epochs": 30, "minibatch_size": 128}
 """RLlib's defaults (num_sgd_iter, sgd_minibatch_size)."""
 BEST = RECIPES["best"]
-CHANGES: dict[str, dict[str, Any]] = {
+SHARED: dict[str, dict[str, Any]] = {
     "reward": {"reward_per_cell": BEST.reward_per_cell, "has_bonus": False},
-    "discount": {"gamma": BEST.gamma},
     "mask": {"mask": True},
+    "discount": {"gamma": 0.99},
     "features": {"network": "features"},
-    "rate": {"learning_rate": 3e-4, "final_learning_rate": 3e-4},
 }
-OTHERS = {"name", "gamma", *CHANGES["reward"]}
-CHANGES["batch"] = {
-    field.name: getattr(BEST, field.name) for field in fields(BEST) if field.name not in OTHERS
-}
-"""Name of a change -> the settings that it changes; all but "rate" are those of the recipe `best`.
+"""Name of a change -> the settings that it changes, for every algorithm.
 
 reward    units of moves, nothing at the end
 mask      invalid moves have no probability
-discount  0.997 for 0.95
+discount  0.99 for 0.95; PPO has the 0.997 of the recipe `best`
 features  our network and its features for the state matrix
-batch     the optimiser's: larger batches, fewer passes, a falling learning rate, an entropy target
-rate      a higher learning rate alone, which makes up for the fewer gradient steps of the 6 passes
+batch     the optimiser's: larger batches, fewer updates; PPO has a falling learning rate and an entropy target besides
 """
-WORKS = ("mask", "features")
+OTHERS = {"name", "gamma", *SHARED["reward"]}
+CHANGES: dict[str, dict[str, Any]] = SHARED | {
+    "discount": {"gamma": BEST.gamma},
+    "batch": {
+        each.name: getattr(BEST, each.name) for each in fields(BEST) if each.name not in OTHERS
+    },
+    "rate": {"learning_rate": 3e-4, "final_learning_rate": 3e-4},
+}
+"""PPO's; all but "rate", which makes up for the fewer gradient steps of the 6 passes, are those of the recipe `best`."""
 TUNED = ("reward", "mask", "discount", "features", "batch")
-
-PPO_VARIANTS = Variants("PPO", CHANGES, WORKS, TUNED)
 ALONE: dict[str, dict[str, Any]] = {
     "appendix": APPENDIX_PASSES,
     "rllib": {**APPENDIX_PASSES, "network": "rllib"},
     "paper-no-bonus": {"has_bonus": False},
     "paper-no-value-clip": {"vf_change_clip": float("inf")},
 }
-"""Variant -> the settings in which it differs from the letter, for those that are no set of changes."""
-PPO_NAMES = (*ALONE, *PPO_VARIANTS.names)
+PPO_VARIANTS = Variants("PPO", CHANGES, tuned=TUNED, alone=ALONE)
 
 
 def ppo_settings(variant: str) -> PPOSettings:
     """Return the settings of a variant of PPO; ValueError when there is none of that name."""
-    settings = ALONE[variant] if variant in ALONE else PPO_VARIANTS.settings_for(variant)
-    return replace(PPO, **settings)
+    return replace(PPO, **PPO_VARIANTS.settings_for(variant))
 
 
 @dataclass(frozen=True)
@@ -291,18 +278,9 @@ class A2CSettings(Common):
         return self.num_envs * self.num_steps
 
 
-A2C_VARIANTS = Variants(
-    "A2C",
-    {
-        "reward": {"reward_per_cell": 0.18, "has_bonus": False},
-        "mask": {"mask": True},
-        "discount": {"gamma": 0.99, "gae_lambda": 0.95},
-        "features": {"network": "features"},
-        "batch": {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0},
-    },
-    works=("mask", "features"),
-    tuned=("reward", "mask", "discount", "features", "batch"),
-)
+A2C_BATCH = {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0}
+A2C_CHANGES = {"discount": {"gamma": 0.99, "gae_lambda": 0.95}, "batch": A2C_BATCH}
+A2C_VARIANTS = Variants("A2C", SHARED | A2C_CHANGES)
 
 
 @dataclass(frozen=True)
@@ -330,18 +308,9 @@ class RainbowSettings(OffPolicy):
     max_grad_norm: float = 40.0
 
 
-RAINBOW_VARIANTS = Variants(
-    "Rainbow",
-    {
-        "reward": {"reward_per_cell": 0.18, "has_bonus": False, "support": (-60.0, 40.0)},
-        "mask": {"mask": True},
-        "discount": {"gamma": 0.99},
-        "features": {"network": "features"},
-        "batch": {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000},
-    },
-    works=("mask", "features"),
-    tuned=("reward", "mask", "discount", "features", "batch"),
-)
+RAINBOW_BATCH = {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000}
+RAINBOW_REWARD = {**SHARED["reward"], "support": (-60.0, 40.0)}
+RAINBOW_VARIANTS = Variants("Rainbow", SHARED | {"reward": RAINBOW_REWARD, "batch": RAINBOW_BATCH})
 
 
 @dataclass(frozen=True)
@@ -368,19 +337,17 @@ class SACSettings(OffPolicy):
     target_entropy: float = 0.98
 
 
-SAC_VARIANTS = Variants(
-    "SAC",
-    {
-        "reward": {"reward_per_cell": 0.18, "has_bonus": False},
-        "mask": {"mask": True},
-        "discount": {"gamma": 0.99},
-        "features": {"network": "features", "q_hidden": (), "policy_hidden": ()},
-        "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
-        "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
-    },
-    works=("mask", "features", "entropy"),
-    tuned=("reward", "mask", "discount", "features", "entropy", "batch"),
-)
+SAC_CHANGES: dict[str, dict[str, Any]] = {
+    "features": {"network": "features", "q_hidden": (), "policy_hidden": ()},
+    "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
+    "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
+}
+SAC_VARIANTS = Variants("SAC", SHARED | SAC_CHANGES, works=("mask", "features", "entropy"))
 
-VARIANTS = {"a2c": A2C_VARIANTS, "rainbow": RAINBOW_VARIANTS, "sac": SAC_VARIANTS}
+VARIANTS = {
+    "ppo": PPO_VARIANTS,
+    "a2c": A2C_VARIANTS,
+    "rainbow": RAINBOW_VARIANTS,
+    "sac": SAC_VARIANTS,
+}
 """Algorithm -> its variants."""

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from torch.distributions import Categorical
 
 from marsexplorer.config import EnvConfig
-from research.paper.networks import CategoricalNetwork, PaperNetwork, PolicyNetwork, QNetwork
+from research.paper.networks import PaperNetwork, PolicyNetwork
 from research.paper.onnx_agents import save_agent
 from research.paper.trainers.environments import Environments, ObservationBytes, Rewards, add
 from research.paper.trainers.settings import A2C_VARIANTS, A2CSettings, Common
@@ -48,64 +48,28 @@ def cache_kernels() -> None:
             function.enable_caching()
 
 
-class _Reads(nn.Module):
-    """A network and how its observations are read."""
+class Reads(nn.Module):
+    """A network that is asked with rows of bytes, and what of it is asked; tianshou's critics.
 
-    def __init__(self, net: nn.Module, form: ObservationBytes) -> None:
+    net   whose method `what` is called with its observations
+    form  how these are read
+    """
+
+    def __init__(self, net: PaperNetwork, form: ObservationBytes, what: str = "forward") -> None:
         super().__init__()
-        self.net, self._form = net, form
+        self.net, self.form, self._what = net, form, what
 
-    def _ask(self, function: Any, obs: NDArray[np.uint8]) -> Tensor:
-        found: Tensor = function(*self._form.unpack(obs))
-        return found
-
-
-class Actor(_Reads):
-    """The logits float32[num, 4] of a network."""
-
-    net: PolicyNetwork
-
-    def forward(
-        self, obs: NDArray[np.uint8], state: Any = None, info: Any = None
-    ) -> tuple[Tensor, Any]:
-        return self._ask(self.net.logits, obs), state
+    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Any:
+        """Return what the network says, float32[num, ...]."""
+        return getattr(self.net, self._what)(*self.form.unpack(obs))
 
 
-class ValueCritic(_Reads):
-    """The value float32[num] of a network."""
+class Actor(Reads):
+    """The same with the state of the policy beside it, which tianshou's policies want: there is none."""
 
-    net: PolicyNetwork
-
-    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Tensor:
-        return self._ask(self.net.value, obs)
-
-
-class QCritic(_Reads):
-    """The values float32[num, 4] of the moves."""
-
-    net: QNetwork
-
-    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Tensor:
-        return self._ask(self.net, obs)
-
-
-class Distributions(_Reads):
-    """The distributions float32[num, 4, atoms] of the moves' returns."""
-
-    net: CategoricalNetwork
-
-    def forward(
-        self, obs: NDArray[np.uint8], state: Any = None, info: Any = None
-    ) -> tuple[Tensor, Any]:
-        return self._ask(self.net, obs), state
-
-    def best(self, obs: NDArray[np.uint8], distributions: Tensor) -> NDArray[np.int64]:
-        """Return the move of the highest expected return of each, int64[num], never an invalid one where the network masks."""
-        expected = (distributions * self.net.support).sum(2)
-        best: NDArray[np.int64] = (
-            self.net.fill_invalid(expected, self._form.unpack(obs)).argmax(1).numpy()
-        )
-        return best
+    def forward(self, obs: NDArray[np.uint8], state: Any = None, info: Any = None) -> Any:
+        """Return (what the network says, state)."""
+        return super().forward(obs), state
 
 
 MOVES = gymnasium.spaces.Discrete(4)
@@ -166,9 +130,8 @@ class A2CTrainer(TianshouTrainer):
         super().__init__({**asdict(own), "batch_size": own.batch_size}, own, config, seed)
         self._own = own
         net = PolicyNetwork(own.shape(config, "policy", critic="shared"))
-        actor = Actor(net, self.form)
         policy = ProbabilisticActorPolicy(
-            actor=actor,
+            actor=Actor(net, self.form, "logits"),
             dist_fn=categorical,
             action_space=MOVES,
             deterministic_eval=False,
@@ -176,7 +139,7 @@ class A2CTrainer(TianshouTrainer):
         )
         algorithm = A2C(
             policy=policy,
-            critic=ValueCritic(net, self.form),
+            critic=Reads(net, self.form, "value"),
             optim=adam(own.learning_rate),
             vf_coef=own.vf_coef / 2,
             ent_coef=own.ent_coef,
