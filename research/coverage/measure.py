@@ -52,74 +52,59 @@ def measure_cell(
     population: ScorePopulation, icc: float, players: int, studies: int, seed: int
 ) -> Cell:
     """Return the coverage in one cell; the same for the same seed."""
-    scores, terrain = simulate_studies(
-        population, icc, players, studies, generator(population, icc, players, seed)
+    rng = generator(population, icc, players, seed)
+    scores, terrain = simulate_studies(population, icc, players, studies, rng)
+    mean, means = mean_score(population), scores.mean(2)
+    truth, everywhere = mean + terrain.mean(1), np.full(studies, mean)
+    (t_low, t_high), (low, high) = t_interval(means), printed_interval(means)
+    printed, guaranteed = (
+        _covers((low, high), truth),
+        _guaranteed_covers(means, SCORE_BOUNDS, truth),
     )
-    truth, everywhere = (
-        mean_score(population) + terrain.mean(1),
-        np.full(studies, mean_score(population)),
-    )
-    means = scores.mean(2)
-    t, printed = t_interval(means), printed_interval(means)
-    stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, studies, STUDIES_AT_ONCE)]
-    guaranteed = np.concatenate(
-        [guaranteed_covers(means[stack], SCORE_BOUNDS, truth[stack]) for stack in stacks]
-    )
-    is_guaranteed = is_a_few_players(
-        failures(population, scores).sum(2).astype(np.float64),
-        np.full(means.shape, float(TERRAINS)),
-    )
-    steps_covered, headline_steps_covered = _steps_covered(
-        population, scores, terrain, is_guaranteed
-    )
+    failed = failures(population, scores).sum(2).astype(np.float64)
+    is_guaranteed = is_a_few_players(failed, np.full(means.shape, float(TERRAINS)))
+    steps, true_steps = steps_of(population, scores, terrain)
+    mean_steps = steps.mean(2)
+    printed_steps = _covers(printed_interval(mean_steps), true_steps)
+    headline_steps = printed_steps.copy()
+    if is_guaranteed.any():
+        chosen = mean_steps[is_guaranteed], STEPS_BOUNDS, true_steps[is_guaranteed]
+        headline_steps[is_guaranteed] = guaranteed_covers(*chosen)
     return Cell(
         population=population.name,
         icc=icc,
         players=players,
         studies=studies,
-        printed=_percent_covered(printed, truth),
-        below=100 * float((truth < printed[0]).mean()),
-        above=100 * float((truth > printed[1]).mean()),
-        width=float(np.median((printed[1] - printed[0]) / (t[1] - t[0]))),
-        t=_percent_covered(t, truth),
-        guaranteed=100 * float(guaranteed.mean()),
-        new_terrains=_percent_covered(crossed_interval(scores), everywhere),
-        pooled=_percent_covered(_pooled(scores), truth),
-        guaranteed_headline=100 * float(is_guaranteed.mean()),
-        headline=100
-        * float(np.where(is_guaranteed, guaranteed, _is_covered(printed, truth)).mean()),
-        headline_steps=headline_steps_covered,
-        printed_steps=steps_covered,
+        printed=_percent(printed),
+        below=_percent(truth < low),
+        above=_percent(truth > high),
+        width=float(np.median((high - low) / (t_high - t_low))),
+        t=_percent(_covers((t_low, t_high), truth)),
+        guaranteed=_percent(guaranteed),
+        new_terrains=_percent(_covers(crossed_interval(scores), everywhere)),
+        pooled=_percent(_covers(t_interval(scores.reshape(studies, -1)), truth)),
+        guaranteed_headline=_percent(is_guaranteed),
+        headline=_percent(np.where(is_guaranteed, guaranteed, printed)),
+        headline_steps=_percent(headline_steps),
+        printed_steps=_percent(printed_steps),
     )
 
 
-def _steps_covered(
-    population: ScorePopulation, scores: Floats, terrain: Floats, is_guaranteed: NDArray[np.bool_]
-) -> tuple[float, float]:
-    """Return how often (percent) the printed interval and the headline of steps to 99 % cover the truth."""
-    steps, truth = steps_of(population, scores, terrain)
-    means = steps.mean(2)
-    printed, headline = _is_covered(printed_interval(means), truth), np.ones(len(means), bool)
-    if is_guaranteed.any():
-        headline[is_guaranteed] = guaranteed_covers(
-            means[is_guaranteed], STEPS_BOUNDS, truth[is_guaranteed]
-        )
-    return 100 * float(printed.mean()), 100 * float(
-        np.where(is_guaranteed, headline, printed).mean()
-    )
+def _guaranteed_covers(
+    means: Floats, bounds: tuple[float, float], truth: Floats
+) -> NDArray[np.bool_]:
+    """Return in which studies the guaranteed interval covers the truth, worked out some studies at a time."""
+    stacks = [slice(at, at + STUDIES_AT_ONCE) for at in range(0, len(means), STUDIES_AT_ONCE)]
+    return np.concatenate([guaranteed_covers(means[each], bounds, truth[each]) for each in stacks])
 
 
-def _pooled(scores: Floats) -> Ends:
-    return t_interval(scores.reshape(len(scores), -1))
-
-
-def _percent_covered(ends: Ends, truth: Floats) -> float:
-    return 100 * float(_is_covered(ends, truth).mean())
-
-
-def _is_covered(ends: Ends, truth: Floats) -> NDArray[np.bool_]:
+def _covers(ends: Ends, truth: Floats) -> NDArray[np.bool_]:
     covered: NDArray[np.bool_] = (ends[0] <= truth) & (truth <= ends[1])
     return covered
+
+
+def _percent(is_so: NDArray[np.bool_]) -> float:
+    return 100 * float(is_so.mean())
 
 
 def measure_false_alarms(
@@ -132,7 +117,7 @@ def measure_false_alarms(
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
     values = simulate_policy(mean_score(population), terrain, rng)
-    return 100 * float((crossed_p(values[:, None, :] - scores) < 2 * TAIL).mean())
+    return _percent(crossed_p(values[:, None, :] - scores) < 2 * TAIL)
 
 
 def measure_ratio(
@@ -145,7 +130,7 @@ def measure_ratio(
     truth = POLICY_SCORE / mean_score(population)
     is_kept = crossed_p(values[:, None, :] - truth * scores) >= 2 * TAIL
     has_interval = crossed_p(scores) < 2 * TAIL
-    return 100 * float((is_kept & has_interval).mean())
+    return _percent(is_kept & has_interval)
 
 
 def measure_iqm(
@@ -156,9 +141,8 @@ def measure_iqm(
     for at in range(0, studies, CROWDED_STUDIES_AT_ONCE):
         count = min(CROWDED_STUDIES_AT_ONCE, studies - at)
         scores, _ = simulate_studies(population, icc, players + OTHER_PLAYERS, count, rng)
-        low, high = printed_interval(iqm_shares(scores[:, :players]))
         truth = np.array([iqm(others) for others in scores[:, players:]])
-        covered += int(((low <= truth) & (truth <= high)).sum())
+        covered += int(_covers(printed_interval(iqm_shares(scores[:, :players])), truth).sum())
     return 100 * covered / studies
 
 
@@ -169,10 +153,6 @@ class MixedModelCoverage:
     mean     over players and terrains; terrains: of the terrains' difficulties
     """
 
-    population: str
-    icc: float
-    players: int
-    studies: int
     converged: float
     mean: float
     slope: float
@@ -185,30 +165,20 @@ def measure_mixed_model(
     """Return how often the mixed model's intervals cover, in studies in which everybody learns alike."""
     rng = generator(population, icc, players, seed)
     scores, terrain = simulate_studies(population, icc, players, studies, rng)
-    covered: list[tuple[bool, bool, float]] = []
+    mean, covered = mean_score(population), []
+    numbers = np.tile(np.arange(TERRAINS, dtype=np.float64), (players, 1))
     for table, truth in zip(scores, terrain, strict=True):
-        trials = rng.permuted(
-            np.tile(np.arange(table.shape[1], dtype=np.float64), (players, 1)), axis=1
-        )
+        trials = rng.permuted(numbers, axis=1)
         found = fit_mixed_model("score", table + SIMULATED_SLOPE * (trials - trials.mean()), trials)
         if found.interval and found.slope_interval:
             inside = [
                 each.interval[0] <= truth[each.terrain] <= each.interval[1]
                 for each in found.terrains
             ]
-            mean, slope = mean_score(population), SIMULATED_SLOPE
-            is_mean = found.interval[0] <= mean <= found.interval[1]
-            covered.append(
-                (
-                    is_mean,
-                    found.slope_interval[0] <= slope <= found.slope_interval[1],
-                    float(np.mean(inside)),
-                )
-            )
-    shares = 100 * np.array(covered).mean(0)
-    return MixedModelCoverage(
-        population.name, icc, players, studies, 100 * len(covered) / studies, *map(float, shares)
-    )
+            (low, high), (least, most) = found.interval, found.slope_interval
+            covered.append((low <= mean <= high, least <= SIMULATED_SLOPE <= most, np.mean(inside)))
+    shares = 100 * np.array(covered, np.float64).mean(0)
+    return MixedModelCoverage(100 * len(covered) / studies, *shares.tolist())
 
 
 def coverage_error(coverage: float, studies: int) -> float:
