@@ -31,7 +31,6 @@ def decide_all(
     """
     known, counts, unknown, blocked = kept
     sight, visible, stride, radius = lidar
-    highest, limits, weights, goal = rule
     for i in range(codes.shape[0]):
         if outcomes[i] != RUNNING:
             continue
@@ -41,18 +40,7 @@ def decide_all(
         board = (known[i], counts[i], (unknown[i], blocked[i], sight, visible, stride, radius))
         update_board(codes[i], board, tables[0], changed_columns)
         headings[i] = toward_most_priced(
-            codes[i],
-            visited[i],
-            row,
-            col,
-            headings[i],
-            board,
-            tables,
-            search,
-            highest,
-            limits,
-            weights,
-            goal,
+            codes[i], visited[i], row, col, headings[i], board, tables, search, *rule
         )
 
 
@@ -68,45 +56,35 @@ class PricedEpisodes:
         self._worlds.start(np.asarray(seeds))
         self._begun = self._worlds.take(self._all)
         words, sight = bitboard_words(config.rows, config.cols, radius), sight_table(radius)
-        self._kept = (
-            np.full((num, cells), NO_CODE, np.uint8),
-            np.zeros((num, SQUARES, cells), np.int16),
-            np.zeros((num, words), np.uint64),
-            np.zeros((num, words), np.uint64),
-        )
-        self._lidar = (
-            sight,
-            np.zeros(int(sight[1]), np.uint64),
-            row_words(config.cols, radius),
-            radius,
-        )
-        self._search = (
-            price_scratch(cells),
-            np.zeros(cells, np.int32),
-            np.zeros(cells, np.uint8),
-            np.zeros(cells, np.int32),
-        )
-        self._changed_columns, self._goal = (
-            np.zeros((config.rows, 2), np.int64),
-            np.zeros(1, np.int64),
-        )
+        boards = np.zeros((2, num, words), np.uint64)
+        prices = np.full((num, cells), NO_CODE, np.uint8), np.zeros((num, SQUARES, cells), np.int16)
+        self._kept = (*prices, *boards)
+        visible = np.zeros(int(sight[1]), np.uint64)
+        self._lidar = (sight, visible, row_words(config.cols, radius), radius)
+        distance, queue = np.zeros((2, cells), np.int32)
+        self._search = (price_scratch(cells), distance, np.zeros(cells, np.uint8), queue)
+        self._changed_columns = np.zeros((config.rows, 2), np.int64)
+        self._goal = np.zeros(1, np.int64)
 
     def play(self, rule: SizedRule) -> NDArray[np.int64]:
         """Return the moves that the rule takes on each terrain to 99 %, int64[num], the limit where it does not get there."""
-        worlds, shape, radius = (
-            self._worlds,
-            (self.config.rows, self.config.cols),
-            self.config.sensor_radius,
-        )
+        worlds, config, radius = self._worlds, self.config, self.config.sensor_radius
+        shape = config.rows, config.cols
         tables = RuleTables([rule.of(*shape, radius)], shape, radius)
         worlds.put(self._all, self._begun)
         visited, headings = np.zeros_like(worlds.codes), np.full(worlds.num, EAST)
+        weighed = (tables.highest, tables.limits, tables.weights, self._goal)
+        kept = (
+            self._kept,
+            self._lidar,
+            tables.prices,
+            self._search,
+            weighed,
+            self._changed_columns,
+        )
         while (worlds.outcomes == RUNNING).any():
             rovers = positions(worlds.scalars)
-            cells = rovers[:, 0] * self.config.cols + rovers[:, 1]
-            decide_all(
-                worlds.codes, cells, worlds.outcomes, visited, headings, self._kept, self._lidar, tables.prices, self._search,
-                (tables.highest, tables.limits, tables.weights, self._goal), self._changed_columns,
-            )  # fmt: skip
+            cells = rovers[:, 0] * config.cols + rovers[:, 1]
+            decide_all(worlds.codes, cells, worlds.outcomes, visited, headings, *kept)
             worlds.step(headings)
         return worlds.scalars[:, STEPS].astype(np.int64)

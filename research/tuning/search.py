@@ -147,44 +147,32 @@ def compare_rules(
 def ablations(rule: SizedRule) -> dict[str, SizedRule]:
     """Return the rule with one of its terms taken out, by what is taken out or put in its place."""
 
-    def changed(**values: Any) -> SizedRule:
-        prices = {
-            name: value
-            for name, value in values.items()
-            if name in PriceParameters.__dataclass_fields__
-        }
-        others = {name: value for name, value in values.items() if name not in prices}
-        ends = {end: getattr(rule, end) for end in ENDS}
-        return SizedRule(
-            **{
-                end: replace(each, prices=replace(each.prices, **prices), **others)
-                for end, each in ends.items()
-            }
-        )
+    def changed(change: Callable[[PricedRule], PricedRule]) -> SizedRule:
+        return SizedRule(*(change(getattr(rule, end)) for end in ENDS))
+
+    def priced(**values: Any) -> SizedRule:
+        return changed(lambda each: replace(each, prices=replace(each.prices, **values)))
 
     def without_square(square: int) -> SizedRule:
-        ends = {}
-        for end in ENDS:
-            each: PricedRule = getattr(rule, end)
-            a, b, c = (
-                0.0 if k == square else weight for k, weight in enumerate(each.prices.weights)
-            )
-            ends[end] = replace(each, prices=replace(each.prices, weights=(a, b, c)))
-        return SizedRule(**ends)
+        def change(each: PricedRule) -> PricedRule:
+            weights = list(each.prices.weights)
+            weights[square] = 0.0
+            a, b, c = weights
+            return replace(each, prices=replace(each.prices, weights=(a, b, c)))
+
+        return changed(change)
 
     return {
         "without the square of half side 2": without_square(0),
         "without the square of half side 6": without_square(1),
         "without the square of half side 12": without_square(2),
-        "without pockets": changed(pocket=0.0),
-        "without fade": changed(fade=0.0),
-        "every unknown cell counts 1": changed(weights=(0.0, 0.0, 0.0), pocket=0.0),
-        "offset 0": changed(offset=0.0),
-        "power of the way 1": changed(power=1.0),
-        "power of the way 2": changed(power=2.0),
-        "half the limit": SizedRule(
-            *(replace(each, limit=each.limit / 2) for each in (rule.small, rule.middle, rule.large))
-        ),
+        "without pockets": priced(pocket=0.0),
+        "without fade": priced(fade=0.0),
+        "every unknown cell counts 1": priced(weights=(0.0, 0.0, 0.0), pocket=0.0),
+        "offset 0": changed(lambda each: replace(each, offset=0.0)),
+        "power of the way 1": changed(lambda each: replace(each, power=1.0)),
+        "power of the way 2": changed(lambda each: replace(each, power=2.0)),
+        "half the limit": changed(lambda each: replace(each, limit=each.limit / 2)),
         "the parameters for 21x21 on all sizes": SizedRule(rule.small, rule.small, rule.small),
         "the parameters for 84x84 on all sizes": SizedRule(rule.large, rule.large, rule.large),
     }
@@ -192,28 +180,16 @@ def ablations(rule: SizedRule) -> dict[str, SizedRule]:
 
 def to_vector(rule: PricedRule) -> NDArray[np.float64]:
     """Return the parameters that are tuned, float64[11], in the order of SPREAD; the limit is not."""
-    prices = rule.prices
-    return np.array(
-        [
-            *prices.weights,
-            *prices.powers,
-            prices.pocket,
-            prices.pocket_cells,
-            prices.fade,
-            rule.offset,
-            rule.power,
-        ]
-    )
+    prices, others = rule.prices, (rule.offset, rule.power)
+    scales = (prices.pocket, prices.pocket_cells, prices.fade)
+    return np.array([*prices.weights, *prices.powers, *scales, *others])
 
 
 def to_rule(vector: NDArray[np.float64], limit: float) -> PricedRule:
     """Return the rule of a vector to four decimals, values below LOWEST being raised to it."""
-    a, b, c, d, e, f, pocket, pocket_cells, fade, offset, power = (
-        np.maximum(vector, LOWEST).round(4).tolist()
-    )
-    return PricedRule(
-        PriceParameters((a, b, c), (d, e, f), pocket, pocket_cells, fade), limit, offset, power
-    )
+    rounded = np.maximum(vector, LOWEST).round(4).tolist()
+    (a, b, c, d, e, f), scales, (offset, power) = rounded[:6], rounded[6:9], rounded[9:]
+    return PricedRule(PriceParameters((a, b, c), (d, e, f), *scales), limit, offset, power)
 
 
 def read_rule(document: dict[str, Any]) -> SizedRule:

@@ -12,7 +12,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.priced import TUNED, FrontierPriced
 
-pytest.importorskip("cmaes", reason="of the extra `paper`")
+pytest.importorskip("cmaes", reason="of the environment of research: `make paper`")
 from research.tuning.__main__ import tune
 from research.tuning.priced_episodes import PricedEpisodes
 from research.tuning.search import (
