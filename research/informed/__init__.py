@@ -2,23 +2,3 @@
 
 `python -m research.informed` compares policies with it.
 """
-
-from research.informed.informed import (
-    INFORMED,
-    AnnealingConfig,
-    KnownTerrain,
-    check_size,
-    informed_actions,
-    informed_paths,
-    search,
-)
-
-__all__ = [
-    "INFORMED",
-    "AnnealingConfig",
-    "KnownTerrain",
-    "check_size",
-    "informed_actions",
-    "informed_paths",
-    "search",
-]

@@ -14,7 +14,7 @@ from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.table import ratio_interval
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-from research.informed import INFORMED, check_size, search
+from research.informed.informed import INFORMED, check_size, search
 
 
 def compare(
@@ -34,13 +34,10 @@ def compare(
             advance(done, len(configs))
             found = list(jobs.map(partial(search, config), table.seeds))
             steps = {INFORMED: np.array(found, np.float64)}
+            own = [each for each in table.results if each.config_hash == config.hash]
             for name in names:
-                own = (
-                    each.steps_to_99
-                    for each in table.results
-                    if (each.config_hash, each.policy) == (config.hash, name)
-                )
-                steps[name] = np.array(list(own), np.float64)
+                moves = [each.steps_to_99 for each in own if each.policy == name]
+                steps[name] = np.array(moves, np.float64)
             rows += [_row(config, name, steps) for name in steps]
     return rows
 

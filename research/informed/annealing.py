@@ -33,6 +33,14 @@ MISSING_CELL_COST = 1.5
 U = np.uint64
 
 
+def empty_legs(capacity, words):
+    """Return (legs, proposed): `Legs` without any leg, and (moves, last, shown) for those of another tour."""
+    moves, last = np.zeros((2, 2, capacity), np.int64)
+    shown = np.zeros((2, capacity, words), np.uint64)
+    around = np.zeros((2, capacity + 1, words), np.uint64)
+    return (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
+
+
 @kernel
 def walk_leg(cell, goal, tie_break, last, known, shown):
     """Return (moves, last action) of a leg from a cell to its goal, and write to shown uint64[words] what its cells show."""

@@ -23,7 +23,7 @@ from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
 from marsexplorer.score import steps_to_target
 from marsexplorer.world import cells_that_count
-from research.informed.annealing import anneal
+from research.informed.annealing import anneal, empty_legs
 from research.informed.tours import NO_PATH, fill_distances, fill_views, walk_tour
 
 INFORMED = "informed"
@@ -136,29 +136,12 @@ def _anneal_path(
     """Return the cells of one annealing's best walk up to where the target is reached, or None when it never is."""
     start, capacity = known.start, 32 + config.n // 8
     points, tie_breaks = np.zeros((3, capacity), np.int32), np.zeros((3, capacity), np.int8)
-    shown, around = (
-        np.zeros((2, capacity, known.words), np.uint64),
-        np.zeros((2, capacity + 1, known.words), np.uint64),
-    )
-    moves, last = np.zeros((2, 2, capacity), np.int64)
+    legs, proposed = empty_legs(capacity, known.words)
     covered, path = np.zeros((2, known.words), np.uint64), np.zeros(8 * config.n, np.int32)
     schedule = (annealing.changes, annealing.initial_temperature, annealing.final_temperature)
-    state = np.array([seed], np.uint64)
-    legs, proposed = (moves[0], last[0], shown[0], *around), (moves[1], last[1], shown[1])
-    tours = points, tie_breaks
-    count = anneal(
-        start,
-        known.target,
-        schedule,
-        known.arrays,
-        known.free,
-        config.n,
-        tours,
-        legs,
-        proposed,
-        covered,
-        state,
-    )
+    place = (start, known.target, schedule, known.arrays, known.free, config.n)
+    scratch = (legs, proposed, covered, np.array([seed], np.uint64))
+    count = anneal(*place, (points, tie_breaks), *scratch)
     if count < 0:
         return None
     length = walk_tour(start, points[2], tie_breaks[2], count, known.arrays, covered[0], path)

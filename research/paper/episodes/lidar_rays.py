@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
-from research.informed import KnownTerrain
+from research.informed.informed import KnownTerrain
 
 RAYS = 32
 """Rays of a scan: `lidar_channels` of the repository's `settings.py`."""

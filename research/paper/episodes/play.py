@@ -24,7 +24,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.evaluation import RULES, Result
 from marsexplorer.evaluation.episodes import play_episode, result_of
 from marsexplorer.random_numbers import mix
-from research.informed import INFORMED, informed_actions
+from research.informed.informed import INFORMED, informed_actions
 from research.paper.jobs import Job, Line, OnProgress, read_lines, write_lines
 from research.paper.tables import Estimate
 

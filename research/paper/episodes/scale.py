@@ -26,7 +26,7 @@ from marsexplorer.evaluation import RULES, Result
 from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.evaluation.table import ratio_interval
-from research.informed import INFORMED
+from research.informed.informed import INFORMED
 from research.paper.episodes.play import Play
 from research.paper.jobs import Line
 from research.paper.tables import UNKNOWN, Estimate

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 
 from marsexplorer.config import LEVELS
 from marsexplorer.files import replace_whole
-from research.informed import INFORMED
+from research.informed.informed import INFORMED
 from research.paper.jobs import Line
 from research.paper.tables import Estimate
 

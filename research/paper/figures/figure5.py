@@ -15,7 +15,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from marsexplorer.evaluation import RULES
-from research.informed import INFORMED
+from research.informed.informed import INFORMED
 from research.paper.episodes.play import TERRAINS, read_results
 from research.paper.figures.curves import (
     TITLES,

@@ -12,7 +12,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.policies import find_file
 from marsexplorer.terrain import generate
-from research.informed import INFORMED
+from research.informed.informed import INFORMED
 from research.paper.claims.results import FOLDER
 from research.paper.episodes.play import DIFFICULTIES, FIRST_SEED, can_play, gather, read_results
 from research.paper.episodes.quadrants import (
