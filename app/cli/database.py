@@ -200,7 +200,7 @@ def _earlier_head(given: str) -> str:
 def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verification, str, str]:
     """Return what was found, the dataset in words, and what is known of its signer."""
     from app.release.bundle import verify_bundle
-    from app.release.signers import check_signer, fingerprint_of, pin
+    from app.release.signing import check_signer, fingerprint_of, pin
 
     expected = None if key is None else fingerprint_of(key)
     with progress("verifying (the rules are compiled first)") as advance:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +30,12 @@ from marsexplorer.evaluation.table import Progress
 
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]
 """Opens a progress bar of a name."""
+
+
+@contextmanager
+def no_bar(name: str) -> Iterator[Progress]:
+    """Show no progress."""
+    yield lambda done, total: None
 
 
 @dataclass(frozen=True)
@@ -64,27 +70,17 @@ class KnownMoves:
 
 
 def analyse_moves(
-    database: Path, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar
+    reader: Reader, data: StudyData, policies: Sequence[str], synthetic: bool, progress: ProgressBar
 ) -> dict[str, MoveAnalysis]:
     """Return the analysis of a study's people, or of each kind of script, by group's name.
 
     The regret is worked out once a study is closed, and kept next to the database. Likeness is to `policies` (names or paths).
     Errors are those of `policies.load`.
     """
-    reader = Reader.open(database)
-    try:
-        with progress("comparing moves with the policies'") as advance:
-            agreements = episode_agreements(reader, data, policies, advance)
-        return analyse_known(
-            reader,
-            data,
-            policies,
-            synthetic,
-            progress,
-            KnownMoves(agreements, regret_cache(database)),
-        )
-    finally:
-        reader.close()
+    with progress("comparing moves with the policies'") as advance:
+        agreements = episode_agreements(reader, data, policies, advance)
+    known = KnownMoves(agreements, regret_cache(reader.path))
+    return analyse_known(reader, data, policies, synthetic, progress, known)
 
 
 def analyse_known(

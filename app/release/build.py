@@ -6,38 +6,50 @@ import json
 import secrets
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from app.moves.likeness import EpisodeAgreements
-from app.moves.regret import POLICY, RegretRow
+from app.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
+from app.moves.likeness import EpisodeAgreements, episode_agreements
+from app.moves.regret import (
+    POLICY,
+    RegretRow,
+    has_regret,
+    regret_cache,
+    regret_rows,
+    study_estimator,
+)
 from app.release import signing
-from app.release.arrivals import count_arrivals
+from app.release.bundle import INITIALS
 from app.release.croissant import write_croissant
-from app.release.derived import write_derived
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
-from app.release.header import BUNDLE_DATABASE, ReleaseHeader
-from app.release.manifest import write_manifest
+from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader, write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
-from app.release.pseudonyms import write_pseudonymized
+from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.tables import QUERIES, released_episodes, write_tables
+from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
 from app.storage import chain
+from app.storage.columns import TABLES
 from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
+from app.storage.reader import Reader
 from app.storage.releases import ReleaseRow, latest_release, note_release
-from app.study.data import load
-from app.study.folder import Advance
-from app.study.invitations import Invitation
-from app.study.policy_episodes import PolicyEpisode, compared_policies
+from app.study.data import StudyData, load
+from app.study.folder import Advance, Folder
+from app.study.invitations import Invitation, Invitations
+from app.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
+from marsexplorer.config import EnvConfig
 from marsexplorer.files import replace_whole
+from marsexplorer.policies import policy_hash
+from marsexplorer.score import steps_to_target
 
 COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN_REASON = "a participant asked to be forgotten"
@@ -52,6 +64,7 @@ class ReleaseRequest:
     without_policies  that the report leaves out although the protocol names them
     invitations  of the study by id; None where it has none, or its folder is not at hand
     policy_folder  in which the files of the policies are kept; None where it is not at hand
+    with_report  False: a release without the study's report, and without the tables that it is made from
     """
 
     database: Path
@@ -63,28 +76,32 @@ class ReleaseRequest:
     without_policies: tuple[str, ...] = ()
     invitations: Mapping[str, Invitation] | None = None
     policy_folder: Path | None = None
+    with_report: bool = False
 
 
-@dataclass(frozen=True)
-class ReleasedReport:
-    """What a release holds of the study's report.
-
-    files               name -> content
-    policy_episodes     of the policies that it compares
-    move_regrets        of every ranked episode, none where the boards are too large for it
-    move_agreements     by (episode id, policy): moves, and how many of them the policy would have made
-    regret_policy_hash  SHA-256 (hex) of the policy that regrets are relative to; "" without them
-    """
-
-    files: Mapping[str, bytes]
-    policy_episodes: tuple[PolicyEpisode, ...] = ()
-    move_regrets: tuple[RegretRow, ...] = ()
-    move_agreements: EpisodeAgreements = field(default_factory=dict)
-    regret_policy_hash: str = ""
-
-
-Reporter = Callable[[Path], ReleasedReport]
-"""Makes the report of a release from the path of its database, so that it can be made again from that file alone."""
+def request_of(
+    study: str,
+    out: Path,
+    database: Path,
+    studies: Path,
+    authors: tuple[str, ...] = (),
+    url: str | None = None,
+    without_policies: tuple[str, ...] = (),
+) -> ReleaseRequest:
+    """Return what releases a study with its report, from a database and the folder of studies; StudyError as `Folder`."""
+    folder = Folder(studies)
+    return ReleaseRequest(
+        database=database,
+        study=study,
+        out=out,
+        authors=authors,
+        url=url,
+        secrets=folder.known_secrets(),
+        without_policies=without_policies,
+        invitations=Invitations(folder).of(study) or None,
+        policy_folder=folder.root / study / FOLDER,
+        with_report=True,
+    )
 
 
 @dataclass(frozen=True)
@@ -99,12 +116,12 @@ class WrittenRelease:
 def build_release(
     request: ReleaseRequest,
     advance: Advance = lambda done, total: None,
-    reporter: Reporter | None = None,
+    bar: ProgressBar = no_bar,
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
     advance   called with (episodes verified or written, of how many)
-    reporter  makes the report; None: a release without one
+    bar       of what the report takes
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
     PolicyNotFoundError when the file of a policy that the report compares is lost.
@@ -126,11 +143,9 @@ def build_release(
                 source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals
             )
             out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-            report = _report(request, header, folder, reporter)
             given = replace(header, left_out=out)
-            written = _write_files(
-                folder, given, report, lambda done: advance(total // 2 + done, total)
-            )
+            given = _write_report(folder, given, request, bar)
+            written = _write_files(folder, given, lambda done: advance(total // 2 + done, total))
             signing_key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, signing_key)
     _note_published(request, written[0], manifest_hash)
@@ -139,17 +154,46 @@ def build_release(
     )
 
 
-def _report(
-    request: ReleaseRequest, header: ReleaseHeader, folder: Path, reporter: Reporter | None
-) -> ReleasedReport:
-    """Return the report with what it is made from, and put the files of the policies into the release."""
-    if reporter is None:
-        return ReleasedReport({})
-    compared = {*compared_policies(header.protocol), POLICY} - {*request.without_policies}
-    PolicyFiles.of(header.protocol, request.policy_folder).copy_to(
-        folder / FOLDER, sorted(compared)
-    )
-    return reporter(folder / BUNDLE_DATABASE)
+def _write_report(
+    folder: Path, header: ReleaseHeader, request: ReleaseRequest, bar: ProgressBar
+) -> ReleaseHeader:
+    """Write the report, made from the release's own database, with what it is made from; return the header that says so.
+
+    The files of the policies go into the release; regrets are kept next to the database that it is made from.
+    """
+    with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
+        data = load(reader, header.study).with_policies_in(folder / FOLDER)
+        played = [synthetic for synthetic in REPORT_FILES if has_played(data, synthetic)]
+        names = [
+            name
+            for name in compared_policies(data.protocol)
+            if name not in request.without_policies
+        ]
+        episodes: tuple[PolicyEpisode, ...] = ()
+        agreements: EpisodeAgreements = {}
+        regrets: list[RegretRow] = []
+        if request.with_report:
+            kept = PolicyFiles.of(header.protocol, request.policy_folder)
+            kept.copy_to(folder / FOLDER, sorted({*names, POLICY}))
+        if request.with_report and played:
+            episodes = play_compared(data, closed_seeds(data), names, bar)
+            with bar("comparing moves with the policies'") as advance:
+                agreements = episode_agreements(reader, data, names, advance)
+        known = KnownMoves(agreements, regret_cache(request.database))
+        for synthetic in (played or [False]) if request.with_report else ():
+            moves = analyse_known(reader, data, names, synthetic, bar, known) if played else {}
+            report = make_report(reader, data, episodes, synthetic, bar, moves)
+            for name, content in report_files(report).items():
+                (folder / name).write_bytes(content)
+        if request.with_report and played and has_regret(data.protocol.env_config):
+            ranked = [each for each in data.trials if each.phase == "ranked"]
+            estimator = study_estimator(data, known.cache)
+            with bar("regret of each move") as advance:
+                regrets = list(regret_rows(reader, data, ranked, estimator, advance))
+            source = data.policy_files.source(POLICY)
+            header = replace(header, regret_policy_hash=policy_hash(source) or "")
+    _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets, agreements)
+    return header
 
 
 def _new_header(
@@ -231,20 +275,9 @@ def _verify_study(
 
 
 def _write_files(
-    folder: Path, header: ReleaseHeader, report: ReleasedReport, advance: Callable[[int], None]
+    folder: Path, header: ReleaseHeader, advance: Callable[[int], None]
 ) -> tuple[ReleaseHeader, dict[str, int]]:
     """Write everything but the manifest; return the header with its counts, and the rows by file."""
-    for name, content in report.files.items():
-        (folder / name).write_bytes(content)
-    header = replace(header, regret_policy_hash=report.regret_policy_hash)
-    data = load(folder / BUNDLE_DATABASE, header.study)
-    write_derived(
-        folder / BUNDLE_DATABASE,
-        data,
-        report.policy_episodes,
-        report.move_regrets,
-        report.move_agreements,
-    )
     (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
     minari = MinariWriter(
@@ -273,6 +306,66 @@ def _write_files(
     write_croissant(folder, header, citation(header), licence_url(licence))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
+
+
+def _write_derived(
+    database: Path,
+    data: StudyData,
+    episodes: Sequence[PolicyEpisode],
+    regrets: Sequence[RegretRow],
+    agreements: EpisodeAgreements,
+) -> None:
+    """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
+    places = {
+        name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))
+    }
+    found = [
+        (places[each.policy], *_policy_row(each, data.protocol.env_config)) for each in episodes
+    ]
+    conn = sqlite3.connect(database, isolation_level=None)
+    try:
+        with transaction(conn):
+            for table in TABLES.values():
+                for statement in table.statements("bundle database"):
+                    conn.execute(statement)
+            _add(
+                conn,
+                "input_summaries",
+                (
+                    (trial.id, json.dumps(list(trial.labels)), trial.pause_share)
+                    for trial in data.trials
+                    if trial.ended_ms is not None
+                ),
+            )
+            _add(conn, "policy_episodes", found)
+            _add(conn, "move_regrets", map(astuple, regrets))
+            _add(
+                conn,
+                "move_agreements",
+                ((*key, each.moves, each.agreed) for key, each in agreements.items()),
+            )
+    finally:
+        conn.close()
+
+
+def _add(conn: sqlite3.Connection, table: str, found: Iterable[tuple[Any, ...]]) -> None:
+    conn.executemany(TABLES[table].insert("bundle database"), found)
+
+
+def _policy_row(each: PolicyEpisode, config: EnvConfig) -> tuple[str | int | float | None, ...]:
+    episode = each.replay(config)
+    return (
+        each.policy,
+        each.policy_hash,
+        each.terrain,
+        each.seed,
+        episode.outcome,
+        episode.steps,
+        steps_to_target(config, episode.outcome, episode.steps),
+        episode.score,
+        "".join(INITIALS[action] for action in each.actions),
+        each.trajectory_hash,
+    )
 
 
 def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A released folder: verified as a stranger would verify it, and imported into a database.
+"""A released folder: opened, verified as a stranger would verify it, and imported into a database.
 
 The verification checks the files, the signature and the chain, and simulates every episode again.
 """
@@ -8,19 +8,92 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from app.database_file.file import DatabaseLock
+from app.moves.regret import POLICY, RegretRow
 from app.release.errors import ReleaseError
-from app.release.header import BUNDLE_DATABASE
-from app.release.manifest import check_files, read_manifest
+from app.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
 from app.storage.database import StoreError, reading, transaction
 from app.storage.erasure import learn_counts
 from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
+from app.storage.reader import Reader
 from app.storage.releases import ReleaseRow, note_imported_release
 from app.storage.resimulation import Finding
+from app.study.data import load
 from app.study.folder import Advance
+from app.study.policy_episodes import PolicyEpisode
+from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.verification import Verification, verify_database
+from marsexplorer.config import ACTIONS
+from marsexplorer.evaluation.agreement import Agreement
+
+INITIALS = "".join(name[0].upper() for name in ACTIONS)
+"""The letters of moves in the table of the policies' episodes."""
+
+
+class Bundle:
+    """A released folder, opened once; use it in a `with` block. ReleaseError where the folder holds no release.
+
+    manifest  with its hash, SHA-256 (hex)
+    reader    of its database
+    data      the study, with the files of the policies that are in the bundle
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.manifest, self.manifest_hash = read_manifest(folder)
+        self.reader = Reader.open(folder / BUNDLE_DATABASE)
+        try:
+            self.policy_episodes = self._policy_episodes()
+            data = load(self.reader, str(self.manifest["study"]))
+        except BaseException:
+            self.reader.close()
+            raise
+        played = {each.policy: each.policy_hash for each in self.policy_episodes}
+        recorded = {**played, POLICY: self.regret_policy_hash}
+        known = {name: digest for name, digest in recorded.items() if digest}
+        files = PolicyFiles({**data.policy_files.hashes, **known}, folder / FOLDER)
+        self.data = replace(data, policy_files=files)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.reader.close()
+
+    @property
+    def regret_policy_hash(self) -> str | None:
+        """SHA-256 (hex) of the policy that its regrets are relative to; None without regrets."""
+        found: str | None = self.manifest.get("regret_policy_hash")
+        return found
+
+    def _policy_episodes(self) -> tuple[PolicyEpisode, ...]:
+        found = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
+        return tuple(
+            PolicyEpisode(
+                policy=row["policy"],
+                policy_hash=row["policy_hash"],
+                terrain=row["terrain_index"],
+                seed=row["seed"],
+                actions=bytes(INITIALS.index(letter) for letter in row["actions"]),
+                trajectory_hash=row["trajectory_hash"],
+            )
+            for row in found
+        )
+
+    def agreements(self) -> dict[tuple[str, str], Agreement]:
+        """Return the recorded agreements of moves by (episode id, policy)."""
+        found = self.reader.query("SELECT * FROM move_agreements")
+        return {
+            (row["episode_id"], row["policy"]): Agreement(row["moves"], row["agreed"])
+            for row in found
+        }
+
+    def regrets(self) -> tuple[RegretRow, ...]:
+        """Return the recorded regrets of moves, by episode and move."""
+        found = self.reader.query("SELECT * FROM move_regrets ORDER BY episode_id, step")
+        return tuple(RegretRow(episode=row.pop("episode_id"), **row) for row in found)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from app.release.errors import ReleaseError, library
-from app.release.header import BUNDLE_DATABASE, ReleaseHeader
-from app.release.manifest import sha256
+from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader, sha256
 from app.release.tables import PARQUET
 from app.storage.columns import Column, bundle_reference, bundle_table, summary
 

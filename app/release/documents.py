@@ -14,7 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from app.release.header import BUNDLE_DATABASE, ReleaseHeader
+from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader
 from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from app.study.protocol import canonical
 

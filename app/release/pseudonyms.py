@@ -11,17 +11,17 @@ import hmac
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from app.release.arrivals import arrivals_row
 from app.release.errors import ReleaseError
 from app.storage import chain
 from app.storage.columns import TABLES
 from app.storage.database import open_database, rows, stream, transaction
-from app.storage.erasure import ERASED
-from app.study.flow import Arrivals
+from app.storage.erasure import ARRIVALS, ERASED
+from app.study.flow import Arrivals, with_invitations, with_noted
+from app.study.invitations import Invitation
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
@@ -98,7 +98,7 @@ def write_pseudonymized(
     try:
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
-            conn.execute("INSERT INTO meta VALUES (:name, :value)", arrivals_row(study, arrivals))
+            conn.execute("INSERT INTO meta VALUES (:name, :value)", _arrivals_row(study, arrivals))
             for table, found in _rows(source, study, pseudonyms, closed):
                 conn.execute(
                     TABLES[table].insert(), [found[name] for name in TABLES[table].names()]
@@ -218,3 +218,36 @@ def _left_out(source: sqlite3.Connection, study: str) -> LeftOut:
     sql = f"""SELECT (SELECT count(*) FROM study_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
     return LeftOut(*source.execute(sql, (study, study, study)).fetchone())
+
+
+def count_arrivals(
+    conn: sqlite3.Connection, study: str, invitations: Mapping[str, Invitation] | None
+) -> Arrivals:
+    """Return the arrivals of a study in the database that a release is made from.
+
+    invitations  of the study by id, where its folder is at hand
+    """
+    undecided = """SELECT coalesce(sum(stage = 'withdrawn'), 0) AS declined, coalesce(sum(stage <> 'withdrawn'), 0) AS undecided
+        FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
+    (counted,) = rows(conn, undecided, study)
+    (erased,) = rows(
+        conn, "SELECT count(*) AS n FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"
+    )
+    noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
+    found = with_noted(
+        Arrivals(**counted, erased=erased["n"]), json.loads(noted[0]["value"]) if noted else {}
+    )
+    if invitations is None:
+        return found
+    opened = rows(
+        conn,
+        "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL",
+        study,
+    )
+    return with_invitations(found, invitations, [row["invitation"] for row in opened])
+
+
+def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:
+    """Return the row of the table `meta` that holds a study's arrivals; the erased have rows of their own there."""
+    counts = {name: count for name, count in asdict(arrivals).items() if name != "erased"}
+    return {"name": f"{ARRIVALS}|{study}", "value": json.dumps(counts, sort_keys=True)}

@@ -67,7 +67,7 @@ def build(
 ) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
-    runs      policies on the ranked terrains (`app.report.policies.run_policies`); none: no comparisons
+    runs      policies on the ranked terrains (`app.report.policies.runs_of`); none: no comparisons
     pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
     moves     by group's name, what `app.moves.analysis.analyse_moves` gives; none: no regret and no likeness
     """

@@ -9,10 +9,9 @@ from typing import Any, Literal
 import numpy as np
 
 from app.statistics.summaries import coverage_curve, summary_of, visit_counts
-from app.study.policy_episodes import PolicyEpisode, play_policies
+from app.study.policy_episodes import PolicyEpisode
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.intervals import Floats
-from marsexplorer.evaluation.table import Progress
 
 
 @dataclass(frozen=True)
@@ -28,20 +27,6 @@ class PolicyRun:
     def values(self, metric: Literal["score", "steps"]) -> Floats:
         """Return float64[terrains] of a metric."""
         return self.score if metric == "score" else self.steps
-
-
-def run_policies(
-    names: Sequence[str],
-    config: EnvConfig,
-    seeds: Mapping[int, int],
-    terrains: int,
-    progress: Progress | None = None,
-) -> tuple[PolicyRun, ...]:
-    """Return one run per policy (a name or path), each on every terrain whose seed is known.
-
-    seeds     by terrain index; progress is called with (episodes played, episodes in all)
-    """
-    return runs_of(play_policies(names, config, seeds, progress), config, terrains, names)
 
 
 def runs_of(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from app.jobs import Jobs
+from app.study.data import StudyData
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol
 from app.study.seeds import seed
@@ -49,11 +50,13 @@ class PolicyEpisode:
         return episode
 
 
-def ranked_seeds(protocol: Protocol, protocol_hash: str, secret: str) -> dict[int, int]:
-    """Return the seeds of the ranked terrains by index, from the secret (hex) of a closed study."""
-    return {
-        i: seed(bytes.fromhex(secret), protocol_hash, "ranked", i) for i in range(protocol.ranked)
-    }
+def closed_seeds(data: StudyData) -> dict[int, int]:
+    """Return the seeds of the ranked terrains of a closed study by index, from its secret; none where that is not known."""
+    if data.secret is None:
+        return {}
+    secret = bytes.fromhex(data.secret)
+    ranked = range(data.protocol.ranked)
+    return {i: seed(secret, data.protocol_hash, "ranked", i) for i in ranked}
 
 
 def compared_policies(protocol: Protocol) -> list[str]:

@@ -27,7 +27,7 @@ def import_release(folder: Path, database: Path | None, key: str | None) -> None
     from app.release import bundle
     from app.release.errors import ReleaseError
     from app.release.manifest import read_manifest
-    from app.release.signers import check_signer, fingerprint_of
+    from app.release.signing import check_signer, fingerprint_of
     from app.storage.database import StoreError
 
     path = database or settings_of().database

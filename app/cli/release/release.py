@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from app.cli.console import PATH, progress, reason, settings_of
-from app.cli.study.study_report import released_report
 
 
 @click.command(short_help="Write a study as a citable, signed bundle.")
@@ -58,27 +57,17 @@ def release(
         check_libraries()
     except ReleaseError as error:
         raise click.ClickException(str(error)) from error
-    from app.moves.regret import regret_cache
-    from app.release.build import ReleaseRequest, build_release
+    from app.release.build import build_release, request_of
     from app.storage.database import StoreError
-    from app.study.folder import Folder
-    from app.study.invitations import Invitations
-    from app.study.policy_files import FOLDER
     from app.study.protocol import StudyError
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     settings = settings_of()
-    folder = Folder(studies or settings.studies)
-    known = folder.known_secrets()
+    places = database or settings.database, studies or settings.studies
     try:
-        invited = Invitations(folder).of(study) or None
-        request = ReleaseRequest(
-            database or settings.database, study, out, authors, url, known, without, invited,
-            folder.root / study / FOLDER,
-        )  # fmt: skip
+        request = request_of(study, out, *places, authors, url, without)
         with progress("verifying and writing") as advance:
-            reporter = released_report(study, without, regret_cache(request.database))
-            built = build_release(request, advance, reporter)
+            built = build_release(request, advance, progress)
     except (PolicyNotFoundError, PolicyFileError) as error:
         raise click.ClickException(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"

@@ -43,7 +43,7 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
       marsexplorer regret --study pilot
       marsexplorer regret --study pilot --json regret.json
     """
-    from app.report.seeds import load_with_folder
+    from app.report.making import load_with_folder
     from app.storage.database import StoreError
     from app.storage.reader import Reader
     from app.study.protocol import StudyError

@@ -8,13 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import PATH, print_table, progress, reason, settings_of
-from app.cli.study.study_report import build_report, has_played, play_compared, replay_pictures
 
 if TYPE_CHECKING:
-    from app.moves.analysis import MoveAnalysis
     from app.report.model import GroupReport, Report
-    from app.study.data import StudyData
-    from app.study.policy_episodes import PolicyEpisode
 
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
@@ -64,19 +60,25 @@ def report(
       marsexplorer report --study pilot --html pilot.html --json pilot.json
       marsexplorer report --study rehearsal --synthetic --html rehearsal.html
     """
+    from app.report.making import make_study_report
     from app.report.page import render
     from app.storage.database import StoreError
     from app.study.protocol import StudyError
     from marsexplorer.files import write_whole
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     settings = settings_of()
+    where = database or settings.database, studies or settings.studies
     try:
-        where = database or settings.database, studies or settings.studies
-        found = _build_report(name, *where, synthetic, not no_policies, not no_moves)
+        found = make_study_report(*where, name, progress, synthetic, not no_policies, not no_moves)
     except StudyError as error:
         raise click.UsageError(str(error)) from error
     except StoreError as error:
         raise click.ClickException(str(error)) from error
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.ClickException(
+            f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
+        ) from error
     for path, text in ((html, render), (json_path, lambda report: report.to_json() + "\n")):
         if path is not None:
             try:
@@ -87,63 +89,6 @@ def report(
                     f"cannot write {path}: {reason(error)}; choose another file"
                 ) from error
     show(found)
-
-
-def _build_report(
-    name: str,
-    database: Path,
-    studies: Path,
-    synthetic: bool,
-    with_policies: bool,
-    with_moves: bool,
-) -> Report:
-    """Return the report of a study.
-
-    It has policies only if somebody has finished a ranked episode, and what the moves say once the study is closed.
-    """
-    from app.report.seeds import load_with_folder
-    from app.storage.reader import Reader
-
-    reader = Reader.open(database)
-    try:
-        with reader.snapshot():
-            data, seeds = load_with_folder(reader, studies, name)
-            data = data.shown()
-            pictures = replay_pictures(reader, data, synthetic)
-    finally:
-        reader.close()
-    is_played = has_played(data, synthetic)
-    episodes = _policies(data, seeds) if with_policies and is_played else ()
-    moves = (
-        _moves(database, data, synthetic)
-        if with_moves and is_played and data.closed_ms is not None
-        else {}
-    )
-    return build_report(data, episodes, synthetic, pictures, moves)
-
-
-def _moves(database: Path, data: StudyData, synthetic: bool) -> dict[str, MoveAnalysis]:
-    """Return what the single moves say; ClickException when a policy cannot be loaded."""
-    from app.moves.analysis import analyse_moves
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-
-    try:
-        return analyse_moves(database, data, data.protocol.policies, synthetic, progress)
-    except (PolicyNotFoundError, PolicyFileError) as error:
-        raise click.ClickException(f"{error}; or leave the moves out with --no-moves") from error
-
-
-def _policies(data: StudyData, seeds: dict[int, int]) -> tuple[PolicyEpisode, ...]:
-    """Return the episodes of the protocol's policies and of `random`; ClickException when one cannot be loaded."""
-    from app.study.policy_episodes import compared_policies
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-
-    try:
-        return play_compared(data, seeds, compared_policies(data.protocol))
-    except (PolicyNotFoundError, PolicyFileError) as error:
-        raise click.ClickException(
-            f"{error}; or leave the comparisons out with --no-policies"
-        ) from error
 
 
 def show(found: Report) -> None:

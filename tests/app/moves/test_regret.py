@@ -1,13 +1,14 @@
 """Where a study's players lose moves: rows, the summary over players, and nothing of an open study's ranked terrains."""
 
 import json
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.moves.analysis import analyse_moves
+from app.moves.analysis import analyse_moves, no_bar
 from app.moves.regret import regret_cache, regret_rows, summarize_regret
 from app.statistics.exclusion_sets import people_of
 from app.statistics.intervals import printed_interval
@@ -81,25 +82,19 @@ def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
 def test_the_analysis_is_kept_next_to_the_database(place):
     database = place[0] / "play.db"
     data = load(database, "dunes")
-    found = analyse_moves(database, data, ("frontier-cost",), False, no_bar)
-    assert found["people"].regret.mean > 0
-    assert {each.policy for each in found["people"].likeness} == {"frontier-cost"}
-    assert len(list(regret_cache(database).iterdir())) >= 3
-    assert analyse_moves(database, data, ("frontier-cost",), False, no_bar) == found
-    opened = analyse_moves(database, replace(data, closed_ms=None), ("random",), False, no_bar)
-    assert opened["people"].regret is None
-    assert opened["people"].likeness == ()
+    with closing(Reader.open(database)) as reader:
 
+        def analyse(data, policy):
+            return analyse_moves(reader, data, (policy,), False, no_bar)["people"]
 
-class no_bar:  # noqa: N801
-    def __init__(self, what):
-        pass
-
-    def __enter__(self):
-        return lambda done, total: None
-
-    def __exit__(self, *error):
-        pass
+        found = analyse(data, "frontier-cost")
+        assert found.regret.mean > 0
+        assert {each.policy for each in found.likeness} == {"frontier-cost"}
+        assert len(list(regret_cache(database).iterdir())) >= 3
+        assert analyse(data, "frontier-cost") == found
+        opened = analyse(replace(data, closed_ms=None), "random")
+    assert opened.regret is None
+    assert opened.likeness == ()
 
 
 def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):

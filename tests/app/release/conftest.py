@@ -2,7 +2,6 @@
 
 import pytest
 
-from app.cli.study.study_report import released_report
 from app.release.build import ReleaseRequest, build_release
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
@@ -16,8 +15,10 @@ def made(tmp_path_factory):
     recorder = StudyRecorder(folder / "play.db", study)
     recorder.join(7, stage="withdrawn", consent=False)
     recorder.close()
-    request = ReleaseRequest(folder / "play.db", study.name, folder / "out", ("Ada Lovelace",))
-    return folder, build_release(request, reporter=released_report(study.name, ()))
+    request = ReleaseRequest(
+        folder / "play.db", study.name, folder / "out", ("Ada Lovelace",), with_report=True
+    )
+    return folder, build_release(request)
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import pytest
 
 from app.cli.main import main
 from app.report import build
-from app.report.seeds import load_with_folder
+from app.report.making import load_with_folder
 from app.storage.erasure import forget
 from app.storage.reader import Reader
 from app.study.folder import Folder

@@ -42,7 +42,8 @@ def copy(made, tmp_path):
     """A copy of the release, and of its database, that may be harmed."""
     shutil.copytree(made[0] / "out", tmp_path / "out")
     for path in made[0].glob("play.db*"):
-        shutil.copy(path, tmp_path / path.name)
+        if path.is_file():
+            shutil.copy(path, tmp_path / path.name)
     return tmp_path
 
 

@@ -9,7 +9,7 @@ from app.cli.main import main
 from app.release import signing
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY
-from app.release.signers import check_signer, fingerprint_of, pin, read_pins
+from app.release.signing import check_signer, fingerprint_of, pin, read_pins
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from app.report.seeds import load_with_folder
+from app.report.making import load_with_folder
 from app.storage.database import StoreError
 from app.storage.reader import Reader
 from app.study.data import load, trial_records

@@ -3,8 +3,8 @@
 from contextlib import closing
 
 from app.report import build
+from app.report.making import load_with_folder
 from app.report.page import render
-from app.report.seeds import load_with_folder
 from app.storage.erasure import forget
 from app.storage.reader import Reader
 from app.study.flow import ParticipantFlow

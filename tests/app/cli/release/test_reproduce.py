@@ -8,7 +8,6 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
-from app.cli.study.study_report import released_report
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
@@ -29,8 +28,10 @@ def bundle(tmp_path_factory):
     play_study(folder / "play.db", study)
     kept = folder / "studies" / "dunes" / "policies"
     write_network(policy)
-    request = ReleaseRequest(folder / "play.db", "dunes", folder / "out", policy_folder=kept)
-    built = build_release(request, reporter=released_report("dunes", ()))
+    request = ReleaseRequest(
+        folder / "play.db", "dunes", folder / "out", policy_folder=kept, with_report=True
+    )
+    built = build_release(request)
     (folder / "play.db").unlink()
     shutil.rmtree(folder / "studies")
     return folder / "out", built.signer, policy

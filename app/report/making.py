@@ -1,0 +1,162 @@
+"""A study's report made from a database: data read, episodes replayed, policies played on the same terrains, moves analysed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+from app.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
+from app.report.build import Pictures, build
+from app.report.model import Report
+from app.report.page import render
+from app.report.policies import runs_of
+from app.statistics.group_summaries import summarize_groups
+from app.storage.reader import Reader
+from app.storage.study_reader import find_study, participants
+from app.study.data import StudyData, load
+from app.study.flow import with_invitations
+from app.study.folder import Folder, Study
+from app.study.invitations import Invitations
+from app.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
+from app.study.policy_files import FOLDER
+from app.study.protocol import StudyError
+
+REPORT_FILES = {
+    False: ("report.json", "report.html"),
+    True: ("report-synthetic.json", "report-synthetic.html"),
+}
+"""The files of a report in a release: of the people, and of the scripts."""
+
+
+def make_study_report(
+    database: Path,
+    studies: Path,
+    name: str,
+    bar: ProgressBar,
+    synthetic: bool = False,
+    with_policies: bool = True,
+    with_moves: bool = True,
+) -> Report:
+    """Return the report of a study in a database and in the folder of studies.
+
+    It has policies only if somebody has finished a ranked episode, and what the moves say once the study is closed. Errors are
+    those of `load_with_folder`, and those of `policies.load` for a policy that cannot be loaded.
+    """
+    with closing(Reader.open(database)) as reader:
+        with reader.snapshot():
+            data, seeds = load_with_folder(reader, studies, name)
+            data = data.shown()
+            pictures = _pictures(reader, data, synthetic, bar)
+        is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
+        episodes = play_compared(data, seeds, names, bar) if with_policies and is_played else ()
+        moves: Mapping[str, MoveAnalysis] = {}
+        if with_moves and is_played and data.closed_ms is not None:
+            moves = analyse_moves(reader, data, data.protocol.policies, synthetic, bar)
+    return _built(data, episodes, synthetic, pictures, moves)
+
+
+def make_report(
+    reader: Reader,
+    data: StudyData,
+    episodes: Sequence[PolicyEpisode],
+    synthetic: bool,
+    bar: ProgressBar,
+    moves: Mapping[str, MoveAnalysis] | None = None,
+) -> Report:
+    """Return the report of a study over its people or its scripts, compared with the policies' episodes.
+
+    moves  what single moves say, by group's name
+    """
+    return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), moves)
+
+
+def _pictures(reader: Reader, data: StudyData, synthetic: bool, bar: ProgressBar) -> Pictures:
+    with bar("replaying episodes") as advance:
+        return summarize_groups(reader, data, synthetic, advance)
+
+
+def _built(
+    data: StudyData,
+    episodes: Sequence[PolicyEpisode],
+    synthetic: bool,
+    pictures: Pictures,
+    moves: Mapping[str, MoveAnalysis] | None,
+) -> Report:
+    config, terrains = data.protocol.env_config, data.protocol.ranked
+    runs = runs_of(episodes, config, terrains) if has_played(data, synthetic) else ()
+    return build(data, runs, synthetic, pictures, moves)
+
+
+def report_files(report: Report) -> dict[str, bytes]:
+    """Return name -> content of the files of a report in a release."""
+    json_name, html_name = REPORT_FILES[report.synthetic]
+    return {json_name: (report.to_json() + "\n").encode(), html_name: render(report).encode()}
+
+
+def has_played(data: StudyData, synthetic: bool) -> bool:
+    """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
+    kind = "script" if synthetic else "human"
+    return any(
+        each.kind == kind and each.ended_ms is not None and each.phase == "ranked"
+        for each in data.trials
+    )
+
+
+def play_compared(
+    data: StudyData, seeds: Mapping[int, int], names: Sequence[str], bar: ProgressBar
+) -> tuple[PolicyEpisode, ...]:
+    """Return the policies' episodes on the terrains of these seeds, played now; errors as `play_policies`."""
+    with bar("policies on the same terrains") as advance:
+        return play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files)
+
+
+def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyData, dict[int, int]]:
+    """Return a study's data, and the seeds of its ranked terrains by index.
+
+    Where the folder has the study, it gives every seed and says whether the study is closed; otherwise the seeds are those of
+    terrains that somebody has begun. A study that nobody has joined is known from the folder alone. StudyError for a study that
+    is in neither, and for two different ones of that name.
+    """
+    study, policies = _in_folder(studies, name), studies / name / FOLDER
+    joined = find_study(reader, name) is not None
+    if study is None:
+        data = load(reader, name).with_policies_in(policies)
+        return data, data.seeds()
+    if joined:
+        data = load(reader, name)
+    else:
+        data = StudyData(
+            protocol=study.protocol,
+            protocol_hash=study.protocol_hash,
+            commitment=study.commitment,
+            frozen_ms=study.frozen_ms,
+            closed_ms=None,
+            secret=None,
+            people=(),
+            trials=(),
+            policy_files=study.policy_files,
+        )
+    if data.protocol_hash != study.protocol_hash:
+        raise StudyError(
+            f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"
+        )
+    opened = [
+        person.invitation for person in participants(reader, name) if person.invitation is not None
+    ]
+    if study.protocol.recruitment == "invitation":
+        data = replace(
+            data,
+            arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened),
+        )
+    if study.closed_ms is not None:
+        data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
+    data = data.with_policies_in(policies)
+    return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
+
+
+def _in_folder(studies: Path, name: str) -> Study | None:
+    """Return the frozen study of that name, None where the folder has none; StudyError for a draft or a thawed one."""
+    folder = Folder(studies)
+    return folder.study(name) if name in folder.names() else None
