@@ -5,6 +5,7 @@ A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns thos
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -122,6 +123,46 @@ def study_errors() -> Iterator[None]:
     except StudyError as error:
         failed = isinstance(error.__cause__, OSError)
         raise (click.ClickException if failed else click.UsageError)(str(error)) from error
+
+
+@contextmanager
+def failures(what: str, way_out: str = "") -> Iterator[None]:
+    """Turn an error of a study, a database or a release into its sentence, and one of the disk into `what`, why and `way_out`.
+
+    what  "{file}" in it stands for the file that could not be read or written
+    """
+    from app.release.errors import ReleaseError
+    from app.storage.database import StoreError
+    from app.storage.operators import OperatorError
+    from app.study.protocol import StudyError
+
+    try:
+        yield
+    except OperatorError as error:
+        raise click.UsageError(str(error)) from error
+    except (ReleaseError, StoreError, StudyError) as error:
+        raise click.ClickException(str(error)) from error
+    except OSError as error:
+        text = what.format(file=error.filename)
+        raise click.ClickException(f"{text}: {reason(error)}{way_out}") from error
+
+
+def write_file(path: Path, content: bytes, option: str = "file", private: bool = False) -> None:
+    """Write a file, whole or not at all; ClickException with the way out, which is another `option`.
+
+    private  for its owner alone
+    """
+    from marsexplorer.files import write_whole
+
+    try:
+        with write_whole(path) as file:
+            if private:
+                os.fchmod(file.fileno(), 0o600)
+            file.write(content)
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot write {path}: {reason(error)}; choose another {option}"
+        ) from error
 
 
 def folder_of(studies: Path | None) -> Folder:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,31 +12,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, pins_file, print_table, progress, reason, settings_of
+from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
 
 if TYPE_CHECKING:
     from app.storage.reader import Who
     from app.study.verification import Verification
-
-
-@contextmanager
-def _errors(what: str = "cannot read the database") -> Iterator[None]:
-    """Turn what is wrong with what was given, the database or the disk into one sentence.
-
-    what  begins the sentence about a file that cannot be read or written
-    """
-    from app.release.errors import ReleaseError
-    from app.storage.database import StoreError
-    from app.storage.operators import OperatorError
-
-    try:
-        yield
-    except OperatorError as error:
-        raise click.UsageError(str(error)) from error
-    except (StoreError, ReleaseError) as error:
-        raise click.ClickException(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(f"{what}: {reason(error)}") from error
 
 
 @click.command(short_help="Write what was played as CSV.")
@@ -72,7 +51,7 @@ def export(database: Path | None, out: Path, who: Who) -> None:
     from app.storage.export import export_to
 
     path = database or settings_of().database
-    with _errors(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
+    with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
         summary = export_to(path, out, who, advance)
     click.echo(summary)
 
@@ -146,7 +125,7 @@ def verify(
             "--head goes with --database: a dataset's signature stands for all of it"
         )
     signer = None
-    with _errors(f"cannot read {dataset or 'the database'}"):
+    with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
             result, about = _of_database(database, studies, head)
         else:
@@ -271,7 +250,7 @@ def backup(file: Path, database: Path | None) -> None:
     from app.storage.backup import back_up
 
     path = database or settings_of().database
-    with _errors(), progress("copying") as advance:
+    with failures("cannot read the database"), progress("copying") as advance:
         size = back_up(path, file, advance)
     click.echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
 
@@ -296,7 +275,7 @@ def restore(backup: Path, database: Path | None, yes: bool) -> None:
     path = database or settings_of().database
     if path.exists() and not yes:
         click.confirm(f"Put {backup} in the place of {path}?", abort=True, err=True)
-    with _errors(), progress("copying") as advance:
+    with failures("cannot read the database"), progress("copying") as advance:
         kept = put_back(backup, path, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
     before = "" if kept is None else f"; what stood there is {kept}"
     click.echo(f"restored {path} from {backup}, verified{before}")
@@ -327,7 +306,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
         )
     from app.storage import merging
 
-    with _errors(f"cannot write {out}, choose another --out"), progress("joining") as advance:
+    with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
         counts, twice = merging.merge(databases, out, advance)
     alike = (
         f", {counts.equal['episodes']:,} of them in more than one"
@@ -370,7 +349,7 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
     from app.storage import erasure
 
     path = database or settings_of().database
-    with _errors(f"cannot write {path}"):
+    with failures(f"cannot write {path}"):
         found = erasure.find_participant(path, participant, study)
         if not yes:
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
@@ -428,7 +407,7 @@ def add(name: str, database: Path | None) -> None:
         password = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
     else:
         password = sys.stdin.readline().rstrip("\n")
-    with _errors():
+    with failures("cannot read the database"):
         add_operator(path, name, password)
     click.echo(
         f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start"
@@ -441,7 +420,7 @@ def list_(database: Path | None) -> None:
     """List the operators: by name, and since when."""
     from app.storage.operators import list_operators
 
-    with _errors():
+    with failures("cannot read the database"):
         found = list_operators(database or settings_of().database)
     rows = [(each.name, _time(each.created_ms)) for each in found]
     print_table("Operators", ("name", "since (UTC)"), rows)
@@ -455,7 +434,7 @@ def remove(name: str, database: Path | None) -> None:
     from app.storage.operators import remove_operator
 
     path = database or settings_of().database
-    with _errors():
+    with failures("cannot read the database"):
         remove_operator(path, name)
     click.echo(f"{name} cannot log in any more")
 
@@ -469,7 +448,7 @@ def log(count: int, database: Path | None) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
     from app.storage.operators import read_actions
 
-    with _errors():
+    with failures("cannot read the database"):
         found = read_actions(database or settings_of().database, count)
     rows = [
         (

@@ -67,9 +67,9 @@ _MODULES = {
     "simulate": "study.simulate",
     "report": "study.report",
     "regret": "study.regret",
-    "release": "release.release",
-    "reproduce": "release.reproduce",
-    "import": "release.import_release",
+    "release": "bundles",
+    "reproduce": "bundles",
+    "import": "bundles",
 }
 """Command -> its module below app.cli. One that is not here is app.cli.NAME."""
 

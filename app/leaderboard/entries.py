@@ -15,15 +15,14 @@ import numpy as np
 from app.leaderboard.evaluations import Evaluation
 from app.moves.likeness import human_likeness
 from app.statistics.exclusion_sets import members, people_of
-from app.statistics.group_summaries import summarize_groups
 from app.statistics.human_level import VolunteerFigures
 from app.statistics.study_figures import live_figure
-from app.statistics.summaries import EpisodeSummary, trial_summaries
+from app.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
 from app.storage.reader import Reader
-from app.storage.study_reader import closed_studies, count_participants
+from app.storage.studies import closed_studies, count_participants
 from app.study.data import StudyData, load
+from app.study.policy_episodes import closed_seeds
 from app.study.policy_files import FOLDER, PolicyFiles
-from app.study.seeds import seed
 from marsexplorer.config import LEVELS, EnvConfig
 from marsexplorer.policies import PolicyNotFoundError
 
@@ -122,13 +121,6 @@ class ClosedStudies:
         return found
 
 
-def ranked_seeds(data: StudyData) -> tuple[int, ...]:
-    """Return the seeds of a closed study's ranked terrains, in order."""
-    assert data.secret is not None
-    secret = bytes.fromhex(data.secret)
-    return tuple(seed(secret, data.protocol_hash, "ranked", i) for i in range(data.protocol.ranked))
-
-
 def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     figure = live_figure(data)
     if not figure["players"]:
@@ -184,7 +176,12 @@ def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry
     protocol = data.protocol
     names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
     return LeaderboardEntry(
-        *names, human, ranked_seeds(data), protocol.name, protocol.policies, data.policy_files
+        *names,
+        human,
+        tuple(closed_seeds(data).values()),
+        protocol.name,
+        protocol.policies,
+        data.policy_files,
     )
 
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from app.statistics.exclusion_sets import Cohort
+from app.statistics.exclusion_sets import Cohort, members, people_of
 from app.statistics.intervals import Interval, printed_interval
 from app.storage.reader import Reader
 from app.storage.trial import Trial
@@ -25,7 +26,12 @@ from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.episodes import play_terrain
 from marsexplorer.evaluation.losses import LossKind
-from marsexplorer.evaluation.regret import MAX_CELLS, EpisodeRegret, RegretEstimator
+from marsexplorer.evaluation.regret import (
+    MAX_CELLS,
+    EpisodeRegret,
+    RegretEstimator,
+    check_size,
+)
 from marsexplorer.evaluation.table import Progress
 from marsexplorer.policies import load
 
@@ -146,6 +152,35 @@ def rows_of(episode: str, found: EpisodeRegret) -> Iterator[RegretRow]:
         yield RegretRow(
             episode, step, ACTIONS[loss.action], loss.regret, ACTIONS[loss.best_action], kind
         )
+
+
+def regret_of_study(
+    reader: Reader, data: StudyData, progress: Progress | None = None
+) -> tuple[RegretSummary, list[dict[str, Any]]]:
+    """Return the summary over everybody who played, under pseudonyms, and every move of theirs as a dictionary.
+
+    ValueError where the boards are too large, and where nobody's finished episode can be shown yet.
+    """
+    check_size(data.protocol.env_config)
+    cohort, estimator = people_of(data), study_estimator(data, regret_cache(reader.path))
+    is_closed = data.closed_ms is not None
+    ids = (
+        members(cohort, {})
+        if is_closed
+        else sorted(id for id, own in cohort.warm_up.items() if own)
+    )
+    summary = summarize_regret(reader, data, cohort, ids, estimator, progress)
+    if summary is None:
+        raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
+    names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
+    own = cohort.ranked if is_closed else cohort.warm_up
+    rows = [
+        {"player": names[person], **asdict(row)}
+        for person in ids
+        for row in regret_rows(reader, data, own[person], estimator)
+    ]
+    players = tuple(replace(each, player=names[each.player]) for each in summary.by_player)
+    return replace(summary, by_player=players), rows
 
 
 def summarize_regret(

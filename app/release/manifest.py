@@ -85,24 +85,17 @@ class ReleaseHeader:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the header as the manifest holds it."""
+        own = ("study", "title", "version", "released", "software_version")
+        also = ("protocol_hash", "commitment", "secret")
+        rest = ("supersedes", "rows", "left_out", "chain_head", "chain_entries")
         return {
             "format": RELEASE_FORMAT,
-            "study": self.study,
-            "title": self.title,
-            "version": self.version,
-            "released": self.released,
-            "software_version": self.software_version,
+            **{name: getattr(self, name) for name in own},
             "core_version": self.protocol.core_version,
-            "protocol_hash": self.protocol_hash,
-            "commitment": self.commitment,
-            "secret": self.secret,
+            **{name: getattr(self, name) for name in also},
             "data_licence": self.protocol.data_licence,
             "authors": list(self.authors),
-            "supersedes": self.supersedes,
-            "rows": self.rows,
-            "left_out": self.left_out,
-            "chain_head": self.chain_head,
-            "chain_entries": self.chain_entries,
+            **{name: getattr(self, name) for name in rest},
             "without_policies": list(self.without_policies),
             "regret_policy_hash": self.regret_policy_hash or None,
             "arrivals": asdict(self.arrivals),

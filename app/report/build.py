@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from app.moves.analysis import MoveAnalysis
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
-from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, Report
-from app.report.policies import PolicyRun
+from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
 from app.statistics.attestation_summary import attestation_summary
 from app.statistics.comparisons import (
     PolicyComparison,
@@ -67,8 +66,8 @@ def build(
 ) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
-    runs      policies on the ranked terrains (`app.report.policies.runs_of`); none: no comparisons
-    pictures  by group's name, what `app.statistics.group_summaries.summarize_groups` gives; none: no curves and visit maps
+    runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
+    pictures  by group's name, what `app.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
     moves     by group's name, what `app.moves.analysis.analyse_moves` gives; none: no regret and no likeness
     """
     data = data.shown()

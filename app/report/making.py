@@ -7,14 +7,20 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from app.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
 from app.report.build import Pictures, build
-from app.report.model import Report
+from app.report.model import PolicyRun, Report
 from app.report.page import render
-from app.report.policies import runs_of
-from app.statistics.group_summaries import summarize_groups
+from app.statistics.summaries import (
+    coverage_curve,
+    summarize_groups,
+    summary_of,
+    visit_counts,
+)
 from app.storage.reader import Reader
-from app.storage.study_reader import find_study, participants
+from app.storage.studies import find_study, participants
 from app.study.data import StudyData, load
 from app.study.flow import with_invitations
 from app.study.folder import Folder, Study
@@ -22,6 +28,7 @@ from app.study.invitations import Invitations
 from app.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.study.policy_files import FOLDER
 from app.study.protocol import StudyError
+from marsexplorer.config import EnvConfig
 
 REPORT_FILES = {
     False: ("report.json", "report.html"),
@@ -110,6 +117,35 @@ def play_compared(
     """Return the policies' episodes on the terrains of these seeds, played now; errors as `play_policies`."""
     with bar("policies on the same terrains") as advance:
         return play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files)
+
+
+def runs_of(
+    episodes: Sequence[PolicyEpisode], config: EnvConfig, terrains: int, names: Sequence[str] = ()
+) -> tuple[PolicyRun, ...]:
+    """Return one run per policy from its episodes, which are replayed; `names` without an episode are empty runs."""
+    found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
+    for each in episodes:
+        found.setdefault(each.policy, {})[each.terrain] = each
+    return tuple(_run(name, config, by_terrain, terrains) for name, by_terrain in found.items())
+
+
+def _run(
+    name: str, config: EnvConfig, episodes: Mapping[int, PolicyEpisode], terrains: int
+) -> PolicyRun:
+    score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
+    summaries = {index: summary_of(each.replay(config)) for index, each in sorted(episodes.items())}
+    for index, summary in summaries.items():
+        score[index], steps[index] = summary.score, summary.steps
+    outcomes = tuple(
+        summaries[index].outcome if index in summaries else "" for index in range(terrains)
+    )
+    groups = [[summary] for summary in summaries.values()]
+    pictures = (
+        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+        if groups
+        else {}
+    )
+    return PolicyRun(name, score, steps, outcomes, pictures)
 
 
 def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyData, dict[int, int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
@@ -18,6 +18,7 @@ from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
 from app.statistics.terrain_leaks import LeakTrend
 from app.study.flow import ParticipantFlow
+from marsexplorer.evaluation.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = (
@@ -110,6 +111,21 @@ class GroupReport:
     def metric(self, name: str) -> Metric | None:
         """Return the further statistics of "score" or "steps"; None while nobody is in the primary set."""
         return next((each for each in self.metrics if each.name == name), None)
+
+
+@dataclass(frozen=True)
+class PolicyRun:
+    """A policy's episodes by terrain index; NaN (and the outcome "") where the terrain's seed is not known."""
+
+    name: str
+    score: Floats
+    steps: Floats
+    outcomes: tuple[str, ...]
+    pictures: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def values(self, metric: Literal["score", "steps"]) -> Floats:
+        """Return float64[terrains] of a metric."""
+        return self.score if metric == "score" else self.steps
 
 
 @dataclass(frozen=True)

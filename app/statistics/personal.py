@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from typing import Any
 
 from app.storage.reader import Reader
-from app.storage.trial import Trial
+from app.storage.trial import Trial, parse_config
 from marsexplorer.config import EnvConfig
 from marsexplorer.score import steps_to_target
 
@@ -41,7 +40,7 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
     by_config: dict[EnvConfig, list[Trial]] = {}
     for trial in trials:
         by_config.setdefault(trial.config, []).append(trial)
-    volunteers = [(EnvConfig(**json.loads(row["config"])), row) for row in reader.totals("human")]
+    volunteers = [(parse_config(row["config"]), row) for row in reader.totals("human")]
     found = [
         _figure(config, own, [row for of, row in volunteers if of == config])
         for config, own in by_config.items()

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from app.storage.database import rows
 from app.storage.reader import JOINED, TRIAL, Reader, utc_day
 from app.storage.store import DAY_MS, Store
-from app.storage.trial import Trial
+from app.storage.trial import Trial, parse_config
 from marsexplorer.config import EnvConfig
 
 _MOVES = """(SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
@@ -240,5 +240,5 @@ def _terrain_of(row: dict[str, Any]) -> DailyTerrain:
         row["commitment"],
         row["day"],
         bytes.fromhex(row["key"]),
-        EnvConfig(**json.loads(row["config"])),
+        parse_config(row["config"]),
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 from app.storage.input_events import input_events
 from app.storage.reader import Reader
-from app.storage.study_reader import (
+from app.storage.studies import (
     count_erased,
     find_study,
     move_inputs,

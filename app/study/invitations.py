@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from app.storage.reader import Reader
-from app.storage.study_reader import participants
+from app.storage.studies import participants
 from app.storage.study_rows import participant_label
 from app.study.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
 from app.study.folder import Folder, Study

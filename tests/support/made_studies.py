@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.report.policies import PolicyRun
+from app.report.model import PolicyRun
 from app.storage.trial import Trial
 from app.study.data import Person, StudyData
 from app.study.protocol import default_protocol, protocol_hash

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, print_table, progress, reason, settings_of
+from app.cli.console import (
+    PATH,
+    failures,
+    print_table,
+    progress,
+    settings_of,
+    study_errors,
+    write_file,
+)
 
 if TYPE_CHECKING:
     from app.moves.regret import RegretSummary
-    from app.storage.reader import Reader
     from app.study.data import StudyData
 
 
@@ -43,71 +51,23 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
       marsexplorer regret --study pilot
       marsexplorer regret --study pilot --json regret.json
     """
+    from app.moves.regret import regret_of_study
     from app.report.making import load_with_folder
-    from app.storage.database import StoreError
     from app.storage.reader import Reader
-    from app.study.protocol import StudyError
-    from marsexplorer.files import write_whole
 
     settings = settings_of()
     path = database or settings.database
     try:
-        reader = Reader.open(path)
-        try:
+        with failures(f"cannot read {path}"), study_errors(), closing(Reader.open(path)) as reader:
             data, _ = load_with_folder(reader, studies or settings.studies, name)
-            summary, rows = _work_out(reader, data, path)
-        finally:
-            reader.close()
-    except StudyError as error:
-        raise click.UsageError(str(error)) from error
-    except (StoreError, ValueError) as error:
+            with progress("regret of each move") as advance:
+                summary, rows = regret_of_study(reader, data, advance)
+    except ValueError as error:
         raise click.ClickException(str(error)) from error
     _show(data, summary)
     if json_path is not None:
-        try:
-            with write_whole(json_path) as file:
-                file.write(
-                    json.dumps(
-                        {"study": name, "summary": asdict(summary), "moves": rows}, indent=1
-                    ).encode()
-                    + b"\n"
-                )
-        except OSError as error:
-            raise click.ClickException(
-                f"cannot write {json_path}: {reason(error)}; choose another file"
-            ) from error
-
-
-def _work_out(
-    reader: Reader, data: StudyData, database: Path
-) -> tuple[RegretSummary, list[dict[str, object]]]:
-    """Return the summary over everybody who played, under pseudonyms, and every move as a dictionary."""
-    from app.moves.regret import regret_cache, regret_rows, study_estimator, summarize_regret
-    from app.statistics.exclusion_sets import members, people_of
-    from marsexplorer.evaluation.regret import check_size
-
-    check_size(data.protocol.env_config)
-    cohort, estimator = people_of(data), study_estimator(data, regret_cache(database))
-    ids = (
-        members(cohort, {})
-        if data.closed_ms is not None
-        else sorted(person for person, own in cohort.warm_up.items() if own)
-    )
-    with progress("regret of each move") as advance:
-        summary = summarize_regret(reader, data, cohort, ids, estimator, advance)
-    if summary is None:
-        raise click.ClickException(
-            f"nobody's finished episode of {data.protocol.name!r} can be shown yet"
-        )
-    names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
-    own = cohort.ranked if summary.phase == "ranked" else cohort.warm_up
-    rows: list[dict[str, object]] = [
-        {"player": names[person], **asdict(row)}
-        for person in ids
-        for row in regret_rows(reader, data, own[person], estimator)
-    ]
-    players = tuple(replace(each, player=names[each.player]) for each in summary.by_player)
-    return replace(summary, by_player=players), rows
+        found = {"study": name, "summary": asdict(summary), "moves": rows}
+        write_file(json_path, json.dumps(found, indent=1).encode() + b"\n")
 
 
 def _show(data: StudyData, found: RegretSummary) -> None:

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, print_table, progress, reason, settings_of
+from app.cli.console import (
+    PATH,
+    failures,
+    print_table,
+    progress,
+    settings_of,
+    study_errors,
+    write_file,
+)
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport, Report
@@ -62,32 +70,23 @@ def report(
     """
     from app.report.making import make_study_report
     from app.report.page import render
-    from app.storage.database import StoreError
-    from app.study.protocol import StudyError
-    from marsexplorer.files import write_whole
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     settings = settings_of()
     where = database or settings.database, studies or settings.studies
     try:
-        found = make_study_report(*where, name, progress, synthetic, not no_policies, not no_moves)
-    except StudyError as error:
-        raise click.UsageError(str(error)) from error
-    except StoreError as error:
-        raise click.ClickException(str(error)) from error
+        with failures(f"cannot read {where[0]}"), study_errors():
+            found = make_study_report(
+                *where, name, progress, synthetic, not no_policies, not no_moves
+            )
     except (PolicyNotFoundError, PolicyFileError) as error:
         raise click.ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
         ) from error
-    for path, text in ((html, render), (json_path, lambda report: report.to_json() + "\n")):
-        if path is not None:
-            try:
-                with write_whole(path) as file:
-                    file.write(text(found).encode())
-            except OSError as error:
-                raise click.ClickException(
-                    f"cannot write {path}: {reason(error)}; choose another file"
-                ) from error
+    if html is not None:
+        write_file(html, render(found).encode())
+    if json_path is not None:
+        write_file(json_path, found.to_json().encode() + b"\n")
     show(found)
 
 

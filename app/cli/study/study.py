@@ -1,25 +1,37 @@
-"""The command `marsexplorer study`: plan a study, freeze it, close it."""
+"""The command `marsexplorer study`: plan a study, freeze it, preregister it, say who may take part, and close it."""
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 import sys
+from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from app.cli.console import (
     DATABASE,
+    PATH,
     STUDIES,
     SizeType,
     env_config_of,
+    failures,
     folder_of,
     print_table,
     progress,
     settings_of,
     study_errors,
+    write_file,
 )
-from app.cli.study import planning, recruiting
+
+if TYPE_CHECKING:
+    from app.statistics.planning import StudyPlan
+    from app.study.invitations import Use
+    from app.study.protocol import Protocol
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
@@ -39,10 +51,6 @@ def study() -> None:
       marsexplorer serve
       marsexplorer study close pilot
     """
-
-
-for _command in (recruiting.invite, recruiting.revoke, recruiting.supervise, planning.preregister):
-    study.add_command(_command)
 
 
 @study.command(short_help="Begin a study: write its protocol as a draft.")
@@ -114,9 +122,9 @@ def new(
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
         folder_of(studies).path(name)
-        protocol = planning.with_reachable_effects(default_protocol(name, config, **rest))
+        protocol = _with_reachable_effects(default_protocol(name, config, **rest))
         path = folder_of(studies).create(protocol)
-    planning.echo_reachable_effects(protocol)
+    _echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 
@@ -142,7 +150,7 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     folder = folder_of(studies)
     with study_errors():
         plan = (
-            planning.checked_plan(folder.draft(name), underpowered)
+            _checked_plan(folder.draft(name), underpowered)
             if folder.status(name) == "draft"
             else None
         )
@@ -150,7 +158,7 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
-        planning.echo_plan(plan)
+        _echo_plan(plan)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     click.echo(
@@ -344,11 +352,261 @@ def _players(count: int | None) -> str:
 def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
     """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
     from app.statistics.power import spread_of
-    from app.storage.store import StoreError
     from app.study.data import load
 
+    path = database or settings_of().database
+    with failures(f"cannot read {path}"), study_errors():
+        return spread_of(load(path, name), metric)
+
+
+@study.command(short_help="Print single-use links to a study.")
+@click.argument("name")
+@click.argument("count", type=int, metavar="[N]", default=0)
+@click.option(
+    "--url",
+    help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
+)
+@click.option(
+    "--list", "lists", is_flag=True, help="List all invitations with their state instead."
+)
+@click.option(
+    "--csv",
+    "table",
+    type=PATH,
+    metavar="FILE",
+    help="Write them to a file as well, with their links: id, state, link.",
+)
+@DATABASE
+@STUDIES
+def invite(
+    name: str,
+    count: int,
+    url: str | None,
+    lists: bool,
+    table: Path | None,
+    database: Path | None,
+    studies: Path | None,
+) -> None:
+    """Print N single-use links to a study whose recruitment is by invitation.
+
+    A link is used up when somebody agrees to the consent text, not when it is opened. Send each person one; whoever has a
+    link can take part with it. The links are listed in the study's folder by their ids, never by their tokens; --list shows
+    ids and states, and with --csv the links once more. A running server knows new links at once.
+
+    \b
+    Examples:
+      marsexplorer study invite pilot 10 --url https://lab.example.org
+      marsexplorer study invite pilot --list
+      marsexplorer study invite pilot --list --csv links.csv
+    """
+    from app.study.invitations import Invitations, link_of, state_of
+
+    if (count > 0) == lists:
+        raise click.UsageError(
+            "expected the number of links to make, such as 10, or --list to see those there are"
+        )
+    settings = settings_of()
+    known = url or settings.public_url
+    base = known or f"http://{settings.host}:{settings.port}"
+    folder = folder_of(studies)
+    invitations = Invitations(folder)
     with study_errors():
-        try:
-            return spread_of(load(database or settings_of().database, name), metric)
-        except StoreError as error:
-            raise click.ClickException(str(error)) from error
+        study = folder.study(name)
+        found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
+    uses = _uses(database or settings.database, name)
+    states = {
+        each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "")
+        for each in found
+    }
+    links = {each.id: link_of(study, each.id, base) for each in found}
+    if table is not None:
+        _write_csv(table, [(each.id, *states[each.id], links[each.id]) for each in found])
+    if known is None and (table is not None or not lists):
+        click.echo(
+            f"{base} is a guess: give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere",
+            err=True,
+        )
+    if not lists:
+        click.echo("\n".join(links.values()))
+    elif not found:
+        click.echo(
+            f"nobody has been invited to {name}; `marsexplorer study invite {name} 10` makes ten links"
+        )
+    else:
+        rows = [(each.id, *states[each.id], _day(each.issued_ms)) for each in found]
+        print_table(f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), rows)
+
+
+@study.command(short_help="Take invitations back.")
+@click.argument("name")
+@click.argument("ids", nargs=-1, required=True)
+@STUDIES
+def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
+    """Take invitations back by their ids: nobody can agree to take part with them any more.
+
+    Whoever has agreed with one already goes on; `marsexplorer forget` erases a participant.
+
+    \b
+    Example:
+      marsexplorer study revoke pilot 7K3M 9ABC
+    """
+    from app.study.invitations import Invitations
+
+    with study_errors():
+        revoked = Invitations(folder_of(studies)).revoke(name, ids)
+    click.echo(f"revoked: {', '.join(each.id for each in revoked)}")
+
+
+@study.command(short_help="Print the operator's code for supervised sessions.")
+@click.argument("name")
+@STUDIES
+def supervise(name: str, studies: Path | None) -> None:
+    """Print the code that an operator types on a participant's page in the lab.
+
+    Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
+    valid until the end of the following one. Whoever knows it can type it anywhere: type it yourself, unseen.
+    """
+    from app.study.files import now_ms
+    from app.study.recruitment import code_of, valid_until_ms
+
+    with study_errors():
+        study = folder_of(studies).study(name)
+    if not study.is_open:
+        raise click.UsageError(
+            f"the study {name!r} is closed: nobody can be supervised in it any more"
+        )
+    now = now_ms()
+    click.echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
+
+
+def _uses(database: Path, name: str) -> dict[str, Use]:
+    """Return what the database knows of a study's invitations, by id; nothing where there is no database."""
+    if not database.exists():
+        return {}
+    from app.storage.reader import Reader
+    from app.study.invitations import uses_of
+
+    with failures(f"cannot read {database}"), closing(Reader.open(database)) as reader:
+        return uses_of(reader, name)
+
+
+def _write_csv(path: Path, rows: list[tuple[str, ...]]) -> None:
+    """Write the table for its owner alone: whoever reads a link can take part with it."""
+    from marsexplorer.files import to_cell
+
+    text = io.StringIO()
+    table = [("id", "state", "participant", "link"), *rows]
+    csv.writer(text, lineterminator="\n").writerows(map(to_cell, row) for row in table)
+    write_file(path, text.getvalue().encode(), private=True)
+
+
+def _day(ms: int) -> str:
+    return datetime.fromtimestamp(ms / 1000, UTC).strftime("%Y-%m-%d %H:%M")
+
+
+def _with_reachable_effects(protocol: Protocol) -> Protocol:
+    """Return a new protocol with the margin and the difference from a policy that its players see with 80 % power."""
+    from app.statistics.planning import derived_difference, derived_margin
+    from app.study.protocol import parse_protocol
+
+    reachable = {
+        "equivalence_margin": derived_margin(protocol),
+        "policy_difference": derived_difference(protocol),
+    }
+    found = {name: value for name, value in reachable.items() if value is not None}
+    return parse_protocol({**protocol.model_dump(mode="json", exclude_unset=True), **found})
+
+
+def _echo_reachable_effects(protocol: Protocol) -> None:
+    """Print what margin and difference a new protocol holds, and what they rest on."""
+    if protocol.policy_difference is None:
+        click.echo(
+            "One player gives no interval and no test: plan at least two to compare anything."
+        )
+        return
+    margin = (
+        f"changes of ±{protocol.equivalence_margin:g}"
+        if protocol.ranked >= 3
+        else "no learning (below 3 ranked episodes)"
+    )
+    click.echo(
+        f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
+        f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
+        f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
+        "those of synthetic players: put better ones into the protocol where you have them."
+    )
+
+
+def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
+    """Return what the protocol can see; UsageError where a planned comparison has less than 50 % power."""
+    from app.statistics.planning import plan_study
+
+    plan = plan_study(protocol)
+    if plan.underpowered and not is_underpowered_fine:
+        each = plan.underpowered[0]
+        ways = [f"plan {each.players} players"] if each.players is not None else []
+        if each.least is not None and each.least < protocol.env_config.limit:
+            ways.append(f"write {math.ceil(each.least)} or more as {each.field}")
+        raise click.UsageError(
+            f"{_comparison(each)}, and below 50 % a study more likely misses than sees what it is for: "
+            f"{', or '.join([*ways, 'freeze with --underpowered where it is a rehearsal or a pilot'])}"
+        )
+    return plan
+
+
+def _echo_plan(plan: StudyPlan) -> None:
+    """Print the width of the interval and the power of each planned comparison."""
+    assumed = (
+        "those of a new study, since the protocol names none"
+        if plan.is_default
+        else "the protocol's"
+    )
+    click.echo(
+        f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes"
+    )
+    if plan.half_width is not None:
+        click.echo(
+            f"mean steps to 99 %: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
+        )
+    for each in plan.comparisons:
+        more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
+        click.echo(f"power: {_comparison(each)}{more}")
+
+
+def _comparison(each: Any) -> str:
+    return f"{each.what}: seen in {100 * each.power:.0f} % of studies"
+
+
+@study.command(short_help="Write the preregistration, ready for OSF.")
+@click.argument("name")
+@click.option(
+    "--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]"
+)
+@STUDIES
+def preregister(name: str, out: Path | None, studies: Path | None) -> None:
+    """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
+
+    Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule, analyses, power, and the
+    hash and the commitment that fix protocol and terrains; and what is not preregistered. What only you know is marked
+    TO BE STATED. A draft gives a preview, marked DRAFT, without hash and commitment.
+
+    \b
+    Examples:
+      marsexplorer study preregister pilot
+      marsexplorer study preregister pilot --out pilot-preregistration.md
+    """
+    from app.report.preregistration import preregistration
+    from app.study.templates import fill
+
+    folder = folder_of(studies)
+    with study_errors():
+        found = None if folder.status(name) == "draft" else folder.study(name)
+        protocol = fill(folder.draft(name)) if found is None else found.protocol
+        text = preregistration(protocol, found)
+    if out is None:
+        click.echo(text, nl=False)
+        return
+    write_file(out, text.encode(), "--out")
+    click.echo(
+        f"{out}: read it, state what is marked TO BE STATED, then register it before anybody plays"
+    )

@@ -108,3 +108,4 @@ def test_a_bundle_is_imported_once_and_refused_under_other_names(place, tmp_path
     copy = shutil.copy(place / "golden.db", tmp_path / "copy.db")
     assert run("import", place / "bundle", "--database", copy) == 1
     assert "under other names" in capsys.readouterr().err
+    assert verify_database(copy).findings == ()

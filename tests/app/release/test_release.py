@@ -8,7 +8,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,12 +25,10 @@ from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.release.tables import PARQUET
 from app.storage import chain
 from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary
-from app.storage.merging import MergeError
 from app.storage.store import SessionRow, StoreError
 from app.study.protocol import canonical, canonical_json, parse_protocol
 from app.study.verification import verify_database
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
 ROOT = Path(__file__).parents[3]
@@ -215,21 +212,6 @@ def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
     assert verify_bundle(tmp_path / "out").verified.findings == ()
 
 
-def test_croissant_is_valid_and_reads_the_tables(made):
-    import mlcroissant
-
-    folder, _ = made
-    metadata = json.loads((folder / "out/croissant.json").read_text())
-    assert metadata["conformsTo"] == "http://mlcommons.org/croissant/1.1"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        dataset = mlcroissant.Dataset(folder / "out/croissant.json")
-        assert not dataset.metadata.ctx.issues.errors
-        assert not dataset.metadata.ctx.issues.warnings
-        counts = {name: sum(1 for _ in dataset.records(name)) for name in ("episodes", "scores")}
-    assert counts == {"episodes": 18, "scores": 18}
-
-
 def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
     out = made[0] / "out"
     assert "Ada Lovelace" in (out / "CITATION.cff").read_text()
@@ -326,16 +308,6 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
     ]
     assert not people[0] & people[1]
     assert verify_bundle(tmp_path / "out2").verified.findings == ()
-
-
-def test_an_import_is_taken_once_and_refused_under_other_names(made, copy):
-    folder, _ = made
-    import_release(copy / "out", copy / "new.db")
-    assert import_release(copy / "out", copy / "new.db").equal["episodes"] == 18
-    with pytest.raises(MergeError, match="under other names"):
-        import_release(copy / "out", copy / "play.db")
-    assert verify_database(copy / "play.db").findings == ()
-    assert nameless(copy / "new.db") == nameless(folder / "out/study.sqlite")
 
 
 def test_an_import_waits_for_no_server(made, tmp_path):
@@ -565,14 +537,3 @@ def test_mistakes_get_one_sentence(capsys, tmp_path, monkeypatch, args, code, sa
     assert (got, err.count("\n")) == (code, 1)
     assert said in err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_replay_in_a_bundle_is_the_episode_itself(made):
-    """The trajectory hash of an episode follows from its seed and its moves alone."""
-    out = made[0] / "out"
-    row = pq.read_table(out / "parquet/episodes.parquet").to_pylist()[1]
-    steps = pq.read_table(out / "parquet/steps.parquet").to_pylist()
-    episode = Episode.begin(CONFIG, seed=row["seed"])
-    for step in (step for step in steps if step["episode"] == row["episode"]):
-        episode.step(["north", "east", "south", "west"].index(step["action"]))
-    assert episode.record().trajectory_hash == row["trajectory_hash"]

@@ -1,0 +1,184 @@
+"""Commands about bundles: release a study, derive a bundle's figures again, import a bundle's episodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
+from app.cli.study.report import show
+
+if TYPE_CHECKING:
+    from app.release.reproduce import Reproduction
+
+MAX_PRINTED = 20
+"""Differences that are printed; more are counted."""
+
+
+@click.command(short_help="Write a study as a citable, signed bundle.")
+@click.option("--study", required=True, help="The study's name.")
+@click.option(
+    "--out",
+    type=PATH,
+    required=True,
+    help="A new folder for the bundle; it appears whole or not at all.",
+)
+@click.option("--database", type=PATH, help="The database the study was played in.")
+@click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies]")
+@click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
+@click.option("--url", help="Where the bundle will be found, a DOI's address say.")
+@click.option(
+    "--without-policy",
+    "without",
+    multiple=True,
+    metavar="NAME",
+    help="Leave a policy out of the report: its file is not at hand.",
+)
+def release(
+    study: str,
+    out: Path,
+    database: Path | None,
+    studies: Path | None,
+    authors: tuple[str, ...],
+    url: str | None,
+    without: tuple[str, ...],
+) -> None:
+    """Write every finished episode of a closed study as SQLite, Parquet, CSV and Minari, described and signed.
+
+    The study is verified first; one episode that fails, and nothing is written. The report is made from the bundle's own
+    data and lies in it, with the episodes of the policies that it compares: `reproduce` derives it again. People appear
+    under pseudonyms drawn anew for each release; identities, cookies and completion codes are never in it. The signing
+    key lies beside the database and is drawn on first use: publish its fingerprint. docs/release.md says what is in a
+    bundle and how a stranger checks it. It needs `pip install "marsexplorer-playground[export]"`.
+
+    \b
+    Examples:
+      marsexplorer release --study dunes --out dunes-1 --author "Ada Lovelace"
+      marsexplorer verify --dataset dunes-1
+      marsexplorer reproduce dunes-1
+    """
+    from app.release.errors import check_libraries
+
+    way_out = "; choose another --out"
+    with failures(f"cannot write to {out}", way_out):
+        check_libraries()
+    from app.release.build import build_release, request_of
+    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+
+    settings = settings_of()
+    places = database or settings.database, studies or settings.studies
+    try:
+        with failures(f"cannot write to {out}", way_out):
+            request = request_of(study, out, *places, authors, url, without)
+            with progress("verifying and writing") as advance:
+                built = build_release(request, advance, progress)
+    except (PolicyNotFoundError, PolicyFileError) as error:
+        raise click.ClickException(
+            f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
+        ) from error
+    rows = built.header.rows
+    click.echo(
+        f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves"
+    )
+    if built.header.chain_head:
+        click.echo(
+            f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}"
+        )
+    click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
+
+
+@click.command(short_help="Derive a bundle's figures again and compare.")
+@click.argument("folder", type=PATH)
+@click.option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+@click.option(
+    "--recorded",
+    is_flag=True,
+    help="Do not play the policies again: replay their recorded moves only.",
+)
+def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
+    """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
+
+    The people's episodes come from the bundle's database. The policies' episodes are replayed from their recorded moves;
+    a policy whose file is here and has the same SHA-256 is played again as well. The exit code is 1 when a figure
+    differs, or when a file is not the one that was signed. Neither the original database nor the study's folder is needed.
+
+    \b
+    Examples:
+      marsexplorer reproduce dunes-1
+      marsexplorer reproduce dunes-1 --key 15f592c2...
+    """
+    from app.release import reproduce as derivation
+
+    with failures("cannot read {file}"):
+        made = derivation.reproduce(folder, pins_file(), key, not recorded, progress)
+    _show(folder, made)
+    return 1 if made.differ or made.findings else 0
+
+
+def _show(folder: Path, made: Reproduction) -> None:
+    """Print whose files they are, what was compared and what differs."""
+    for finding in made.findings[:MAX_PRINTED]:
+        click.echo(str(finding))
+    click.echo(f"{folder}: {made.files} files, {len(made.findings) or 'none'} not as signed")
+    click.echo(made.signer.sentence())
+    if made.derived is not None:
+        click.echo(
+            "this bundle holds no report, so there is nothing to compare with; the report derived from it:"
+        )
+        for line in made.left_out:
+            click.echo(f"- {line}")
+        show(made.derived)
+        return
+    rows = [
+        (name, f"{each.compared:,}", f"{each.differ:,}") for name, each in made.sections.items()
+    ]
+    print_table("figures derived again from the bundle", ("section", "compared", "differ"), rows)
+    named = [line for each in made.sections.values() for line in each.differences]
+    for line in named[:MAX_PRINTED]:
+        click.echo(line)
+    if made.differ > len(named[:MAX_PRINTED]):
+        click.echo(f"... and {made.differ - len(named[:MAX_PRINTED])} more")
+    for line in made.not_compared:
+        click.echo(f"not compared: {line}")
+    compared = sum(each.compared for each in made.sections.values())
+    click.echo(f"{compared:,} values compared, {made.differ:,} differ")
+
+
+@click.command("import", short_help="Bring a released bundle into a database.")
+@click.argument("folder", type=PATH)
+@click.option("--database", type=PATH, help="The database to bring it into; made when absent.")
+@click.option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+def import_release(folder: Path, database: Path | None, key: str | None) -> None:
+    """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
+
+    What is there already and equal is let be; the same episodes under other names are refused. People whom the database
+    has forgotten stay out. No server may have the database meanwhile.
+
+    \b
+    Examples:
+      marsexplorer import dunes-1 --database dunes.db
+      marsexplorer report --study dunes --database dunes.db
+    """
+    from app.release import bundle
+    from app.release.manifest import read_manifest
+    from app.release.signing import check_signer, fingerprint_of
+
+    path = database or settings_of().database
+    with failures(f"cannot bring {folder} into {path}"):
+        expected = None if key is None else fingerprint_of(key)
+        with progress("verifying (the rules are compiled first)") as advance:
+            counts = bundle.import_release(folder, path, advance, expected)
+        signer = check_signer(read_manifest(folder)[0], expected, pins_file())
+    there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
+    left = (
+        f"; {counts.forgotten} people stayed out, who were forgotten here"
+        if counts.forgotten
+        else ""
+    )
+    people, episodes = counts.added["participants"], counts.added["episodes"]
+    click.echo(
+        f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}"
+    )
+    click.echo(signer.sentence())
