@@ -17,21 +17,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from app.storage.chain import BegunHash, begin_hash
 from app.storage.input_events import count_input_events, has_copied_timing, input_events
 from app.storage.store import Store
+from app.storage.trial import Attestation
 from marsexplorer.config import ACTIONS
-
-Attestation = Literal["unattested", "declared", "attested", "supervised"]
-"""Lowest first.
-
-unattested  a move has no input event of its own that fits it
-declared    the page called every move a key or a touch, and nothing was compared: episodes of earlier versions
-attested    every move fits an input event of its own
-supervised  attested, and the operator had typed their code shortly before
-"""
 
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from app.moves.analysis import MoveAnalysis
 from app.moves.likeness import Likeness
 from app.moves.regret import RegretSummary
-from app.play.attestation import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, Cell, nearest
 from app.report.model import GroupReport, Metric, Report
 from app.statistics.exclusion_sets import METRICS
 from app.statistics.formatting import NONE, interval, number, p_value, percent
 from app.statistics.mixed_model import MixedModel
 from app.statistics.study_figures import StudyFigure, why_no_interval
+from app.storage.trial import Attestation
 
 
 @dataclass(frozen=True)

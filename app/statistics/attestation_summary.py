@@ -6,7 +6,8 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
-from app.play.attestation import LEVELS, Attestation, level_reaches
+from app.play.attestation import LEVELS, level_reaches
+from app.storage.trial import Attestation
 from app.study.data import StudyData
 
 

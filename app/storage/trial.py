@@ -18,6 +18,13 @@ from marsexplorer.world import cells_that_count
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
 Attestation = Literal["unattested", "declared", "attested", "supervised"]
+"""Lowest first.
+
+unattested  a move has no input event of its own that fits it
+declared    the page called every move a key or a touch, and nothing was compared: episodes of earlier versions
+attested    every move fits an input event of its own
+supervised  attested, and the operator had typed their code shortly before
+"""
 
 
 class DailyDay(NamedTuple):
@@ -32,7 +39,7 @@ class Trial:
     """An episode, open or finished, with what it belongs to. Its columns are those of `columns.txt`.
 
     driver       "human", "script" or "policy:NAME"
-    core_version of the rules that it was played under
+    core_version  of the rules that it was played under
     owner_id     the player on whose page it ran, where that was asked for
     counts       for the figure of the playground's volunteers, where that was asked for
     daily        of a player's attempt at a daily terrain, else None
@@ -97,7 +104,7 @@ class Trial:
         if row.get("daily_day") is not None:
             given["daily"] = DailyDay(row["daily_day"], row["daily_commitment"])
         start = (row["start_row"], row["start_col"])
-        return cls(**{**given, "config": _config(row["config"]), "start": start})
+        return cls(**{**given, "config": parse_config(row["config"]), "start": start})
 
     def row(self) -> dict[str, Any]:
         """Return what the table `episodes` holds of it, by column."""
@@ -161,7 +168,8 @@ _COLUMNS = TABLES["episodes"].names()
 
 
 @lru_cache(maxsize=256)
-def _config(text: str) -> EnvConfig:
+def parse_config(text: str) -> EnvConfig:
+    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none."""
     return EnvConfig(**json.loads(text))
 
 

@@ -21,8 +21,8 @@ from pydantic import (
     model_validator,
 )
 
-from app.play.attestation import Attestation
 from app.play.validation import MAX_API_SIDE, describe_errors
+from app.storage.trial import Attestation
 from app.study.texts import CONSENT, questions
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
