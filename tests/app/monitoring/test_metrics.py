@@ -104,7 +104,7 @@ def test_a_frame_that_a_slow_subscriber_never_got_is_counted(server):
 
     with session.channel.subscribe():  # it never asks
         for _ in range(3):
-            session.publish_frame()
+            session.channel.publish(session.frame)
     assert count() == 3, "the one it found, and the two that came before the newest"
 
 

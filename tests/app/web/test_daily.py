@@ -22,6 +22,7 @@ from app.storage.reader import utc_day
 from app.storage.store import DAY_MS, Store
 from app.study.verification import verify_database
 from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.episode import unpack_terrain
 from marsexplorer.policies import load
 from tests.support.servers import eventually
 
@@ -227,7 +228,7 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
         assert (was_open, ranked is mine[0]) == (False, False)
         assert await boards.newest("me") is ranked
         assert await boards.with_id("me", mine[0].id) is None
-        away = next(a for a in range(4) if _stays(mine[0].episode, a))
+        away = next(a for a in range(4) if _stays(mine[0].current, a))
         await mine[0].act(Move(mine[0].current.id, 0, away, "human"))
         await boards.begin(NewSession(size=(7, 9), seed=7), "me")
         assert not mine[0].episode.ended
@@ -243,13 +244,12 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
         assert find_attempt(store, "me", "2026-11-22").outcome == "abandoned"
 
 
-def _stays(episode, action):
-    """Whether a move leads neither off the grid nor into a rock."""
-    row, col = (
-        episode.start[0] + (action == 2) - (action == 0),
-        episode.start[1] + (action == 1) - (action == 3),
-    )
-    return 0 <= row < 7 and 0 <= col < 9 and not episode.terrain[row, col]
+def _stays(played, action):
+    """Whether a first move leads neither off the grid nor into a rock."""
+    row = played.start[0] + (action == 2) - (action == 0)
+    col = played.start[1] + (action == 1) - (action == 3)
+    terrain = unpack_terrain(played.terrain, played.config)
+    return 0 <= row < 7 and 0 <= col < 9 and not terrain[row, col]
 
 
 def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
@@ -260,9 +260,7 @@ def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
     exec(recipe, names)
     played = server.services.store.find_episode(about["frame"]["episode"]).episode
     assert (names["seed"], played.config) == (played.seed, EnvConfig.of("random", 21))
-    assert (
-        names["terrain"] == server.services.lobby.in_memory(about["session"]).episode.terrain
-    ).all()
+    assert (names["terrain"] == unpack_terrain(played.terrain, played.config)).all()
 
 
 def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, monkeypatch):

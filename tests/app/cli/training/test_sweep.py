@@ -58,7 +58,7 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
         row.completion,
         row.score_mean,
     )
-    assert one.rule_ratio == again.compared(row, "rule").ratio_mean
+    assert one.rule_ratio == again.compared(row).ratio_mean
     written = {path.name for path in (tmp_path / "one").iterdir()}
     assert written > {"one.safetensors", "log.jsonl", "curve.png"}
 
