@@ -534,7 +534,12 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
         session = SimpleNamespace(
-            id="s", channel=channel, episode=episode, paired_with=None, is_second=False, thought=""
+            id="s",
+            channel=channel,
+            shown=View(episode),
+            paired_with=None,
+            is_second=False,
+            thought="",
         )
         channel.publish("frame")
         client = SimpleNamespace(

@@ -231,10 +231,10 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
         away = next(a for a in range(4) if _stays(mine[0].current, a))
         await mine[0].act(Move(mine[0].current.id, 0, away, "human"))
         await boards.begin(NewSession(size=(7, 9), seed=7), "me")
-        assert not mine[0].episode.ended
+        assert not mine[0].shown.ended
         now[0] += HALF_AN_HOUR_MS
         await boards.abandon_left()
-        assert (mine[0].episode.outcome, still.episode.ended) == ("abandoned", False)
+        assert (mine[0].shown.outcome, still.shown.ended) == ("abandoned", False)
         with pytest.raises(DailyPlayedError, match="played once"):
             await daily.begin("me")
         lobby.close()
