@@ -1,8 +1,8 @@
 """A policy that moves as the people of a released study do: behaviour cloning (Pomerleau 1991).
 
-    pip install '.[networks,export]'
-    python examples/clone.py dunes-1 --out dunes-clone.safetensors
-    marsexplorer serve --policy dunes-clone.safetensors
+    pip install '.[train,export]'
+    python examples/clone.py dunes-1 --out dunes-clone.onnx
+    marsexplorer serve --policy dunes-clone.onnx
 
 The release's tables of episodes and steps are read, each episode is played again, and the network
 of `marsexplorer train` is fitted to the moves made. A fifth of the ranked terrains trains nothing:
@@ -22,8 +22,9 @@ from marsexplorer import policies
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode, Record
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network.model import Net, NetworkPolicy
+from marsexplorer.policies.base import Memory
+from marsexplorer.policies.network.features import RememberedFeatures
+from marsexplorer.training.network import Net, save_network
 from marsexplorer.training.refine import TRANSPOSED
 
 COMPARED = ("ppo", "frontier-cost", "frontier-utility")
@@ -56,14 +57,15 @@ def read_records(release: Path, kind: str) -> list[tuple[str, int | None, Record
     return found
 
 
-def demonstrations_of(records: list[Record], net: Net) -> tuple[torch.Tensor, ...]:
+def demonstrations_of(records: list[Record]) -> tuple[torch.Tensor, ...]:
     """Return every valid move: planes uint8[num, ...], moves float32[num, 4, ...], actions int64[num]."""
     planes, moves, actions = [], [], []
     for record in records:
         episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-        policy = NetworkPolicy("clone", net, record.config.sensor_radius)
+        memory, extract = Memory(), RememberedFeatures(record.config.sensor_radius)
         for action in record.actions:
-            own_planes, own_moves = policy.extract_features(episode.codes)
+            memory.observe(episode.codes)
+            own_planes, own_moves = extract(memory)
             if own_moves[0, action, 0] > 0:
                 planes.append(own_planes[0].copy())
                 moves.append(own_moves[0].copy())
@@ -103,7 +105,7 @@ def main() -> None:
     """Read a release, fit a network, write it, and print how much it moves like the players."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("release", type=Path, help="folder that `marsexplorer release` wrote")
-    parser.add_argument("--out", type=Path, default=Path("clone.safetensors"))
+    parser.add_argument("--out", type=Path, default=Path("clone.onnx"))
     parser.add_argument("--epochs", type=int, default=12, help="passes over the moves")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--synthetic", action="store_true", help="train on its scripts instead")
@@ -129,15 +131,16 @@ def main() -> None:
     torch.manual_seed(given.seed)
     torch.set_num_threads(1)
     net, config = Net(), trained[0].config
-    demonstrations = demonstrations_of(trained, net)
+    demonstrations = demonstrations_of(trained)
     fit(net, demonstrations, given.epochs, given.seed)
-    likeness = agreement_on(held_out, NetworkPolicy("clone", net, config.sensor_radius))
     summary = (
         f"A clone of the {who} of {given.release.name}, from {len(demonstrations[2]):,} moves."
     )
+    card = {"summary": summary, "size": [config.rows, config.cols]}
+    save_network(net, given.out, card)
+    likeness = agreement_on(held_out, policies.load(given.out, config.sensor_radius))
     results = {"human_likeness": likeness, "held_out_terrains": len(held)}
-    size = [config.rows, config.cols]
-    save_network(net, given.out, {"summary": summary, "size": size, "results": results})
+    save_network(net, given.out, {**card, "results": results})
     print(f"{given.out}: {summary}")
     print(f"on {len(held)} held-out terrains it makes {likeness:.1%} of the players' moves")
     for name in COMPARED:

@@ -150,7 +150,7 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
         assert {
             "random",
             "frontier-cost",
-            *(path.stem for path in (ROOT / "data/policies").glob("*.safetensors")),
+            *(path.stem for path in (ROOT / "data/policies").glob("*.onnx")),
         } <= offered
         begun = client.post("/api/sessions", json={"size": [9, 14], "rival": "frontier-cost"})
         assert begun.status_code == 201

@@ -9,13 +9,12 @@ from collections.abc import Iterator, Sequence
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "maps": ("PIL", "yaml"),
-    "networks": ("torch", "safetensors"),
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
         "prometheus_client", "pythonjsonlogger", "argon2",
     ),
-    "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
+    "train": ("torch", "tensorboardX", "matplotlib", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
@@ -27,11 +26,11 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 
 INCLUDED: dict[str, tuple[str, ...]] = {
     "play": ("onnx", "maps"),
-    "train": ("networks",),
+    "train": ("onnx",),
     "study": ("play",),
     "export": ("study",),
-    "onnx": ("networks",),
     "ray": ("train",),
+    "hub": ("onnx",),
     "video": ("play",),
 }
 """Extra -> the extras that it includes."""
@@ -40,7 +39,7 @@ EXTRA_OF_COMMAND = {
     "serve": "play",
     "export": "play",
     "replay": "play",
-    "evaluate": "train",
+    "evaluate": "play",
     "leaderboard": "play",
     "train": "train",
     "refine": "train",

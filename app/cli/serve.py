@@ -142,7 +142,7 @@ def serve(
       marsexplorer serve --admin
       marsexplorer serve --port 9000 --database lab.db
       marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
-      marsexplorer serve --host 0.0.0.0 --policy mine.safetensors
+      marsexplorer serve --host 0.0.0.0 --policy mine.onnx
       marsexplorer serve --paper                          ppo-paper, ppo-works, a2c-works, rainbow-works, sac-works too
       marsexplorer serve --map office.yaml --map garage.yaml
     """

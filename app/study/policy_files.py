@@ -1,6 +1,6 @@
 """The files of the policies that a study compares with: recorded by SHA-256 when it is frozen, and kept.
 
-    NAME/policies/SHA256.safetensors   in the folder of studies; a release has such a folder too
+    NAME/policies/SHA256.onnx   in the folder of studies; a release has such a folder too
 
 A name may stand for another file in a later version, and a path for another one or for none. So whatever plays a policy of a
 frozen study asks here for the file of the recorded hash, and no other file takes its place.
@@ -67,7 +67,7 @@ class PolicyFiles:
         return (
             kept
             or (self.folder or Path(FOLDER))
-            / f"{self.hashes[policy]}{Path(policy).suffix or '.safetensors'}"
+            / f"{self.hashes[policy]}{Path(policy).suffix or '.onnx'}"
         )
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from marsexplorer.config import UNKNOWN
 from marsexplorer.episode import Episode, Record
 from marsexplorer.evaluation.losses import Loss
-from marsexplorer.evaluation.rollouts import ActionScorer, GreedyRollouts
+from marsexplorer.evaluation.rollouts import GreedyRollouts
+from marsexplorer.policies.network.batch import ActionScorer
 
 SOON = 6
 """Moves, the better one among them, in which a cell is seen soon."""

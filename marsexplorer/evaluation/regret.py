@@ -29,15 +29,15 @@ from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_blocked, moved
 from marsexplorer.evaluation.missed import Missed, find_missed
 from marsexplorer.evaluation.rollouts import (
-    ActionScorer,
     GreedyRollouts,
     Snapshot,
     concatenate,
     play_branches,
 )
 from marsexplorer.files import write_whole
-from marsexplorer.policies.base import check_extra
-from marsexplorer.policies.loading import find_file
+from marsexplorer.policies.files.card import refuse
+from marsexplorer.policies.loading import find_file, load
+from marsexplorer.policies.network.batch import ActionScorer
 
 REGRET_VERSION = "1"
 """Rises whenever the same episode and policy would have another regret."""
@@ -117,19 +117,19 @@ class EpisodeRegret:
 class RegretEstimator:
     """Works out regrets with one policy that goes on, and keeps what it has worked out in a folder.
 
-    policy  name or path of a network of ours (.safetensors)
+    policy  name or path of a network of ours, greedy with the loop guard
     cache   a folder of files named by SHA-256 over policy file, versions of core and regret, and trajectory hash; each holds
             the lengths alone, and the folder may be deleted at any time. None keeps nothing
 
-    PolicyNotFoundError, PolicyFileError and MissingExtraError as `policies.load` raises them.
+    PolicyNotFoundError and PolicyFileError as `policies.load` raises them, PolicyFileError also for other policies.
     """
 
     def __init__(self, policy: str | Path = "ppo", cache: Path | None = None) -> None:
         path = find_file(str(policy))
-        check_extra("networks")
-        from marsexplorer.policies.network.model import load_net
-
-        self._net: ActionScorer = load_net(path)
+        net = getattr(load(path), "net", None)
+        if net is None or net.acts != "greedy with guard":
+            raise refuse(path, "a network of ours that is greedy with guard", "another policy")
+        self._net: ActionScorer = net
         self._policy_hash = hashlib.sha256(path.read_bytes()).hexdigest()
         self._cache = cache
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +19,12 @@ from marsexplorer.observation import EAST
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.frontier import FrontierCost
 from marsexplorer.policies.guard import update_guard
+from marsexplorer.policies.network.batch import ActionScorer
 from marsexplorer.policies.network.features import FeatureExtractor
 from marsexplorer.world import Worlds, positions
 
 Snapshot = dict[str, NDArray[Any]]
 """Copies of worlds and of what is remembered of them: arrays [num_worlds, ...] by name."""
-
-
-class ActionScorer(Protocol):
-    """A network that scores the actions: `policies.network.model.Net`, or one with the same method."""
-
-    def rules_that_count(self, rows: int, cols: int) -> Sequence[int] | None:
-        """Return the `rules` of `FeatureExtractor` that it needs on grids of this size; None: all."""
-
-    def infer(
-        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (logits float32[num, 4], values float32[num]) for what `FeatureExtractor` returns."""
 
 
 @dataclass(frozen=True)

@@ -67,19 +67,15 @@ class PolicyFileError(ValueError):
     """The file is there but is no policy that can be played."""
 
 
-LIBRARIES = {"networks": ("torch", "safetensors"), "onnx": ("onnx", "onnxruntime")}
-"""Extra of this package -> the libraries that it installs."""
-
-
-def check_extra(extra: str) -> None:
-    """Import the libraries of an extra; PolicyFileError when one is missing, with what to install."""
-    for library in LIBRARIES[extra]:
+def check_onnx() -> None:
+    """Import the libraries of the extra `onnx`; PolicyFileError when one is missing, with what to install."""
+    for library in ("onnx", "onnxruntime"):
         try:
             import_module(library)
         except ModuleNotFoundError as error:
             raise PolicyFileError(
-                f"such policy files need the package {library}, which is not installed; "
-                f"pip install 'marsexplorer-playground[{extra}]'"
+                f"policy files need the package {library}, which is not installed; "
+                "pip install 'marsexplorer-playground[onnx]'"
             ) from error
 
 

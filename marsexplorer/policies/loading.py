@@ -6,16 +6,21 @@ import hashlib
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 import numpy as np
 
 from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
-from marsexplorer.policies.base import Policy, PolicyNotFoundError, check_extra
+from marsexplorer.policies.base import Policy, PolicyNotFoundError, check_onnx
 from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced
 from marsexplorer.policies.random_policy import RandomPolicy
+
+if TYPE_CHECKING:
+    from marsexplorer.policies.network.policy import OnnxNet
 
 BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
     "frontier-priced": (
@@ -32,9 +37,6 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
 }
 """Name -> what makes the policy for a sensor radius, and its summary."""
 
-FILE_SUFFIXES = (SUFFIX, ".onnx")
-"""How the names of policy files end."""
-
 
 def names() -> list[str]:
     """Return the names of everything that loads by name, the best default first."""
@@ -45,17 +47,11 @@ def describe(name: str) -> str:
     """Return one sentence about a policy that loads by name or path (a network's stands in its card)."""
     if name in BUILT_IN:
         return BUILT_IN[name][1]
-    path = find_file(name)
-    if path.suffix == ".onnx":
-        check_extra("onnx")
-        from marsexplorer.policies.files.onnx import describe_onnx
-
-        return describe_onnx(path)
-    return str(read_card(path).get("summary", "A trained network."))
+    return str(read_card(find_file(name)).get("summary", "A policy from an ONNX file."))[:300]
 
 
 def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
-    """Return a policy by name, or from a file by path: .safetensors or .onnx.
+    """Return a policy by name, or from an ONNX file by path; networks of one unchanged file are shared.
 
     sensor_radius  of the rover it will drive, 1..31 cells: what the policy expects to see depends on it
 
@@ -67,8 +63,7 @@ def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:
     if name in BUILT_IN:
         return BUILT_IN[name][0](sensor_radius)
     path = find_file(name)
-    read = _load_onnx if path.suffix == ".onnx" else _load_safetensors
-    policy = read(path, sensor_radius)
+    policy = _load_file(path, sensor_radius)
     if path not in shipped().values():  # tests try those
         try_out(policy, path)
     return policy
@@ -103,7 +98,7 @@ def find_file(name: str) -> Path:
     path = Path(name)
     if path.is_file():
         return path
-    if path.suffix in FILE_SUFFIXES or path.name != name:
+    if path.suffix == SUFFIX or path.name != name:
         raise PolicyNotFoundError(
             f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}"
         )
@@ -131,24 +126,21 @@ def policy_hash(name: str) -> str | None:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-# Libraries of networks take seconds to import and may be absent, so the readers are imported only when a file needs them.
-
-
-def _load_safetensors(path: Path, sensor_radius: int) -> Policy:
-    check_extra("networks")
-    from marsexplorer.policies.network.model import load_network
-
-    return load_network(path, sensor_radius)
-
-
-def _load_onnx(path: Path, sensor_radius: int) -> Policy:
-    check_extra("onnx")
+def _load_file(path: Path, sensor_radius: int) -> Policy:
+    check_onnx()  # and imported here: the libraries may be absent, and take their time
     from marsexplorer.policies.files.onnx import OnnxModel, load_imported
+    from marsexplorer.policies.network.policy import NetworkPolicy, OnnxNet
 
-    model = OnnxModel(path)
-    if not model.is_own_network:
-        return load_imported(model)
-    check_extra("networks")
-    from marsexplorer.policies.network.onnx_network import load_onnx_network
+    state = path.stat()
+    key = (str(path.resolve()), state.st_mtime_ns, state.st_size)
+    net = _NETS.get(key)
+    if net is None:
+        model = OnnxModel(path)
+        if not model.is_own_network:
+            return load_imported(model)
+        net = _NETS[key] = OnnxNet(model)
+    return NetworkPolicy(path.stem, net, sensor_radius, net.acts)
 
-    return load_onnx_network(model, sensor_radius)
+
+_NETS: WeakValueDictionary[tuple[str, int, int], OnnxNet] = WeakValueDictionary()
+"""The networks in use, by path, time and size of their files: boards that share one can be decided together (see `batch`)."""

@@ -10,9 +10,8 @@ from typing import Any
 from torch import nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network import model
 from marsexplorer.training.envs import EncoderFactory, feature_encoder
+from marsexplorer.training.network import Net, save_network
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
@@ -87,13 +86,13 @@ class TrainConfig:
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network, which serves all environments."""
         del env_configs
-        net = model.Net()
+        net = Net()
         net.prior.data *= self.prior_scale
         return net
 
     def save_policy(self, net: nn.Module, path: Path, card: dict[str, Any]) -> None:
         """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
-        assert isinstance(net, model.Net)
+        assert isinstance(net, Net)
         save_network(net, path, {"limits": LIMITS, **card})
 
     @classmethod

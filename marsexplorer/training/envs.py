@@ -37,7 +37,7 @@ EncoderFactory = Callable[[EnvConfig, int], Encoder]
 
 
 def feature_encoder(config: EnvConfig, num_envs: int) -> Encoder:
-    """Return the encoder for `policies.network.model.Net`: planes, and numbers for each move."""
+    """Return the encoder for `network.Net`: planes, and numbers for each move."""
     extractor = FeatureExtractor(num_envs, config.rows, config.cols, config.sensor_radius)
 
     def encode(*arrays: NDArray[Any]) -> Observation:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training.config import TrainConfig
 from marsexplorer.training.envs import (
     MixedEnvs,
@@ -32,6 +31,7 @@ from marsexplorer.training.envs import (
     rewards_in_moves,
 )
 from marsexplorer.training.interrupts import postponed_interrupt
+from marsexplorer.training.prior import rule_probabilities
 
 ENT_COEF_FACTOR = 1.05
 """Factor by which the entropy's coefficient is adapted after an update."""

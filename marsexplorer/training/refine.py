@@ -35,16 +35,17 @@ from torch.nn import functional
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.rollouts import (
     MIN_RUNNING_SHARE,
-    ActionScorer,
     Decisions,
     GreedyRollouts,
     Snapshot,
     concatenate,
     play_branches,
 )
+from marsexplorer.policies.network.batch import ActionScorer
 from marsexplorer.policies.network.features import SCALES
-from marsexplorer.policies.network.model import Net
+from marsexplorer.policies.network.policy import rules_that_count
 from marsexplorer.training.envs import refuse_evaluation_seeds
+from marsexplorer.training.network import Net
 from marsexplorer.training.ppo import MIN_LOG_PROB
 
 SIDE = 21
@@ -597,6 +598,10 @@ def play_task(
 
 class _Bfloat16Net(Net):
     """The network in bfloat16: twice as fast, and its best action is almost always the same."""
+
+    def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...] | None:
+        weights = {name: tensor.numpy() for name, tensor in self.state_dict().items()}
+        return rules_that_count(weights, rows, cols)
 
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]

@@ -1,6 +1,6 @@
 """The folder of a training run: its log, learning curve, checkpoints and policy file.
 
-NAME.safetensors   the policy with its card, NAME being the folder's; NAME-ppo.safetensors in a run that goes on to refine it
+NAME.onnx          the policy with its card, NAME being the folder's; NAME-ppo.onnx in a run that goes on to refine it
 checkpoint.pt      what `--resume` goes on from, tensors, numbers and lists without pickled code:
                    identity (JSON of `TrainingRun.identity`), run (`TrainingRun.state_dict`), seconds
 log.jsonl          a line for each update
@@ -62,7 +62,7 @@ class RunFolder:
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self._run, self._card, self._on_update = folder, run, card, on_update
-        self.policy = folder / f"{folder.resolve().name}{suffix}.safetensors"
+        self.policy = folder / f"{folder.resolve().name}{suffix}.onnx"
         self._lines: list[dict[str, Any]] = []
         self._seconds_before, self._started, self._saved = 0.0, time.monotonic(), time.monotonic()
         self._tensorboard = make_summary_writer(folder)

@@ -9,20 +9,19 @@ The card stands under "card" in the metadata. Its "acts" says how the moves foll
 
 from __future__ import annotations
 
-import json
-import warnings
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-import onnx
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from marsexplorer.config import ROVER
-from marsexplorer.files import replace_whole
 from marsexplorer.policies.base import INVALID_LOGIT
 from marsexplorer.policies.network.features import ACTION_FEATURES, PICTURE_CELLS, PLANES
+from marsexplorer.training.network import export_onnx
 from research.paper.networks import PaperNetwork
 
 
@@ -65,25 +64,14 @@ def save_agent(net: PaperNetwork, path: Path, card: dict[str, Any]) -> None:
     """
     acts = card.get("acts", "samples" if net.shape.head == "policy" else "greedy")
     agent, size = Agent(net, acts), net.shape.size
+    samples: dict[str, NDArray[Any]]
     if size is None:
         samples = {
-            "planes": torch.zeros((1, PLANES, PICTURE_CELLS), dtype=torch.uint8),
-            "moves": torch.ones((1, 4, ACTION_FEATURES)),
+            "planes": np.zeros((1, PLANES, PICTURE_CELLS), np.uint8),
+            "moves": np.ones((1, 4, ACTION_FEATURES), np.float32),
         }
     else:
-        samples = {"observation": torch.ones((1, *size), dtype=torch.uint8)}
+        samples = {"observation": np.ones((1, *size), np.uint8)}
         samples["observation"][0, 0, 0] = ROVER
-    with replace_whole(path) as unfinished:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the exporter speaks of its successor
-            torch.onnx.export(
-                agent,
-                tuple(samples.values()),
-                str(unfinished),
-                dynamo=False,
-                input_names=list(samples),
-                output_names=["logits", "value"] if agent.has_value else ["logits"],
-            )
-        model = onnx.load(str(unfinished))
-        model.metadata_props.add(key="card", value=json.dumps({**card, "acts": acts}, indent=1))
-        onnx.save(model, str(unfinished))
+    outputs = ["logits", "value"] if agent.has_value else ["logits"]
+    export_onnx(agent.eval(), path, samples, outputs, {**card, "acts": acts})

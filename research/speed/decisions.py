@@ -12,7 +12,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
-from marsexplorer.policies.network.model import Net, NetworkPolicy
+from marsexplorer.policies.network.policy import NetworkPolicy
 from research.speed.figures import Figure
 
 STACK = 32
@@ -41,7 +41,7 @@ def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
     if not isinstance(policy, NetworkPolicy):
         return None
     net = policy.net
-    rules = net.rules_that_count(config.rows, config.cols) if isinstance(net, Net) else None
+    rules = net.rules_that_count(config.rows, config.cols)
     rollouts, spent, rounds = GreedyRollouts(config, STACK, rules), 0.0, 0
     rollouts.worlds.start(np.arange(seed, seed + STACK))
     rollouts.step(rollouts.decide(net).actions)

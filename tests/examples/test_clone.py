@@ -14,7 +14,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card
-from marsexplorer.policies.network.model import Net, NetworkPolicy
+from marsexplorer.training.network import Net, save_network
 from tests.support.stored_studies import freeze, play_study
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def clone(*words):
 
 def test_a_release_becomes_a_policy_with_a_card(release, tmp_path):
     bundle = release("human", "human")
-    first, again = tmp_path / "dunes.safetensors", tmp_path / "again.safetensors"
+    first, again = tmp_path / "dunes.onnx", tmp_path / "again.onnx"
     done = clone(bundle, "--out", first, "--epochs", 2)
     assert done.returncode == 0, done.stderr
     assert "on 1 held-out terrains it makes" in done.stdout
@@ -53,7 +53,7 @@ def test_a_release_becomes_a_policy_with_a_card(release, tmp_path):
 
 
 def test_scripts_alone_are_refused_and_marked_when_asked_for(release, tmp_path):
-    bundle, out = release("script", "script"), tmp_path / "scripts.safetensors"
+    bundle, out = release("script", "script"), tmp_path / "scripts.onnx"
     done = clone(bundle, "--out", out)
     assert done.returncode == 1
     assert "no finished ranked episodes of people" in done.stderr
@@ -62,7 +62,7 @@ def test_scripts_alone_are_refused_and_marked_when_asked_for(release, tmp_path):
     assert "SYNTHETIC" in read_card(out)["summary"]
 
 
-def test_a_clone_learns_the_moves_it_is_shown():
+def test_a_clone_learns_the_moves_it_is_shown(tmp_path):
     spec = importlib.util.spec_from_file_location("clone", ROOT / "examples" / "clone.py")
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
@@ -77,8 +77,9 @@ def test_a_clone_learns_the_moves_it_is_shown():
 
     torch.manual_seed(0)
     net = Net()
-    shown = example.demonstrations_of([record(seed) for seed in range(40)], net)
+    shown = example.demonstrations_of([record(seed) for seed in range(40)])
     example.fit(net, shown, epochs=8, seed=0)
-    policy = NetworkPolicy("clone", net, 4)
+    save_network(net, tmp_path / "clone.onnx", {})
+    policy = load(tmp_path / "clone.onnx", 4)
     held = (record(seed) for seed in range(100, 110))
     assert sum((agreement_with(policy, each) for each in held), Agreement()).share > 0.8

@@ -90,7 +90,7 @@ def create_hub():
             "files": [
                 {
                     "path": each["path"],
-                    "uploadMode": mode[each["path"].endswith(".safetensors")],
+                    "uploadMode": mode[each["path"].endswith(".onnx")],
                     "shouldIgnore": False,
                 }
                 for each in asked

@@ -3,14 +3,16 @@
 import json
 import os
 import pickle
+import zipfile
 
 import numpy as np
 import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network.model import Net
+from marsexplorer import policies
+from marsexplorer.policies.network.features import MOVE_NUMBERS, PICTURE_CELLS, PLANES
+from marsexplorer.training.network import Net, save_network
 
 
 def write_network(path):
@@ -18,6 +20,12 @@ def write_network(path):
     torch.manual_seed(1)
     save_network(Net(), path, {"summary": "Untrained.", "limits": "None known."})
     return path
+
+
+def playing(net, folder):
+    """Return a network as it plays, by way of a file in a folder."""
+    save_network(net, folder / "net.onnx", {"summary": "Untrained."})
+    return policies.load(folder / "net.onnx").net
 
 
 def runs(marker):
@@ -81,6 +89,13 @@ def broken_onnx(kind, path, marker):
     graph = model.graph
     if kind == "a plain pickle":
         path.write_bytes(pickle.dumps(runs(marker)))
+        return path
+    if kind == "a zip of pickles":
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("data.pkl", pickle.dumps(runs(marker)))
+        return path
+    if kind == "a text":
+        path.write_text("not a policy at all")
         return path
     if kind == "an empty file":
         path.write_bytes(b"")
@@ -182,11 +197,32 @@ def _odd_onnx(kind):
             helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3])
         )
         return model
+    if kind == "any number of our boards in name alone":
+        return _network_of_one_board()
     raise AssertionError(kind)
+
+
+def _network_of_one_board():
+    """A network over our features that leaves the number of boards open, and gives the logits of one."""
+    nodes = [
+        helper.make_node("ReduceSum", ["moves", "axes"], ["sums"]),
+        helper.make_node("Reshape", ["sums", "shape"], ["logits"]),
+    ]
+    held = {"axes": [0, 2], "shape": [1, 4]}
+    initializers = [numpy_helper.from_array(np.array(each), name) for name, each in held.items()]
+    planes = helper.make_tensor_value_info(
+        "planes", TensorProto.UINT8, [None, PLANES, PICTURE_CELLS]
+    )
+    moves = helper.make_tensor_value_info("moves", TensorProto.FLOAT, [None, 4, MOVE_NUMBERS])
+    logits = helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, 4])
+    graph = helper.make_graph(nodes, "policy", [planes, moves], [logits], initializers)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
 BROKEN_ONNX = [
     "a plain pickle",
+    "a zip of pickles",
+    "a text",
     "an empty file",
     "half a file",
     "a file too large",
@@ -207,4 +243,5 @@ BROKEN_ONNX = [
     "whole numbers go in",
     "a batch of two",
     "our own inputs in other shapes",
+    "any number of our boards in name alone",
 ]

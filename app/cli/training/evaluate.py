@@ -117,7 +117,7 @@ def evaluate(
     \b
     Examples:
       marsexplorer evaluate --policy random --policy ppo
-      marsexplorer evaluate --policy mine.safetensors --level all --json result.json --csv result.csv
+      marsexplorer evaluate --policy mine.onnx --level all --json result.json --csv result.csv
       marsexplorer evaluate --policy ppo --size 21 --size 42x84 --episodes 50 --plots pictures
       marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
       marsexplorer evaluate --policy ppo --map office.yaml --map garage.yaml

@@ -25,7 +25,7 @@ def policies() -> None:
     Examples:
       marsexplorer policies list
       marsexplorer policies card ppo
-      marsexplorer policies push runs/mine/mine.safetensors ada/mars-explorer
+      marsexplorer policies push runs/mine/mine.onnx ada/mars-explorer
       marsexplorer policies pull ada/mars-explorer
     """
 
@@ -65,7 +65,7 @@ def card(policy: str) -> None:
 def push(policy: str, repo: str, private: bool, token: str | None) -> None:
     """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
 
-    POLICY is the name or path of a .safetensors policy. The repository is made when it is not there.
+    POLICY is the name or path of a policy with a card. The repository is made when it is not there.
     """
     with _policy_errors():
         from marsexplorer.policies.files import hub
@@ -102,7 +102,7 @@ def _file_of(policy: str) -> Path:
 
     if policy in BUILT_IN:
         raise click.UsageError(
-            f"{policy} is a rule, code of this package; name a .safetensors policy, such as ppo"
+            f"{policy} is a rule, code of this package; name a policy that has a file, such as ppo"
         )
     return find_file(policy)
 

@@ -62,14 +62,14 @@ def refine(
     \b
     Examples:
       marsexplorer refine                                           the shipped policy, 30 rounds
-      marsexplorer refine runs/mine/mine.safetensors --rounds 10
-      marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.safetensors
+      marsexplorer refine runs/mine/mine.onnx --rounds 10
+      marsexplorer serve --policy runs/mine-refined-s0/mine-refined-s0.onnx
     """
     from app.jobs import cores
     from marsexplorer.config import EnvConfig
     from marsexplorer.policies.base import PolicyFileError
     from marsexplorer.policies.files.card import read_card, shipped
-    from marsexplorer.policies.network.model import load_net
+    from marsexplorer.training.network import load_net
     from marsexplorer.training.refine import RefineRun, config_for
 
     path = shipped().get(policy, Path(policy))
@@ -78,7 +78,7 @@ def refine(
     except PolicyFileError as error:
         raise click.UsageError(str(error)) from error
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
-    file = folder / f"{folder.resolve().name}.safetensors"
+    file = folder / f"{folder.resolve().name}.onnx"
     if file.exists():
         raise click.UsageError(
             f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out"
@@ -222,7 +222,7 @@ class RefineOutput:
 
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
-        from marsexplorer.policies.files.weights import save_network
+        from marsexplorer.training.network import save_network
 
         run, card = self.run, self.card
         seconds = self._lines[-1]["seconds"] if self._lines else 0.0

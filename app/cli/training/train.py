@@ -93,7 +93,7 @@ def train(
     The folder --out gets the policy file, a log, a learning curve (curve.png), TensorBoard events and, every minute,
     a checkpoint. Ctrl-C keeps all of it, and --resume goes on to the same result as without the interruption. At the end
     the policy and the frontier rules play terrains that training never uses, 200 of 21x21 and fewer larger ones; the policy's
-    card gets the figures. With --refine the folder also keeps what PPO came to, NAME-ppo.safetensors, and after every round
+    card gets the figures. With --refine the folder also keeps what PPO came to, NAME-ppo.onnx, and after every round
     another checkpoint, which may take 1 GB while rounds are left; --minutes are those of PPO.
 
     \b
@@ -102,7 +102,7 @@ def train(
       marsexplorer train --minutes 5 --seed 1 --out runs/quick
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
       marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
-      marsexplorer serve --policy runs/quick/quick.safetensors
+      marsexplorer serve --policy runs/quick/quick.onnx
     """
     if minutes is not None and steps is not None:
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
@@ -201,7 +201,7 @@ def _refine(
     """Refine the trained policy on the sizes of its run, in the run's folder, and print how it does on held-out terrains."""
     from app.jobs import cores
     from marsexplorer.policies.files.card import read_card
-    from marsexplorer.policies.network.model import load_net
+    from marsexplorer.training.network import load_net
     from marsexplorer.training.refine import RefineRun, config_for
 
     folder, processes = trained.parent, workers or cores()
@@ -209,7 +209,7 @@ def _refine(
     refine_run = RefineRun(
         load_net(trained), run.seed, config_for(rounds, sizes, was_refined=False)
     )
-    file = folder / f"{folder.resolve().name}.safetensors"
+    file = folder / f"{folder.resolve().name}.onnx"
     own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
     log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
     output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, log, checkpoint)

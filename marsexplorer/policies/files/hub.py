@@ -1,6 +1,6 @@
 """Policies on the Hugging Face hub: a model repository holds one policy, its card in words and its card as JSON.
 
-A repository has three files: `NAME.safetensors`, the policy as it plays anywhere; `config.json`, the card in its header; and
+A repository has three files: `NAME.onnx`, the policy as it plays anywhere; `config.json`, the card in its metadata; and
 `README.md`, the model card that the hub shows. A file from a repository is read as any policy file is: nothing is unpickled.
 """
 
@@ -27,7 +27,7 @@ from huggingface_hub.errors import (
 )
 
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.card import SUFFIX, read_card
+from marsexplorer.policies.files.card import SUFFIX, read_card, refuse
 
 METRICS = {
     "steps": "Steps to 99 % coverage",
@@ -49,7 +49,7 @@ def model_card(path: Path, repo: str) -> str:
 
     PolicyFileError when the file is no policy with a card.
     """
-    card = read_card(path)
+    card = _card_of(path)
     data = ModelCardData(
         license="mit",
         library_name="marsexplorer-playground",
@@ -64,7 +64,7 @@ def model_card(path: Path, repo: str) -> str:
 def push(path: Path, repo: str, *, is_private: bool = False, token: str | None = None) -> str:
     """Write a policy file with its cards into a repository, made when it is not there, in one commit; return its address.
 
-    path  a .safetensors file with a card; PolicyFileError otherwise
+    path  a policy file with a card; PolicyFileError otherwise
     repo  "OWNER/NAME"
 
     HubError when the hub refuses or cannot be reached; nothing is half-written then.
@@ -102,7 +102,7 @@ def pull(repo: str, folder: Path, *, revision: str | None = None, token: str | N
                 f"expected one {SUFFIX} file in {repo}, found {len(found)}: {', '.join(found) or 'none'}"
             )
         source = Path(api.hf_hub_download(repo, found[0], revision=revision))
-    read_card(source)
+    _card_of(source)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / Path(found[0]).name
     with write_whole(path) as file:
@@ -112,7 +112,15 @@ def pull(repo: str, folder: Path, *, revision: str | None = None, token: str | N
 
 def card_json(path: Path) -> bytes:
     """Return the card in a policy's file as indented JSON."""
-    return json.dumps(read_card(path), indent=2, ensure_ascii=False).encode() + b"\n"
+    return json.dumps(_card_of(path), indent=2, ensure_ascii=False).encode() + b"\n"
+
+
+def _card_of(path: Path) -> dict[str, Any]:
+    """Return the card in a policy's file; PolicyFileError when there is none."""
+    card = read_card(path)
+    if not card:
+        raise refuse(path, 'a card under "card" in its metadata', "none")
+    return card
 
 
 def _eval_results(card: dict[str, Any]) -> Iterator[EvalResult]:

@@ -1,13 +1,14 @@
 """Policies as ONNX files, run by onnxruntime.
 
-Two kinds are understood; a batch dimension, where there is one, must take 1.
+Two kinds are understood.
 
 **A policy of any making.** Input `observation`, float32 (the state matrix of eq. 6) or uint8 (codes), of shape [rows, cols],
 [1, rows, cols] or [1, 1, rows, cols]; rows and cols may be left open. Output `logits` float32[4] or [1, 4]; output `value`,
 one float32, if there is one. With a further input `action_mask`, bool[4] or [1, 4] (True where valid), invalid moves never win.
+A batch dimension, where there is one, must take 1.
 
-**A network over our features**, as `policies.network.onnx_network` writes it: inputs `planes` and `moves`, outputs `logits`
-and, if there is one, `value`. It plays with memory.
+**A network over our features**, as `training.network` writes it: inputs `planes` and `moves`, outputs `logits` and, if there
+is one, `value`. It plays with memory. A batch dimension that is left open must take any number of boards.
 
 The card under "card" in the metadata may say how a policy "acts": "samples" draws each move from the probabilities, "greedy"
 takes the best, "greedy with guard" has the loop guard besides, which networks over our features have unless the card says else.
@@ -27,12 +28,12 @@ import numpy as np
 import onnx
 import onnxruntime
 from numpy.typing import NDArray
+from onnx import numpy_helper
 
 from marsexplorer.policies.base import INVALID_LOGIT, PolicyFileError
-from marsexplorer.policies.files.card import refuse
+from marsexplorer.policies.files.card import FORMAT, refuse
 from marsexplorer.policies.files.imported import Evaluate, ImportedPolicy
 
-ONNX_ADVICE = "give an ONNX model with the inputs and outputs that docs/policies.md lists"
 LARGEST = 64 << 20
 """Bytes of a file; a larger one is refused unread."""
 MOST_MEMORY = 256 << 20
@@ -42,17 +43,45 @@ PROBE = 21
 """Cells a side of the board that a model of open size is tried on."""
 
 
+def read_model(path: Path) -> onnx.ModelProto:
+    """Return a file's model, unchecked; PolicyFileError when it is too large, cannot be read or is none."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise refuse(path, f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
+        data = path.read_bytes()
+    except OSError as error:
+        came = f"{type(error).__name__}: {error.strerror}"
+        raise refuse(path, "a file that can be read", came) from error
+    try:
+        return onnx.load_from_string(data)
+    except Exception as error:  # protobuf raises kinds of its own
+        raise refuse(path, "an ONNX model", "bytes that are none") from error
+
+
+def card_in(model: onnx.ModelProto) -> dict[str, Any]:
+    """Return the card in a model's metadata, empty when there is none."""
+    metadata = {str(one.key): str(one.value) for one in model.metadata_props}
+    try:
+        card = json.loads(metadata.get("card", "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    return card if isinstance(card, dict) else {}
+
+
 class OnnxModel:
-    """A checked model, ready to run. `inputs` and `outputs` map names to (type, shape), None for an open dimension."""
+    """A checked model, ready to run.
+
+    card             see `card_in`
+    inputs, outputs  name -> (type, shape), None for an open dimension
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        data = self._read()
-        try:
-            model = onnx.load_from_string(data)
-        except Exception as error:  # protobuf raises kinds of its own
-            raise self.refuse("an ONNX model", "bytes that are none") from error
-        self.metadata = {str(one.key): str(one.value) for one in model.metadata_props}
+        model = read_model(path)
+        self.card, self._graph = card_in(model), model.graph
+        if self.card.get("format", FORMAT) != FORMAT:
+            raise self.refuse(f"the format {FORMAT}", repr(self.card["format"])[:60])
         self._check(model)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -61,7 +90,7 @@ class OnnxModel:
         options.add_session_config_entry("session.use_env_allocators", "1")
         try:
             self._session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"]
+                model.SerializeToString(), options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:
             raise self.refuse("a model that onnxruntime can load", _first_line(error)) from error
@@ -72,40 +101,25 @@ class OnnxModel:
             one.name: (one.type, _shape(one.shape)) for one in self._session.get_outputs()
         }
 
-    def _read(self) -> bytes:
-        """Return the file's bytes; PolicyFileError when it is too large or cannot be read."""
-        try:
-            size = self.path.stat().st_size
-            if size > LARGEST:
-                raise self.refuse(f"a file of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
-            return self.path.read_bytes()
-        except OSError as error:
-            came = f"{type(error).__name__}: {error.strerror}"
-            raise self.refuse("a file that can be read", came) from error
-
     def refuse(self, expected: str, came: str) -> PolicyFileError:
         """Return the error for this file."""
-        return refuse(self.path, expected, came, ONNX_ADVICE)
+        return refuse(self.path, expected, came)
 
     @property
     def is_own_network(self) -> bool:
         """Whether its inputs are those of our own network."""
         return set(self.inputs) == {"planes", "moves"}
 
-    def card(self) -> dict[str, Any]:
-        """Return the card in the metadata, empty when there is none."""
-        try:
-            card = json.loads(self.metadata.get("card", "{}"))
-        except (ValueError, RecursionError):
-            return {}
-        return card if isinstance(card, dict) else {}
-
     def acts(self, default: str, *others: str) -> str:
         """Return how the policy acts, by its card; PolicyFileError when it is none of the ways given."""
-        found = self.card().get("acts", default)
+        found = self.card.get("acts", default)
         if found not in (default, *others):
             raise self.refuse(f'one of {", ".join((default, *others))} as "acts"', repr(found)[:60])
         return str(found)
+
+    def weights(self) -> dict[str, NDArray[Any]]:
+        """Return its weights by name."""
+        return {str(one.name): numpy_helper.to_array(one) for one in self._graph.initializer}
 
     def run(self, inputs: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the outputs by name."""
@@ -176,11 +190,6 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     return ImportedPolicy(model.path.stem, _evaluation(model), size, raw, masked, samples)
 
 
-def describe_onnx(path: Path) -> str:
-    """Return the sentence in a model's card, or one for models without."""
-    return str(OnnxModel(path).card().get("summary", "A policy from an ONNX file."))[:300]
-
-
 def _evaluation(model: OnnxModel) -> Evaluate:
     def evaluate(
         observation: NDArray[Any], mask: NDArray[np.bool_]
@@ -207,11 +216,11 @@ def _inputs_of(
     return inputs
 
 
-def check_outputs(model: OnnxModel, outputs: dict[str, NDArray[Any]]) -> None:
-    """Raise PolicyFileError when the outputs of a first run are not what a policy gives."""
+def check_outputs(model: OnnxModel, outputs: dict[str, NDArray[Any]], boards: int = 1) -> None:
+    """Raise PolicyFileError when the outputs of a first run are not what a policy gives for so many boards."""
     if not {"logits"} <= set(outputs) <= {"logits", "value"}:
         raise model.refuse("the outputs logits, and perhaps value", ", ".join(sorted(outputs))[:80])
-    for name, count in (("logits", 4), ("value", 1)):
+    for name, count in (("logits", 4 * boards), ("value", boards)):
         if name in outputs and (outputs[name].dtype != np.float32 or outputs[name].size != count):
             raise model.refuse(
                 f"{name} of {count} float32", f"{outputs[name].dtype} {list(outputs[name].shape)}"

@@ -1,4 +1,4 @@
-"""Our own networks: the features of a board, the two models, and boards decided together.
+"""Networks over our features: the features of a board, the policy that plays, and boards decided together.
 
-`features` and `batch` need numpy alone; the models need the extra `networks` (torch and safetensors).
+`features` and `batch` need numpy alone, `policy` the extra `onnx`. The network that is trained is in `training.network`.
 """

@@ -20,6 +20,18 @@ CLOSE_SHARE = 1e-5
 """The same as a share of the best score: values of moves may be hundreds."""
 
 
+class ActionScorer(Protocol):
+    """A network that scores the moves of boards: `policy.OnnxNet`, or one with the same methods."""
+
+    def rules_that_count(self, rows: int, cols: int) -> Sequence[int] | None:
+        """Return the `rules` of `FeatureExtractor` that it needs on boards of this size; None: all."""
+
+    def infer(
+        self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (logits float32[num, 4], values float32[num]) of what `FeatureExtractor` gives."""
+
+
 @runtime_checkable
 class BatchablePolicy(Policy, Protocol):
     """A policy whose `act` is `choose(*net.infer(*extract_features(observation)))`: one call can serve several boards."""

@@ -330,13 +330,13 @@ class FeatureExtractor:
 class RememberedFeatures:
     """The features of one board from what is remembered of its episode, for a rover with this sensor radius (cells).
 
-    find_rules  (rows, cols) -> `rules` of `FeatureExtractor` for boards of that size
+    find_rules  (rows, cols) -> `rules` of `FeatureExtractor` for boards of that size; by default all
     """
 
     def __init__(
         self,
         sensor_radius: int,
-        find_rules: Callable[[int, int], Sequence[int] | None],
+        find_rules: Callable[[int, int], Sequence[int] | None] = lambda rows, cols: None,
     ) -> None:
         self._radius, self._find_rules = sensor_radius, find_rules
         self._extractor: FeatureExtractor | None = None

@@ -44,6 +44,8 @@ RULES = (
     ),
 )
 """Tuned on 21 x 21; on 42 x 42 and 84 x 84; on 42 x 42 with large obstacles."""
+SIDES = (21, 42, 84)
+"""Sides of the square grids for which a network has weights of its own; each has four times the cells of the one before."""
 NUMBERS_PER_RULE = 3
 PRICED_FEATURES = NUMBERS_PER_RULE * len(RULES) + 1
 LEAST_SHARE = 0.75

@@ -68,7 +68,7 @@ def test_noisy_layers_have_their_mean_weights_and_cards_say_how_a_policy_acts(tm
     for head, acts in (("categorical", "greedy"), ("actor", "samples")):
         _, path = written(tmp_path, head)
         model = OnnxModel(path)
-        assert model.card()["acts"] == acts
+        assert model.card["acts"] == acts
         assert "value" in model.outputs or head == "actor"
     _, path = written(tmp_path, "policy", "features", acts="greedy with guard")
     config = EnvConfig.of("random", (9, 14), max_steps=100_000)

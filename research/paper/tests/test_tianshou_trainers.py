@@ -158,7 +158,7 @@ def test_a_policy_of_probabilities_samples_and_one_of_values_is_greedy(tmp_path)
     for algorithm, acts in (("a2c", "samples"), ("rainbow", "greedy"), ("sac", "samples")):
         path = tmp_path / f"{algorithm}.onnx"
         short_trainer(algorithm).save_policy(path, {"summary": "untrained"})
-        assert OnnxModel(path).card()["acts"] == acts
+        assert OnnxModel(path).card["acts"] == acts
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

@@ -60,7 +60,7 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     assert result["completion"] == result["explored"]
     path = tmp_path / TRIAL.name / f"{TRIAL.name}.onnx"
     assert load(path).name == TRIAL.name
-    card = OnnxModel(path).card()
+    card = OnnxModel(path).card
     assert card["training"]["settings"] == head["settings"]
     assert card["results"]["random 9x9"]["score"] == result["score"]
     assert TRIAL.is_done(tmp_path)
@@ -140,4 +140,4 @@ def test_a_policy_of_any_network_is_loaded_and_plays(tmp_path, variant):
         episode.step(policy.act(episode.codes))
     ends = {True: ("explored", "timed_out"), False: ("collided", "out_of_bounds")}
     assert episode.outcome in ends[config.mask]
-    assert ("may drive into" in OnnxModel(path).card()["limits"]) != config.mask
+    assert ("may drive into" in OnnxModel(path).card["limits"]) != config.mask

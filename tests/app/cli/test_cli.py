@@ -84,7 +84,7 @@ def test_help_names_every_command_and_the_version_is_printed(run):
         (
             "scipy",
             ["evaluate", "--policy", "random"],
-            "`marsexplorer evaluate` needs the extra [train]",
+            "`marsexplorer evaluate` needs the extra [play]",
         ),
         ("fastapi", ["serve", "--port", "0"], "`marsexplorer serve` needs the extra [play]"),
         (
@@ -186,7 +186,7 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         (["evaluate", "--policy", "random", "--seed", "-1"], "--seed"),
         (["evaluate", "--policy", "random", "--seed", str(2**53)], "seed"),
         (["evaluate", "--policy", "ppo2"], 'no policy "ppo2"'),
-        (["evaluate", "--policy", "gone.safetensors"], "no policy file at gone.safetensors"),
+        (["evaluate", "--policy", "gone.onnx"], "no policy file at gone.onnx"),
         (["evaluate", "random"], "--policy"),
         (
             ["evaluate", "--policy", "random", "--map", "gone.yaml"],

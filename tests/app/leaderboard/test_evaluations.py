@@ -65,7 +65,7 @@ def test_an_evaluation_that_dies_is_said_to_have_died_and_the_next_one_is_made(t
 
 
 def test_a_policys_hash_is_of_its_file(tmp_path):
-    one, two = tmp_path / "one.safetensors", tmp_path / "two.safetensors"
+    one, two = tmp_path / "one.onnx", tmp_path / "two.onnx"
     one.write_bytes(b"1")
     two.write_bytes(b"2")
     sources = (str(one), str(two), "ppo", "random")

@@ -49,7 +49,7 @@ def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):
     reader = Reader.open(tmp_path / "play.db")
     data = load(reader, "dunes")
     gone = data.protocol.model_copy(
-        update={"policies": ("random", "frontier-cost", "no-such.safetensors")}
+        update={"policies": ("random", "frontier-cost", "no-such.onnx")}
     )
     data, cohort = replace(data, protocol=gone), people_of(data)
     assert (

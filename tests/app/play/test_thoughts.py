@@ -4,16 +4,14 @@ import json
 
 import numpy as np
 import pytest
-import torch
 
 from app.play.messages import Expected, Thought
 from app.play.policy_catalogue import PolicyCatalogue
 from app.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import FREE, ROVER, EnvConfig
-from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.kernels.visibility import VisibilityMap
-from marsexplorer.policies.network.model import Net
+from tests.support.policy_files import write_network
 from tests.support.servers import eventually
 
 SIZE = [7, 9]
@@ -22,10 +20,7 @@ SIZE = [7, 9]
 @pytest.fixture(scope="module")
 def network_file(tmp_path_factory):
     """A file with an untrained network, which has thoughts all the same."""
-    torch.manual_seed(1)
-    path = tmp_path_factory.mktemp("policies") / "thinker.safetensors"
-    save_network(Net(), path, {"summary": "Reports thoughts."})
-    return path
+    return write_network(tmp_path_factory.mktemp("policies") / "thinker.onnx")
 
 
 @pytest.fixture

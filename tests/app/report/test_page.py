@@ -142,7 +142,7 @@ def test_a_browser_asks_for_nothing_overflows_nowhere_and_axe_finds_nothing(page
 def test_a_long_policys_name_leaves_room_for_the_charts():
     """matplotlib warns when nothing is left of a chart, and warnings are errors here."""
     people, trials = played(np.full((5, 6), 0.8) + np.arange(5)[:, None] / 50)
-    path = "/a/folder/of/policies/" + "with-a-name-that-is-long-" * 4 + "mine.safetensors"
+    path = "/a/folder/of/policies/" + "with-a-name-that-is-long-" * 4 + "mine.onnx"
     page = render(
         build(
             study(people, trials),

@@ -58,7 +58,7 @@ def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
     assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
     kept = tmp_path / "studies" / "dunes" / "policies"
     assert {path.name: path.read_bytes() for path in kept.iterdir()} == {
-        f"{sha256(mine)}.onnx": mine.read_bytes(), f"{sha256(ppo)}.safetensors": ppo.read_bytes()
+        f"{sha256(mine)}.onnx": mine.read_bytes(), f"{sha256(ppo)}.onnx": ppo.read_bytes()
     }  # fmt: skip
 
 
@@ -122,8 +122,8 @@ def later_version(tmp_path, monkeypatch):
     """The shipped policies of a later version: `ppo` is another network, and the one of today has another name."""
     shipped = tmp_path / "shipped"
     shipped.mkdir()
-    shutil.copy(find_file("ppo"), shipped / "ppo-first.safetensors")
-    write_network(shipped / "ppo.safetensors")
+    shutil.copy(find_file("ppo"), shipped / "ppo-first.onnx")
+    write_network(shipped / "ppo.onnx")
     monkeypatch.setattr(card, "shipped_folder", lambda: shipped)
     return shipped
 
@@ -132,9 +132,9 @@ def test_a_shipped_file_is_found_by_its_hash_whatever_its_name_is_now(
     study, later_version, tmp_path
 ):
     files = study.policy_files.at(tmp_path / "studies" / "none" / "policies")
-    assert files.source("ppo") == str(later_version / "ppo-first.safetensors")
+    assert files.source("ppo") == str(later_version / "ppo-first.onnx")
     assert files.source("frontier-cost") == "frontier-cost"
-    (later_version / "ppo-first.safetensors").unlink()
+    (later_version / "ppo-first.onnx").unlink()
     with pytest.raises(PolicyNotFoundError, match="'ppo' of SHA-256"):
         files.source("ppo")
     kept = study.policy_files.place("ppo")

@@ -6,13 +6,12 @@ import subprocess
 import sys
 
 import pytest
-import torch
 
 from app.server import ServerError, run
 from app.settings import Settings
 from app.storage.store import StoreError
 from app.web.listening import listen
-from marsexplorer.policies.files.weights import save_network
+from tests.support.policy_files import write_onnx
 from tests.support.servers import PATIENCE_S
 
 
@@ -44,10 +43,10 @@ def test_a_foreign_database_is_left_alone(tmp_path):
 
 
 def test_a_policy_file_that_is_none_is_reported(tmp_path):
-    path = tmp_path / "model.safetensors"
+    path = tmp_path / "model.onnx"
     path.write_bytes(b"no policy at all")
-    save_network(torch.nn.Linear(2, 2), tmp_path / "other.safetensors", {"summary": "of others"})
-    for source in (path, tmp_path / "absent.safetensors", tmp_path / "other.safetensors"):
+    write_onnx(tmp_path / "other.onnx", logits=5, value=False)
+    for source in (path, tmp_path / "absent.onnx", tmp_path / "other.onnx"):
         with pytest.raises(ServerError, match=source.name):
             run(Settings(port=0, database=tmp_path / "new.db", policies=(source,)))
     assert not (tmp_path / "new.db").exists()

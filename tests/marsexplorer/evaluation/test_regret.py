@@ -9,10 +9,9 @@ from marsexplorer.evaluation.losses import LossKind, leaves_pocket
 from marsexplorer.evaluation.missed import SOON
 from marsexplorer.evaluation.regret import RegretEstimator, branch_lengths
 from marsexplorer.observation import valid_actions
-from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-from marsexplorer.policies.files.card import shipped
+from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
 from marsexplorer.policies.guard import LoopGuard
-from marsexplorer.policies.network.model import NetworkPolicy, load_net
+from marsexplorer.policies.network.policy import NetworkPolicy
 
 CONFIG = EnvConfig("random", 11, 14, sensor_radius=4)
 SEED = 81_000
@@ -20,7 +19,7 @@ SEED = 81_000
 
 @pytest.fixture(scope="module")
 def net():
-    return load_net(shipped()["ppo"])
+    return load("ppo").net
 
 
 @pytest.fixture(scope="module")
@@ -172,8 +171,9 @@ def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(tmp_pat
 def test_what_cannot_go_on_or_is_too_large_is_refused(estimator):
     with pytest.raises(PolicyNotFoundError):
         RegretEstimator("no-such-policy")
-    with pytest.raises(PolicyFileError, match="is no policy: expected"):
-        RegretEstimator("ppo-paper")
+    for other in ("ppo-paper", "sac-works"):  # without our features, and with moves that are drawn
+        with pytest.raises(PolicyFileError, match="is no policy: expected"):
+            RegretEstimator(other)
     large = Episode.begin(EnvConfig.of("random", (43, 42)), seed=1)
     with pytest.raises(ValueError, match=r"up to 1764 cells, .* has 43x42"):
         estimator.regret(large.record())

@@ -10,18 +10,17 @@ import torch
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies.files.weights import save_network
 from marsexplorer.policies.network.batch import act_many, shared_net
-from marsexplorer.policies.network.model import Net, NetworkPolicy
+from marsexplorer.policies.network.policy import NetworkPolicy
+from marsexplorer.training.network import Net, save_network
+from tests.support.policy_files import write_network
 
 CONFIGS = (EnvConfig.of("random", 21), EnvConfig.of("3-2-1", (9, 14)), EnvConfig.of("1-1-1", 21))
 
 
 @pytest.fixture
 def file(tmp_path):
-    torch.manual_seed(3)
-    save_network(Net(), tmp_path / "net.safetensors", {"summary": "Untrained."})
-    return tmp_path / "net.safetensors"
+    return write_network(tmp_path / "net.onnx")
 
 
 def alone(policy, config, seed, moves):

@@ -60,13 +60,13 @@ def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
     assert f"/{REPO}" in said
     held = hub_app.state.repositories[REPO]
     assert held.private
-    assert set(held.commits[-1]) == {"ppo.safetensors", "config.json", "README.md"}
+    assert set(held.commits[-1]) == {"ppo.onnx", "config.json", "README.md"}
     assert len(held.commits) == 2, "one commit after the empty one"
     code, said, complained = run(
         capsys, "policies", "pull", REPO, "--out", str(tmp_path / "pulled")
     )
     assert code == 0, complained
-    pulled = tmp_path / "pulled" / "ppo.safetensors"
+    pulled = tmp_path / "pulled" / "ppo.onnx"
     assert pulled.read_bytes() == shipped()["ppo"].read_bytes()
     assert str(pulled) in said
     assert load(pulled).name == load("ppo").name
@@ -88,7 +88,7 @@ def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
 
 
 def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
-    older = write_network(tmp_path / "mine.safetensors")
+    older = write_network(tmp_path / "mine.onnx")
     hub.push(older, REPO)
     first = hub_app.state.repositories[REPO].sha()
     before = older.read_bytes()
@@ -102,7 +102,7 @@ def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
     ("words", "said", "code"),
     [
         (("push", "frontier-cost", REPO), "frontier-cost is a rule", 2),
-        (("push", "nothing.safetensors", REPO), "no policy file at nothing.safetensors", 2),
+        (("push", "nothing.onnx", REPO), "no policy file at nothing.onnx", 2),
         (("push", "ppo", "no-owner"), "expected a repository as OWNER/NAME, got 'no-owner'", 1),
         (("pull", "ada/nothing"), "no repository ada/nothing that you may see", 1),
         (("push", "ppo", REPO, "--token", "hf_of_eve"), "the hub refused", 1),
@@ -119,9 +119,9 @@ def test_a_repository_without_a_policy_and_a_revision_that_is_not_there(hub_app,
     with pytest.raises(hub.HubError, match="has no such revision"):
         hub.pull(REPO, tmp_path, revision="f" * 40)
     hub_app.state.repositories[REPO].commits.append({"README.md": b"---\n---\n"})
-    with pytest.raises(hub.HubError, match=r"expected one \.safetensors file"):
+    with pytest.raises(hub.HubError, match=r"expected one \.onnx file"):
         hub.pull(REPO, tmp_path)
-    assert list(tmp_path.glob("*.safetensors")) == []
+    assert list(tmp_path.glob("*.onnx")) == []
 
 
 def test_a_hub_that_is_not_there_is_said(monkeypatch, tmp_path):

@@ -44,7 +44,7 @@ def test_every_recorded_move_is_made_again(name):
 
 
 def test_they_act_as_their_cards_say_and_complete_terrains_but_for_the_letter():
-    acts = {name: OnnxModel(path).card()["acts"] for name, path in of_paper().items()}
+    acts = {name: OnnxModel(path).card["acts"] for name, path in of_paper().items()}
     assert acts == {
         "a2c-works": "samples",
         "ppo-paper": "samples",
@@ -53,7 +53,7 @@ def test_they_act_as_their_cards_say_and_complete_terrains_but_for_the_letter():
         "sac-works": "samples",
     }
     for name, path in of_paper().items():
-        card = OnnxModel(path).card()
+        card = OnnxModel(path).card
         assert all(card[key] for key in ("summary", "command", "hardware", "limits", "training"))
         completion = card["results"]["random 21x21"]["completion"]
         assert completion == 0 if name == "ppo-paper" else completion >= 0.9

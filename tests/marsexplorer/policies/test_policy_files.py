@@ -16,9 +16,8 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import PolicyFileError
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network.model import Net
-from marsexplorer.policies.network.onnx_network import write_onnx
+from marsexplorer.policies.files.card import read_card
+from marsexplorer.training.network import Net, load_net, save_network
 from tests.support import policy_files as files
 
 SIZE = (6, 7)
@@ -89,31 +88,47 @@ def test_a_board_of_another_size_is_refused_with_the_size_it_was_made_for(tmp_pa
         policies.load(files.write_onnx(tmp_path / "b.onnx")).act(other)
 
 
-def test_a_network_written_as_onnx_plays_the_same_episode(tmp_path):
+def test_a_network_plays_what_it_computes_where_it_is_trained_and_is_read_back_as_it_was(tmp_path):
     torch.manual_seed(3)
-    save_network(Net(), tmp_path / "own.safetensors", {"summary": "Wanders."})
-    write_onnx(tmp_path / "own.safetensors", tmp_path / "twin.onnx")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["own.safetensors", "twin.onnx"]
-    assert policies.describe(str(tmp_path / "twin.onnx")) == "Wanders."
-    ours, twin = policies.load(tmp_path / "own.safetensors"), policies.load(tmp_path / "twin.onnx")
+    net, path = Net().eval(), tmp_path / "own.onnx"
+    before = torch.get_rng_state()
+    save_network(net, path, {"summary": "Wanders."})
+    assert torch.equal(torch.get_rng_state(), before)  # a training may be under way
+    assert [each.name for each in tmp_path.iterdir()] == ["own.onnx"]
+    assert policies.describe(str(path)) == "Wanders."
+    policy, again = policies.load(path), load_net(path)
+    seen = []
     for size in ((9, 14), (21, 21)):
         episode = Episode.begin(EnvConfig.of("random", size, max_steps=150), seed=4)
-        ours.reset(4), twin.reset(4)
+        policy.reset(4)
         while not episode.ended:
-            action, shares = ours.act(episode.codes), np.sort(ours.thought()[0])
-            assert (
-                twin.act(episode.codes) == action or shares[3] - shares[2] < 1e-5
-            )  # rounding decides between equals
-            assert twin.thought()[0] == pytest.approx(ours.thought()[0], abs=1e-4)
-            assert twin.thought()[1] == pytest.approx(ours.thought()[1], abs=1e-3)
-            episode.step(action)
+            planes, moves = policy.extract_features(episode.codes)
+            seen.append((planes.copy(), moves.copy(), *policy.net.infer(planes, moves)))
+            episode.step(policy.choose(seen[-1][2][0], 0.0))
+    planes, moves, logits, values = (np.concatenate(each) for each in zip(*seen, strict=True))
+    for computed in (net, again):
+        with torch.inference_mode():
+            expected = computed(torch.from_numpy(planes), torch.from_numpy(moves))
+        assert logits == pytest.approx(expected[0].numpy(), abs=1e-4)
+        assert values == pytest.approx(expected[1].numpy(), abs=1e-3)
+    assert all(
+        torch.equal(*both) for both in zip(net.parameters(), again.parameters(), strict=True)
+    )
 
 
-def test_the_written_onnx_carries_the_card(tmp_path):
-    save_network(Net(), tmp_path / "own.safetensors", {"summary": "Wanders."})
-    write_onnx(tmp_path / "own.safetensors", tmp_path / "twin.onnx")
-    metadata = {one.key: one.value for one in onnx.load(tmp_path / "twin.onnx").metadata_props}
+def test_the_card_is_in_the_metadata(tmp_path):
+    save_network(Net(), tmp_path / "own.onnx", {"summary": "Wanders."})
+    metadata = {one.key: one.value for one in onnx.load(tmp_path / "own.onnx").metadata_props}
     assert json.loads(metadata["card"])["summary"] == "Wanders."
+
+
+@pytest.mark.parametrize("card", ["{", "1", "[" * 200_000])
+def test_a_card_that_is_none_is_no_card(card, tmp_path):
+    model = files.onnx_model()
+    model.metadata_props.add(key="card", value=card)
+    onnx.save(model, tmp_path / "mine.onnx")
+    assert read_card(tmp_path / "mine.onnx") == {}
+    assert policies.describe(str(tmp_path / "mine.onnx")) == "A policy from an ONNX file."
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
@@ -156,16 +171,16 @@ def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys
     assert len(said.splitlines()) == 1
 
 
-@pytest.mark.parametrize("head", ["policy_head", "value_head"])
-def test_finite_weights_whose_sums_are_not_are_refused_at_load(head, tmp_path):
+@pytest.mark.parametrize(("head", "output"), [("policy_head", "logits"), ("value_head", "value")])
+def test_finite_weights_whose_sums_are_not_are_refused_at_load(head, output, tmp_path):
     net = Net()
     with torch.no_grad():
         for layer in (getattr(net, head)[0], getattr(net, head)[2]):
             layer.weight.fill_(3e38)
             layer.bias.fill_(3e38)
-    save_network(net, tmp_path / "huge.safetensors", {"summary": "Overflows."})
-    with pytest.raises(PolicyFileError, match="finite numbers from a first decision"):
-        policies.load(tmp_path / "huge.safetensors")
+    save_network(net, tmp_path / "huge.onnx", {"summary": "Overflows."})
+    with pytest.raises(PolicyFileError, match=f"finite numbers in {output}"):
+        policies.load(tmp_path / "huge.onnx")
 
 
 def test_other_makers_finite_weights_whose_sums_are_not_are_refused_too(tmp_path):

@@ -10,12 +10,13 @@ import torch
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
-from marsexplorer.policies.files.card import shipped
+from marsexplorer.policies import load
 from marsexplorer.policies.network.features import ACTION_FEATURES, FeatureExtractor
-from marsexplorer.policies.network.model import Net, load_net
 from marsexplorer.policies.network.priced_features import LEAST_SHARE, PRICED_FEATURES, RULES
-from marsexplorer.policies.network.prior import size_nearness
+from marsexplorer.training.network import Net
+from marsexplorer.training.prior import size_nearness
 from tests.support import reference_frontier as literal
+from tests.support.policy_files import playing
 
 RADIUS = 3
 
@@ -121,7 +122,7 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
 ):
     """Bit by bit, but for 84 x 84, where rounding gives the rules for 42 x 42 a ten-millionth."""
     far = 1e-5 if side == 84 else 0.0
-    net, config = load_net(shipped()["ppo"]), EnvConfig("random", side, side)
+    net, config = load("ppo").net, EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
     all_rules, few_rules = (
         GreedyRollouts(config, 2),
@@ -139,7 +140,7 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
             rollouts.step(decisions[0].actions)
 
 
-def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero():
+def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(tmp_path):
     net, numbers = Net().eval(), ACTION_FEATURES + PRICED_FEATURES
     with torch.no_grad():
         net.prior[0] = 0.0
@@ -147,13 +148,13 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero():
         for move in range(4):
             first = 128 + numbers * move
             net.value_head[0].weight[:, first + ACTION_FEATURES : first + numbers] = 0.0
-    assert net.rules_that_count(21, 21) == ()
+    assert playing(net, tmp_path).rules_that_count(21, 21) == ()
     with torch.no_grad():
         net.value_head[0].weight[
             3, 128 + 2 * (ACTION_FEATURES + PRICED_FEATURES) + ACTION_FEATURES + 8
         ] = 1e-9
-    assert net.rules_that_count(21, 21) == (2,)
+    assert playing(net, tmp_path).rules_that_count(21, 21) == (2,)
     with torch.no_grad():
         net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9
-    assert net.rules_that_count(21, 21) == (0, 2)
-    assert net.rules_that_count(84, 84) == (0, 1, 2)
+    assert playing(net, tmp_path).rules_that_count(21, 21) == (0, 2)
+    assert playing(net, tmp_path).rules_that_count(84, 84) == (0, 1, 2)

@@ -14,10 +14,12 @@ from app.cli.main import cli
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
+from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.policies.network.features import MOVE_NUMBERS, FeatureExtractor
-from marsexplorer.policies.network.model import Net, NetworkPolicy, load_net
+from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.envs import EVALUATION_SEEDS
+from marsexplorer.training.network import Net, load_net
 from marsexplorer.training.refine import (
     MAX_COST,
     MAX_EXTRA_MOVES,
@@ -32,6 +34,7 @@ from marsexplorer.training.refine import (
     play_task,
     sample_observations,
 )
+from tests.support.policy_files import playing
 
 SMALL = RefineConfig(
     tasks_per_level=(("random", 2), ("1-2-1", 1)),
@@ -50,7 +53,14 @@ SEED = 77_000
 
 @pytest.fixture(scope="module")
 def net():
+    """The shipped network, to be trained on."""
     return load_net(shipped()["ppo"])
+
+
+@pytest.fixture(scope="module")
+def scorer():
+    """The same as it plays."""
+    return load("ppo").net
 
 
 def untrained_net():
@@ -73,22 +83,21 @@ def literal(net, seed, at=None, other=None):
     return episode.steps
 
 
-@pytest.mark.parametrize(
-    "make", [untrained_net, lambda: load_net(shipped()["ppo"])], ids=["untrained", "shipped"]
-)
-def test_episodes_are_those_of_the_policy_with_its_guard(make):
-    net, steps = make(), np.zeros(12, np.int64)
+@pytest.mark.parametrize("which", ["untrained", "shipped"])
+def test_episodes_are_those_of_the_policy_with_its_guard(which, scorer, tmp_path):
+    net = playing(untrained_net(), tmp_path) if which == "untrained" else scorer
+    steps = np.zeros(12, np.int64)
     guarded = sum(
         int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps)
     )
     assert steps.tolist() == [literal(net, SEED + k) for k in range(12)]
-    if make is untrained_net:
+    if which == "untrained":
         assert guarded > 0
 
 
-def test_the_cost_of_another_move_is_what_a_literal_replay_finds(net):
+def test_the_cost_of_another_move_is_what_a_literal_replay_finds(scorer):
     steps, branches = np.zeros(6, np.int64), []
-    for count, joint in enumerate(play_greedily(CONFIG, net, SEED, steps)):
+    for count, joint in enumerate(play_greedily(CONFIG, scorer, SEED, steps)):
         if count in (0, 9, 20, 33):
             valid = joint.decisions.moves[:, :, 0] > 0
             valid[np.arange(len(valid)), joint.decisions.actions] = False
@@ -97,41 +106,41 @@ def test_the_cost_of_another_move_is_what_a_literal_replay_finds(net):
             branches.append((count, joint.episodes.copy(), others, worlds))
     signs = set()
     for count, episodes, others, worlds in branches:
-        costs = extra_moves(CONFIG, net, worlds, others, steps[episodes])
+        costs = extra_moves(CONFIG, scorer, worlds, others, steps[episodes])
         for episode, other, cost in zip(episodes, others, costs, strict=True):
             assert cost == min(
-                literal(net, SEED + int(episode), count, int(other)) - steps[episode],
+                literal(scorer, SEED + int(episode), count, int(other)) - steps[episode],
                 MAX_EXTRA_MOVES,
             )
             signs.add(int(np.sign(cost)))
     assert signs == {-1, 0, 1}
 
 
-def test_pairs_are_two_valid_moves_and_what_the_network_prefers(net):
-    pairs = branch_episodes(CONFIG, net, SEED, 16, 16)
+def test_pairs_are_two_valid_moves_and_what_the_network_prefers(scorer):
+    pairs = branch_episodes(CONFIG, scorer, SEED, 16, 16)
     rows = np.arange(len(pairs.own))
     assert 0.5 * 16 * 16 < len(rows) < 2 * 16 * 16
     assert (pairs.moves[rows, pairs.own, 0] > 0).all()
     assert (pairs.moves[rows, pairs.other, 0] > 0).all()
-    logits, _ = net.infer(pairs.planes, pairs.moves)
+    logits, _ = scorer.infer(pairs.planes, pairs.moves)
     assert (logits[rows, pairs.own] >= logits[rows, pairs.other] - 1e-3).all()
     assert abs(pairs.cost).max() <= MAX_COST
     assert pairs.cost.min() < 0 < pairs.cost.mean()
-    again = branch_episodes(CONFIG, net, SEED, 16, 16)
+    again = branch_episodes(CONFIG, scorer, SEED, 16, 16)
     assert all(
         np.array_equal(getattr(pairs, name), getattr(again, name))
         for name in ("planes", "own", "other", "cost", "steps")
     )
 
 
-def test_observations_are_kept_at_a_quarter_of_the_steps(net):
-    sampled = sample_observations(CONFIG, net, SEED, 8)
+def test_observations_are_kept_at_a_quarter_of_the_steps(scorer):
+    sampled = sample_observations(CONFIG, scorer, SEED, 8)
     assert 0.2 < len(sampled.planes) / sampled.steps.sum() < 0.3
 
 
-def test_terrains_kept_for_evaluation_are_refused(net):
+def test_terrains_kept_for_evaluation_are_refused(scorer):
     with pytest.raises(ValueError, match="kept for evaluation"):
-        branch_episodes(CONFIG, net, EVALUATION_SEEDS.start - 2, 8, 4)
+        branch_episodes(CONFIG, scorer, EVALUATION_SEEDS.start - 2, 8, 4)
 
 
 def test_transposing_exchanges_rows_and_columns():
@@ -232,22 +241,24 @@ def test_a_run_that_is_gone_on_with_comes_to_the_weights_it_would_have_come_to(n
     assert first.identity == second.identity != RefineRun(deepcopy(net), 5, tiny).identity
 
 
-def test_a_network_begins_with_the_moves_that_it_made(net):
-    run, rollouts = (
-        RefineRun(deepcopy(net), 4, SMALL),
+def test_a_network_begins_with_the_moves_that_it_made(net, scorer, tmp_path):
+    begun, rollouts = (
+        playing(RefineRun(deepcopy(net), 4, SMALL).net, tmp_path),
         GreedyRollouts(EnvConfig("random", 42, 42), 4),
     )
     rollouts.worlds.start(np.arange(SEED, SEED + 4))
     for _ in range(20):
-        decisions = rollouts.decide(net)
-        logits, _ = run.net.infer(decisions.planes, decisions.moves)
+        decisions = rollouts.decide(scorer)
+        logits, _ = begun.infer(decisions.planes, decisions.moves)
         valid = decisions.moves[:, :, 0] > 0
         assert logits[valid] == pytest.approx(SMALL.logit_scale * decisions.logits[valid], abs=1e-3)
         rollouts.step(decisions.actions)
 
 
 @pytest.mark.long
-def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_number_of_workers():
+def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_number_of_workers(
+    tmp_path,
+):
     began_with, runs = untrained_net(), []
     for workers in (1, 2):
         run = RefineRun(deepcopy(began_with), 4, SMALL)
@@ -260,29 +271,30 @@ def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_numb
         torch.equal(*both)
         for both in zip(run.net.parameters(), other.net.parameters(), strict=True)
     )
+    before, after = playing(began_with, tmp_path), playing(run.net, tmp_path)
     seeds = range(SEED, SEED + 50)
-    saved_moves = np.array([literal(began_with, seed) - literal(run.net, seed) for seed in seeds])
+    saved_moves = np.array([literal(before, seed) - literal(after, seed) for seed in seeds])
     assert saved_moves.mean() - 1.96 * saved_moves.std() / 50**0.5 > 0
 
 
 def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(tmp_path):
-    (tmp_path / "no.safetensors").write_bytes(b"nothing")
-    refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.safetensors")])
+    (tmp_path / "no.onnx").write_bytes(b"nothing")
+    refused = CliRunner().invoke(cli, ["refine", str(tmp_path / "no.onnx")])
     assert refused.exit_code == 2
     assert "is no policy" in refused.output
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "run.safetensors").write_bytes(b"mine")
+    (tmp_path / "run" / "run.onnx").write_bytes(b"mine")
     kept = CliRunner().invoke(cli, ["refine", "--out", str(tmp_path / "run")])
     assert kept.exit_code == 2
     assert "exists already" in kept.output
-    assert (tmp_path / "run" / "run.safetensors").read_bytes() == b"mine"
+    assert (tmp_path / "run" / "run.onnx").read_bytes() == b"mine"
 
 
 @pytest.mark.long
 def test_the_command_refines_the_shipped_policy(tmp_path):
     done = CliRunner().invoke(cli, ["refine", "--rounds", "1", "--out", str(tmp_path / "mine")])
     assert done.exit_code == 0, done.output
-    card = read_card(tmp_path / "mine" / "mine.safetensors")
+    card = read_card(tmp_path / "mine" / "mine.onnx")
     assert card["training"]["rounds"] == 1
     assert card["training"]["began_with"]["command"]
     results = card["results"]["random 21x21"]

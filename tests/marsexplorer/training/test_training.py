@@ -14,7 +14,6 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
-from marsexplorer.policies.network.prior import rule_probabilities
 from marsexplorer.training import ppo
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import (
@@ -25,7 +24,9 @@ from marsexplorer.training.envs import (
 )
 from marsexplorer.training.interrupts import postponed_interrupt
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
+from marsexplorer.training.prior import rule_probabilities
 from marsexplorer.training.run_folder import RunFolder
+from tests.support.policy_files import playing
 
 SMALL = EnvConfig(rows=9, cols=12)
 QUICK = replace(
@@ -318,12 +319,12 @@ def test_evaluation_seeds_are_refused():
         TrainingEnvs(SMALL, 2, EVALUATION_SEEDS.start)
 
 
-def test_the_priced_recipe_begins_as_the_rules():
+def test_the_priced_recipe_begins_as_the_rules(tmp_path):
     """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
     torch.manual_seed(0)
     config = EnvConfig("random", 42, 42)
     net, rollouts = (
-        RECIPES["priced"].make_network([config]).eval(),
+        playing(RECIPES["priced"].make_network([config]), tmp_path),
         GreedyRollouts(config, 3),
     )
     rollouts.worlds.start(np.arange(3))

@@ -22,7 +22,7 @@ from tests.support.stored_studies import freeze, play_study
 def bundle(tmp_path_factory):
     """The release of a study that compares a policy from a file, which is another now; database and studies are gone."""
     folder = tmp_path_factory.mktemp("reproduce")
-    policy = folder / "mine.safetensors"
+    policy = folder / "mine.onnx"
     shutil.copy(find_file("ppo"), policy)
     study = freeze(folder / "studies", policies=("random", "frontier-cost", str(policy)))
     play_study(folder / "play.db", study)
@@ -85,7 +85,7 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     assert found["regret of each move"][0] > 100
     assert found["moves"][0] > 30
     assert [path.name for path in (out / "policies").iterdir()] == [
-        f"{policies.policy_hash('ppo')}.safetensors"
+        f"{policies.policy_hash('ppo')}.onnx"
     ]
     assert f"{policy} was not played again" not in said
     assert f"signer not checked: nothing here says whose key {signer} is" in said

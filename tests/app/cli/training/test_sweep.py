@@ -7,17 +7,16 @@ from dataclasses import replace
 
 import pytest
 import torch
-from safetensors.torch import load_file
 
 from app.cli.training.sweep import SweepRun, train_all
 from app.jobs import LOCAL, ClusterError, JobError, Jobs
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
-from marsexplorer.policies.files.weights import save_network
-from marsexplorer.policies.network.model import Net
 from marsexplorer.training.config import RECIPES
+from marsexplorer.training.network import load_net
 from marsexplorer.training.ppo import TrainingRun, train
 from tests.support import job_functions as functions
+from tests.support.policy_files import write_network
 
 CONFIG = EnvConfig("random", 7, 11, sensor_radius=3)
 has_ray = pytest.mark.skipif(
@@ -46,11 +45,9 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     assert failed.policy is None
     run = TrainingRun.begin(RECIPES["best"], [CONFIG], 16384, 3)
     net = train(run, lambda metrics: None)
-    weights = load_file(one.policy)
-    assert all(torch.equal(weights[name], tensor) for name, tensor in net.state_dict().items())
-    assert any(
-        not torch.equal(tensor, load_file(two.policy)[name]) for name, tensor in weights.items()
-    )
+    trained, other = (load_net(each.policy).state_dict() for each in (one, two))
+    assert all(torch.equal(trained[name], tensor) for name, tensor in net.state_dict().items())
+    assert any(not torch.equal(tensor, other[name]) for name, tensor in trained.items())
     again = evaluate([str(one.policy), "frontier-cost", "frontier-utility"], CONFIG, 4, 10**9)
     row = again.rows[0]
     assert (one.steps, one.completion, one.score) == (
@@ -60,7 +57,7 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     )
     assert one.rule_ratio == again.compared(row).ratio_mean
     written = {path.name for path in (tmp_path / "one").iterdir()}
-    assert written > {"one.safetensors", "log.jsonl", "curve.png"}
+    assert written > {"one.onnx", "log.jsonl", "curve.png"}
 
 
 @has_ray
@@ -79,9 +76,7 @@ def test_a_cluster_that_is_not_there_is_one_sentence_at_once(address, part):
 
 @has_ray
 def test_the_table_is_the_one_made_without_ray_and_policy_files_travel(tmp_path):
-    torch.manual_seed(1)
-    save_network(Net(), tmp_path / "mine.safetensors", {"summary": "Untrained."})
-    names = ["frontier-cost", "random", str(tmp_path / "mine.safetensors")]
+    names = ["frontier-cost", "random", str(write_network(tmp_path / "mine.onnx"))]
     configs, calls = [CONFIG, replace(CONFIG, level="1-1-1")], []
     with Jobs(2, ray=LOCAL) as jobs:
         there = evaluate(

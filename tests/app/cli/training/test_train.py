@@ -13,7 +13,10 @@ from click.testing import CliRunner
 
 from app.cli.main import cli
 from app.cli.training import cards
-from marsexplorer.policies.files.card import read_card
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode
+from marsexplorer.policies import load
+from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.training import refine as refine_module
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.refine import RefineConfig
@@ -79,7 +82,7 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, 
     done = CliRunner().invoke(cli, [*command, "--resume"])
     assert done.exit_code == 0, done.output
 
-    card = read_card(folder / "mine.safetensors")
+    card = read_card(folder / "mine.onnx")
     ppo = card["training"]["began_with"]["training"]
     assert (
         card["training"]["rounds"],
@@ -119,3 +122,15 @@ def test_what_cannot_be_refined_is_refused_before_anything_is_trained(options, p
     assert refused.exit_code == 2
     assert part in refused.output
     assert not (tmp_path / "new").exists()
+
+
+def test_the_shipped_policy_is_refined_from_the_file_that_plays(quick, tmp_path):
+    folder = tmp_path / "mine"
+    options = ["refine", "--rounds", "1", "--workers", "1", "--out", str(folder)]
+    done = CliRunner().invoke(cli, options)
+    assert done.exit_code == 0, done.output
+    card, began = read_card(folder / "mine.onnx"), read_card(shipped()["ppo"])
+    assert (card["training"]["rounds"], card["results"]["random 21x21"]["terrains"]) == (1, 3)
+    assert card["training"]["began_with"]["training"] == began["training"]
+    board = Episode.begin(EnvConfig(), seed=1).codes
+    assert load(folder / "mine.onnx").act(board) in range(4)

@@ -15,10 +15,8 @@ from torch import Tensor
 
 from marsexplorer.policies.base import INVALID_LOGIT
 from marsexplorer.policies.network.features import ACTION_FEATURES, MOVE_NUMBERS
-from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE
+from marsexplorer.policies.network.priced_features import LOG_CELLS_SCALE, NUMBERS_PER_RULE, SIDES
 
-SIDES = (21, 42, 84)
-"""Sides of the square grids for which there are weights; each has four times the cells of the one before."""
 RULE_WEIGHTS = ((3.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.0, 3.0, 0.0))
 """For each of SIDES, what each of RULES counts at first. The mean of all three is the best at 42 x 42, on all levels."""
 SHARE_WEIGHT, BEST_WEIGHT, STRAIGHT_WEIGHT = 5.0, 3.0, 0.1

@@ -1,0 +1,134 @@
+"""The network that is trained, written as the ONNX model that plays, and read from there to be trained on.
+
+The card stands in the model's metadata. Weights have the names in the file that they have here, so `load_net` finds them.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from marsexplorer.files import replace_whole
+from marsexplorer.policies.base import INVALID_LOGIT
+from marsexplorer.policies.files.card import FORMAT
+from marsexplorer.policies.files.onnx import OnnxModel
+from marsexplorer.policies.network.features import MOVE_NUMBERS, PICTURE_CELLS, PLANES
+from marsexplorer.policies.network.policy import sample_inputs
+from marsexplorer.training.prior import prior_logits, prior_weights
+
+
+class Net(nn.Module):
+    """Give each move a logit by one head shared among them, from a trunk over the pictures and from the move's own features.
+
+    forward(planes uint8[b, PLANES, PICTURE_CELLS], moves float32[b, 4, MOVE_NUMBERS])
+        -> logits float32[b, 4] (INVALID_LOGIT for invalid moves), value float32[b]
+
+    prior  float32[SIDES, MOVE_NUMBERS], the weights that add the logits of priced rules, see `prior`
+    """
+
+    def __init__(self, wide: int = 384, hidden: int = 128) -> None:
+        super().__init__()
+        self.trunk = nn.Sequential(
+            nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU()
+        )
+        self.policy_head = nn.Sequential(
+            nn.Linear(hidden + MOVE_NUMBERS + 4, 64), nn.ReLU(), nn.Linear(64, 1)
+        )
+        self.value_head = nn.Sequential(
+            nn.Linear(hidden + 4 * MOVE_NUMBERS, 64), nn.ReLU(), nn.Linear(64, 1)
+        )
+        initialize_orthogonal(self)
+        nn.init.orthogonal_(self.policy_head[-1].weight, 0.01)  # type: ignore[arg-type]
+        self.prior = nn.Parameter(prior_weights())
+
+    def forward(self, planes: Tensor, moves: Tensor) -> tuple[Tensor, Tensor]:
+        hidden = self.trunk(planes.flatten(1).to(moves.dtype) * (1 / 255))
+        batch = planes.shape[0]  # unlike len(), not fixed by the export
+        which = torch.eye(4, dtype=moves.dtype, device=moves.device).expand(batch, 4, 4)
+        each = torch.cat([hidden[:, None].expand(batch, 4, -1), moves, which], dim=2)
+        logits = self.policy_head(each).squeeze(2).float()
+        logits = logits + prior_logits(moves, self.prior)
+        value = self.value_head(torch.cat([hidden, moves.flatten(1)], dim=1)).squeeze(1).float()
+        return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
+
+
+def initialize_orthogonal(net: nn.Module) -> None:
+    """Draw every layer's weights orthogonal with gain sqrt 2 and set the biases to zero (Saxe et al. 2014)."""
+    for module in net.modules():
+        if isinstance(module, (nn.Linear, nn.Conv2d)):
+            nn.init.orthogonal_(module.weight, 2**0.5)
+            assert module.bias is not None
+            nn.init.zeros_(module.bias)
+
+
+def save_network(net: Net, path: Path, card: Mapping[str, Any]) -> None:
+    """Write a policy file, whole or not at all: a network as an ONNX model for any number of boards, and its card."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    own = {name: value for name, value in card.items() if name != "format"}
+    samples, outputs = sample_inputs(MOVE_NUMBERS), ["logits", "value"]
+    copy = (
+        deepcopy(net).cpu().train()
+    )  # the exporter makes equal weights one unless they are trained
+    export_onnx(copy, path, samples, outputs, {"format": FORMAT, **own}, any_number=True)
+
+
+def export_onnx(
+    net: nn.Module,
+    path: Path,
+    samples: Mapping[str, NDArray[Any]],
+    outputs: Sequence[str],
+    card: Mapping[str, Any],
+    any_number: bool = False,
+) -> None:
+    """Write a module, in training or not, as an ONNX model with its card in the metadata, whole or not at all.
+
+    samples     an input of each name, for one board
+    any_number  whether the first dimension of all inputs and outputs is left open
+    """
+    arrays = tuple(torch.from_numpy(each) for each in samples.values())
+    open_axes = {name: {0: "boards"} for name in (*samples, *outputs)} if any_number else None
+    with replace_whole(path) as unfinished:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the exporter speaks of its successor
+            torch.onnx.export(
+                net,
+                arrays,
+                str(unfinished),
+                training=torch.onnx.TrainingMode.PRESERVE,
+                dynamo=False,  # the successor needs packages of its own
+                do_constant_folding=False,  # it would rename weights; onnxruntime folds them as it loads
+                input_names=list(samples),
+                output_names=list(outputs),
+                dynamic_axes=open_axes,
+            )
+        model = onnx.load(str(unfinished))
+        model.metadata_props.add(key="card", value=json.dumps(card, indent=1))
+        onnx.save(model, str(unfinished))
+
+
+def load_net(path: Path) -> Net:
+    """Return the network in a policy file, to be trained on; PolicyFileError when its weights are not those of `Net`."""
+    model, net = OnnxModel(path), Net()
+    weights = model.weights()
+    expected = {name: tuple(tensor.shape) for name, tensor in net.state_dict().items()}
+    if sorted(weights) != sorted(expected):
+        raise model.refuse(f"the {len(expected)} weights of our network", f"{len(weights)} others")
+    for name, array in weights.items():
+        if array.shape != expected[name] or array.dtype != np.float32:
+            raise model.refuse(
+                f"{name} float32{list(expected[name])}", f"{array.dtype} {list(array.shape)}"
+            )
+        if not np.isfinite(array).all():
+            raise model.refuse(f"finite numbers in {name}", "others")
+    net.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})
+    return net.eval()
