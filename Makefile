@@ -71,7 +71,7 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(PLAY): pyproject.toml constraints.txt | $(BIN)/python
-	@echo "Installing what playing needs into $(VENV): about 1 GB, some minutes when nothing has been downloaded before."
+	@echo "Installing what playing needs into $(VENV): about 0.7 GB, some minutes when nothing has been downloaded before."
 	$(INSTALL) '.[play]'
 	@touch $@
 
