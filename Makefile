@@ -25,7 +25,8 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
 	@$(BIN)/python -m tests.support.compile_kernels
-	$(BIN)/python -m pytest -m "not long and not bench" -n $(WORKERS) --dist worksteal
+	$(BIN)/python -m pytest -m "not long and not bench and not alone" -n $(WORKERS) --dist worksteal
+	$(BIN)/python -m pytest -m alone
 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600

@@ -218,7 +218,8 @@ def test_connections_of_one_address_are_limited(proxied):
 
 
 MISBEHAVING = """
-import socket, ssl, sys, threading, time
+import os, socket, ssl, sys, threading, time
+os.nice(19)  # elsewhere it is another machine's processor that sends the flood
 port, path, kind = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
@@ -250,6 +251,7 @@ ROUNDS = 3
 ATTEMPTS = 3
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("kind", ["pings", "silent"])
 def test_others_moves_take_at_most_twice_as_long_while_one_client_misbehaves(proxied, kind):
     """Quiet times and floods take turns, since the machine has other work that comes and goes.

@@ -114,6 +114,7 @@ def test_others_play_on_and_a_server_that_is_stopped_meanwhile_has_every_move(
     assert steps in (frame["step"], frame["step"] + 1)
 
 
+@pytest.mark.alone
 def test_a_quarter_of_a_megabyte_of_messages_delays_others_once_and_closes_its_socket(spawn):
     server = spawn(limits=Limits())
     client = server.client()

@@ -112,7 +112,8 @@ def test_sockets_in_all_have_a_cap_whatever_their_addresses(serve):
 
 @pytest.mark.parametrize("kind", ["play", "watch", "viewer"])
 def test_a_flood_closes_any_socket_with_1008_and_costs_its_address_handshakes(serve, kind):
-    limits = Limits(messages="20+200/s", handshakes_per_address=f"{PENALTY}+0.1/s")
+    # so slow that a busy machine does not answer faster than the messages are earned
+    limits = Limits(messages="20+60/s", handshakes_per_address=f"{PENALTY}+0.1/s")
     server = serve(limits=limits)
     client, begun = begin(server)
     with ExitStack() as stack:
@@ -129,7 +130,7 @@ def test_a_flood_closes_any_socket_with_1008_and_costs_its_address_handshakes(se
         flooded.socket.sendall(message * (PATIENCE + 200))
         assert why_closed(flooded) == (
             1008,
-            "too many messages: 20 at once and 200 a second are answered",
+            "too many messages: 20 at once and 60 a second are answered",
         )
     assert server.protection.refusals["messages"] == 1
     with pytest.raises(InvalidStatus) as refused, server.socket(begun["session"]):
