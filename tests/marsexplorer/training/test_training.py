@@ -30,11 +30,11 @@ from tests.support.policy_files import playing
 
 SMALL = EnvConfig(rows=9, cols=12)
 QUICK = replace(
-    RECIPES["best"], num_envs=32, num_steps=32, minibatch_size=256, value_warmup_updates=1
+    RECIPES["best"], num_envs=16, num_steps=32, minibatch_size=64, value_warmup_updates=1
 )
-PRICED = replace(
-    RECIPES["priced"], num_envs=16, num_steps=16, minibatch_size=64, value_warmup_updates=1
-)
+TINY = {"num_envs": 8, "num_steps": 16, "minibatch_size": 64}
+BEST = replace(RECIPES["best"], value_warmup_updates=1, **TINY)
+PRICED = replace(RECIPES["priced"], value_warmup_updates=1, **TINY)
 LETTER = replace(
     RECIPES["best"],
     reward_per_cell=0.0,
@@ -43,10 +43,8 @@ LETTER = replace(
     kl_of_last_epoch=True,
     vf_change_clip=10.0,
     value_warmup_updates=0,
-    num_envs=8,
-    num_steps=16,
-    minibatch_size=64,
     update_epochs=2,
+    **TINY,
 )
 """The loss and the rewards of the paper's PPO."""
 
@@ -77,7 +75,7 @@ def same_weights(one, two):
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
-    run = TrainingRun.begin(QUICK, [SMALL], 14 * 1024, 2)
+    run = TrainingRun.begin(QUICK, [SMALL], 8 * 512, 3)
     folder = RunFolder(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
     ppo.train(run, folder.on_update)
     folder.save()
@@ -90,12 +88,12 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
     assert found == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
-    assert [line["moves"] for line in lines] == [1024 * (k + 1) for k in range(14)]
+    assert [line["moves"] for line in lines] == [512 * (k + 1) for k in range(8)]
     assert lines[-1]["greedy"] < lines[0]["greedy"]
     assert lines[-1]["steps"] < lines[3]["steps"]
 
 
-@pytest.mark.parametrize("config", [QUICK, LETTER], ids=["best", "letter"])
+@pytest.mark.parametrize("config", [BEST, LETTER], ids=["best", "letter"])
 def test_the_same_seed_gives_the_same_weights_and_another_seed_others(config):
     steps = 3 * config.batch_size
     one, same, other = (trained(steps, seed, config).net for seed in (3, 3, 4))
@@ -103,7 +101,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_seed_others(config):
     assert not same_weights(one, other)
 
 
-@pytest.mark.parametrize("config", [QUICK, PRICED, LETTER], ids=["best", "priced", "letter"])
+@pytest.mark.parametrize("config", [BEST, PRICED, LETTER], ids=["best", "priced", "letter"])
 def test_a_run_that_was_stopped_goes_on_to_the_same_weights(tmp_path, config):
     env_configs, steps = [EnvConfig(rows=9, cols=12, max_steps=20)], 4 * config.batch_size
     whole = trained(steps, 5, config, env_configs)
