@@ -22,7 +22,7 @@ from app.replay.course import Course
 from app.settings import STATIC
 from marsexplorer.config import MAP
 
-STYLES = ("common/base.css", "common/bar.css", "common/chart.css", "replay/replay.css")
+STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""
 ENTRY = "replay/main.js"
 _IMPORT = re.compile(r'^(import\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)

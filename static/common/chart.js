@@ -1,98 +1,115 @@
 // @ts-check
-// What every chart draws with: a canvas that is crisp at any pixel ratio, axes, lines, bands, dots, and the legend.
+// Every line chart of the page. uPlot draws axes, lines and bands; dots, whiskers and the goal are drawn over them.
+import uPlot from "../vendor/uplot/uPlot.js";
+import { axisEnd, tickStep } from "./chart_scale.js";
 
-/** Dashes of the line that marks 99 %. */
-const GOAL_DASHES = [2, 4];
+/** The share of the cells that completes a terrain. */
+const GOAL = 0.99;
+/** Dashes of a policy's line beside a player's. */
+const DASHES = [6, 4];
+/** @type {WeakMap<HTMLElement, {key: string, chart: uPlot, how: ChartLook}>} */
+const charts = new WeakMap();
 
-/** Return the context of a cleared canvas of this size, ready to draw in CSS pixels.
- * @param {HTMLCanvasElement} canvas @param {ChartSize} size */
-export function openChart(canvas, { width_px, height_px, dpr, font }) {
-  canvas.width = Math.round(width_px * dpr);
-  canvas.height = Math.round(height_px * dpr);
-  canvas.style.width = `${width_px}px`;
-  canvas.style.height = `${height_px}px`;
-  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-  context.scale(dpr, dpr);
-  context.font = `11px ${font}`;
-  return context;
-}
-
-/** Draw a horizontal line, one crisp pixel high.
- * @param {CanvasRenderingContext2D} context @param {Box} box @param {number} y @param {string} colour
- * @param {number[]} [dashes] */
-function rule(context, box, y, colour, dashes = []) {
-  context.beginPath();
-  context.moveTo(box.left, Math.round(y) + 0.5);
-  context.lineTo(box.right, Math.round(y) + 0.5);
-  context.setLineDash(dashes);
-  context.strokeStyle = colour;
-  context.lineWidth = 1;
-  context.stroke();
-  context.setLineDash([]);
-}
-
-/** Draw the grid with its numbers at the left, and the axis.
- * @param {CanvasRenderingContext2D} context @param {Box} box @param {Scale} at
- * @param {{at: number, text: string}[]} marks values on the y axis
- * @param {{inks: Inks, base?: number}} look base: the value whose line is the axis itself */
-export function drawGrid(context, box, at, marks, { inks, base }) {
-  context.textAlign = "right";
-  context.textBaseline = "middle";
-  for (const mark of marks) {
-    rule(context, box, at.y(mark.at), mark.at === base ? inks.base : inks.line);
-    context.fillStyle = inks.text;
-    context.fillText(mark.text, box.left - 8, at.y(mark.at));
+/** Paint a chart to fill an element; what is there already is drawn anew where only numbers have changed.
+ * @param {HTMLElement} place @param {ChartLook} how */
+export function paintChart(place, how) {
+  const { clientWidth: width, clientHeight: height } = place;
+  if (width < 60 || height < 20) return;
+  const looks = how.lines.map((line) => [line.colour, line.dash, line.width, line.alpha, hasBand(line)]);
+  const key = JSON.stringify([how.inks, how.font, how.edges, how.title, looks]);
+  const found = charts.get(place);
+  if (found?.key === key) {
+    found.how = how;
+    if (found.chart.width !== width || found.chart.height !== height) found.chart.setSize({ width, height });
+    found.chart.setData(columns(how));
+    return;
   }
-  if (!marks.some((mark) => mark.at === base)) rule(context, box, box.bottom, inks.base);
+  found?.chart.destroy();
+  const made = { key, how };
+  const chart = new uPlot({ width, height, ...options(how, () => made.how) }, columns(how), place);
+  charts.set(place, Object.assign(made, { chart }));
 }
 
-/** Draw the dashed line of the goal.
- * @param {CanvasRenderingContext2D} context @param {Box} box @param {number} y @param {string} colour */
-export function drawGoal(context, box, y, colour) {
-  rule(context, box, y, colour, GOAL_DASHES);
+/** Return what uPlot draws on one axis of steps: the goal's line, then each line with its band.
+ * @param {ChartLook} how @returns {uPlot.AlignedData} */
+function columns({ lines, x, y, goal }) {
+  /** @type {uPlot.AlignedData} */
+  const frame = [[x.low, x.high], Array(2).fill(goal ?? y.low)];
+  return uPlot.join([frame, ...lines.map((line) => /** @type {uPlot.AlignedData} */ (
+    hasBand(line) ? [line.x, line.high, line.low, line.y] : [line.x, line.y]))]);
 }
+/** @param {ChartLine} line */
+const hasBand = ({ low, hasWhiskers }) => Boolean(low?.length) && !hasWhiskers;
 
-/** Draw a number or a title below the chart.
- * @param {CanvasRenderingContext2D} context @param {string} text @param {Point} point of its base line
- * @param {CanvasTextAlign} align @param {string} colour */
-export function drawLabel(context, text, { x, y }, align, colour) {
-  context.textAlign = align;
-  context.textBaseline = "alphabetic";
-  context.fillStyle = colour;
-  context.fillText(text, x, y);
-}
-
-/** Draw a line through points; a null breaks it.
- * @param {CanvasRenderingContext2D} context @param {(Point | null)[]} points
- * @param {{colour: string, width?: number, dashes?: number[], alpha?: number}} look */
-export function drawLine(context, points, { colour, width = 2, dashes = [], alpha = 1 }) {
-  context.beginPath();
-  let isDown = false;
-  for (const point of points) {
-    if (point && isDown) context.lineTo(point.x, point.y);
-    else if (point) context.moveTo(point.x, point.y);
-    isDown = point !== null;
+/** @param {ChartLook} how @param {() => ChartLook} now the newest look, of the same lines
+ * @returns {Omit<uPlot.Options, "width" | "height">} */
+function options({ lines, inks, font, edges, title, goal }, now) {
+  const face = `11px ${font}`;
+  const points = { show: false };
+  const text = { stroke: inks.text, font: face, ticks: { show: false } };
+  /** @type {uPlot.Series[]} */
+  const series = [{}, { stroke: goal === undefined ? "transparent" : inks.goal, width: 1, dash: [2, 4], points }];
+  /** @type {uPlot.Band[]} */
+  const bands = [];
+  for (const line of lines) {
+    if (hasBand(line)) {
+      bands.push({ series: [series.length, series.length + 1], fill: line.colour });
+      for (const alpha of [0.16, 1]) series.push({ stroke: "transparent", width: 0, alpha, spanGaps: true, points });
+    }
+    const { colour, width = 2, dash, alpha } = line;
+    series.push({ stroke: colour, width, dash, alpha, spanGaps: true, points });
   }
-  context.strokeStyle = colour;
-  context.globalAlpha = alpha;
-  context.lineWidth = width;
-  context.lineJoin = "round";
-  context.setLineDash(dashes);
-  context.stroke();
-  context.setLineDash([]);
-  context.globalAlpha = 1;
+  return {
+    series, bands, legend: { show: false }, cursor: { show: false },
+    padding: [edges.top, edges.right, edges.bottom ? 0 : edges.top, 0],
+    scales: {
+      x: { time: false, range: () => [now().x.low, now().x.high] },
+      y: { range: () => [now().y.low, now().y.high] },
+    },
+    axes: [
+      { ...text, show: edges.bottom > 0, size: edges.bottom - (title ? 16 : 0), gap: 7, grid: { show: false },
+        splits: () => now().x.ticks, values: (_, ticks) => ticks.map(now().x.text),
+        ...(title ? { label: title, labelSize: 16, labelFont: face } : {}) },
+      { ...text, size: edges.left, gap: 8, grid: { stroke: inks.line, width: 1 }, splits: () => now().y.ticks,
+        values: (_, ticks) => ticks.map(now().y.text) },
+    ],
+    hooks: { drawAxes: [(chart) => drawBase(chart, now())], draw: [(chart) => drawOver(chart, now())] },
+  };
 }
 
-/** Draw the band between two lines.
- * @param {CanvasRenderingContext2D} context @param {Point[]} lower @param {Point[]} upper @param {string} colour */
-export function drawBand(context, lower, upper, colour) {
-  context.beginPath();
-  for (const { x, y } of [...lower, ...[...upper].reverse()]) context.lineTo(x, y);
-  context.closePath();
-  context.fillStyle = colour;
-  context.globalAlpha = 0.16;
-  context.fill();
-  context.globalAlpha = 1;
+/** @param {uPlot} chart @param {ChartLook} how */
+function drawBase(chart, { inks, y, base = y.low }) {
+  const { ctx: context, bbox } = chart;
+  context.fillStyle = inks.base;
+  context.fillRect(bbox.left, Math.round(chart.valToPos(base, "y", true)), bbox.width, Math.round(uPlot.pxRatio));
+}
+
+/** @param {uPlot} chart @param {ChartLook} how */
+function drawOver(chart, { lines, y: { low: least, high: most }, inks, edges, goal, over }) {
+  const { ctx: context, bbox } = chart;
+  const left = bbox.left / uPlot.pxRatio;
+  const top = bbox.top / uPlot.pxRatio;
+  /** @type {ChartScale} */
+  const at = { x: (value) => left + chart.valToPos(value, "x"), y: (value) => top + chart.valToPos(value, "y") };
+  context.save();
+  context.scale(uPlot.pxRatio, uPlot.pxRatio);
+  if (goal !== undefined) {
+    Object.assign(context, { textAlign: "right", textBaseline: "middle", fillStyle: inks.goal });
+    context.fillText("99 %", edges.left - 8, at.y(goal) + 2);
+  }
+  for (const { x, y, low = [], high = [], colour, hasWhiskers, dot = 0 } of lines) {
+    for (const k of hasWhiskers ? y.keys() : [...y.keys()].slice(-1)) {
+      if (dot) drawDot(context, { x: at.x(x[k]), y: at.y(y[k]) }, dot, colour);
+      const [from, to] = [low[k], high[k]];
+      if (!hasWhiskers || typeof from !== "number" || typeof to !== "number") continue;
+      Object.assign(context, { fillStyle: colour, globalAlpha: 0.45 });
+      const upper = at.y(Math.min(most, to));
+      context.fillRect(at.x(x[k]) - 1, upper, 2, at.y(Math.max(least, from)) - upper);
+      context.globalAlpha = 1;
+    }
+  }
+  over?.(context, at);
+  context.restore();
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Point} point @param {number} radius @param {string} colour */
@@ -101,6 +118,38 @@ export function drawDot(context, { x, y }, radius, colour) {
   context.arc(x, y, radius, 0, 7);
   context.fillStyle = colour;
   context.fill();
+}
+
+/** @param {number} end @returns {ChartAxis} an axis of moves, with at most eight numbers */
+export function movesAxis(end) {
+  const gap = tickStep(Math.max(1, end));
+  const ticks = Array.from({ length: Math.floor(end / gap) + 1 }, (_, k) => k * gap);
+  return { low: 0, high: Math.max(1, end), ticks, text: (move) => (move ? String(move) : "0 moves") };
+}
+/** @param {number} height_px @returns {ChartAxis} an axis of shares of the cells, in percent */
+export function sharesAxis(height_px) {
+  const ticks = height_px > 110 ? [0, 0.25, 0.5, 0.75] : [0, 0.5];
+  return { low: 0, high: 1, ticks, text: (share) => `${share * 100} %` };
+}
+
+/** @param {Board[]} boards @returns the right end of the step axis of their curves, in moves */
+export const stepsEnd = (boards) => axisEnd(Math.max(0, ...boards.map(({ discovered }) => discovered.length - 1)));
+
+/** @param {{board: Board, colour: string, isDashed?: boolean}} curve
+ * @returns {ChartLine} the share of the cells over moves */
+export function curveOf({ board: { discovered, frame }, colour, isDashed }) {
+  const y = discovered.map((count) => count / frame.cells);
+  return { colour, dash: isDashed ? DASHES : [], dot: 3.5, x: [...y.keys()], y };
+}
+
+/** Paint coverage over moves, a curve for each board.
+ * @param {HTMLElement} place @param {Parameters<typeof curveOf>[0][]} curves
+ * @param {{inks: Inks, font: string, over?: ChartLook["over"]}} look */
+export function paintCoverage(place, curves, look) {
+  paintChart(place, {
+    ...look, lines: curves.map(curveOf), goal: GOAL, edges: { left: 44, right: 14, top: 8, bottom: 22 },
+    x: movesAxis(stepsEnd(curves.map(({ board }) => board))), y: sharesAxis(place.clientHeight),
+  });
 }
 
 /** Paint the legend of a chart, if it is another one: each name after a piece of its line.
@@ -112,7 +161,8 @@ export function paintLegend(place, lines) {
   place.replaceChildren(...lines.map(({ name, colour, dash }) => {
     const item = document.createElement("span");
     const svg = shape("svg", { viewBox: "0 0 22 8" });
-    svg.append(shape("line", { x1: "0", x2: "22", y1: "4", y2: "4", stroke: colour, "stroke-width": "3", "stroke-dasharray": dash }));
+    const line = { x1: "0", x2: "22", y1: "4", y2: "4", stroke: colour, "stroke-width": "3", "stroke-dasharray": dash };
+    svg.append(shape("line", line));
     item.append(svg, name);
     return item;
   }));

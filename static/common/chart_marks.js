@@ -6,7 +6,7 @@ const RADIUS_PX = 8;
 
 /** Return where the numbers stand: on the curve, or above one that stands there already (below it where there is no
  * room).
- * @param {{step: number, discovered: number}[]} losses @param {number} cells of the terrain @param {Scale} at
+ * @param {{step: number, discovered: number}[]} losses @param {number} cells of the terrain @param {ChartScale} at
  * @returns {Point[]} */
 export function placeOnCurve(losses, cells, at) {
   /** @type {Point[]} */

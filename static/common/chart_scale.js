@@ -1,14 +1,5 @@
 // @ts-check
-// Where numbers stand on a chart: ends of axes, ticks, choice of points. No document here, so that node can test it.
-
-/** Return the linear scale that puts two ranges into a box; y grows upward.
- * @param {Box} box @param {ValueRange} x @param {ValueRange} y @returns {Scale} */
-export function linearScale(box, x, y) {
-  return {
-    x: (value) => box.left + ((box.right - box.left) * (value - x.low)) / (x.high - x.low || 1),
-    y: (value) => box.bottom - ((box.bottom - box.top) * (value - y.low)) / (y.high - y.low || 1),
-  };
-}
+// Where numbers stand on a chart: ends of axes and ticks. No document here, so that node can test it.
 
 /** Return the next round number: a multiple of 20, 100 or 500, as the axis is long.
  * @param {number} value @param {number} length that decides which of the three */
@@ -41,16 +32,6 @@ export function ticks(low, high) {
 
 /** @param {number} tick @returns a round number as it stands at an axis */
 export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "\u2212");
-
-/** Return the indices to draw: all of a short curve, an even choice of a long one, always the last.
- * @param {number} count @param {number} most */
-export function sampled(count, most) {
-  const stride = Math.max(1, Math.ceil(count / most));
-  const chosen = [];
-  for (let index = 0; index < count; index += stride) chosen.push(index);
-  if (count > 0 && chosen[chosen.length - 1] !== count - 1) chosen.push(count - 1);
-  return chosen;
-}
 
 /** Return the lowest and highest of the numbers, a little apart at least; null when there are none.
  * @param {(number | null | undefined)[]} values @returns {[number, number] | null} */

@@ -1,5 +1,5 @@
 // @ts-check
-// Every message in both directions: the twin of app/play/messages.py (a test compares them). Their types stand in types.d.ts.
+// Every message in both directions: the twin of app/play/messages.py (a test compares them). Types: types.d.ts.
 
 export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"]);
 /** What the characters of a grid mean. */

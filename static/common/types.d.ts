@@ -1,5 +1,5 @@
-// What the modules of the page hand on to each other, the messages in both directions (the twin of app/play/messages.py: a
-// test compares them), and what the server answers.
+// What the modules of the page hand on to each other, the messages in both directions (the twin of
+// app/play/messages.py: a test compares them), and what the server answers.
 
 /** What GET api/episodes/ID/ghost answers. Index k of positions and discovered is the board after k moves; known_since
  * says after how many moves each cell was known (-1: never); `cells` is how many coverage refers to. */
@@ -7,7 +7,7 @@ type Course = {
   name: string, actions: Action[], positions: Cell[], discovered: number[], cells: number, grid: string[],
   known_since: number[][], outcome: Outcome | null, sentence: string,
 };
-/** What stands in a replay's page: the episode's own course and the policies on offer; in one file the policy's, too. */
+/** What stands in a replay's page: the episode's own course, the policies on offer, in one file the policy's, too. */
 type ReplayData = {
   episode: string, level: string, rows: number, cols: number, run: Course, ghosts: string[], preferred: string | null,
   ghost?: Course | null,
@@ -43,16 +43,24 @@ type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: 
 type Soil = {shades: {"?": string, ".": string, "#": string}, edge: string, rockEdge: string, casing?: string};
 /** Of labels, the 99 % line, the axis and the grid. */
 type Inks = {text: string, goal: string, base: string, line: string};
-/** In CSS pixels. */
-type ChartSize = {width_px: number, height_px: number, dpr: number, font: string};
-/** In CSS pixels. */
+/** In CSS pixels, or device pixels of a board. */
 type Point = {x: number, y: number};
-/** In CSS pixels. */
-type Box = {left: number, right: number, top: number, bottom: number};
-type ValueRange = {low: number, high: number};
-/** From values to CSS pixels. */
-type Scale = {x: (value: number) => number, y: (value: number) => number};
-type Curve = {name: string, colour: string, isDashed: boolean, discovered: number[], cells: number};
+/** From values to CSS pixels in the chart's element. */
+type ChartScale = {x: (value: number) => number, y: (value: number) => number};
+type ChartAxis = {low: number, high: number, ticks: number[], text: (value: number) => string};
+/** A line through (x, y), x ascending; low and high are its band, or whiskers at its points; dot is the radius of a dot
+ * at its end, or of all dots where there are whiskers. */
+type ChartLine = {
+  colour: string, dash: number[], width?: number, alpha?: number, x: number[], y: number[], dot?: number,
+  low?: (number | null)[], high?: (number | null)[], hasWhiskers?: boolean,
+};
+/** A chart. Lines drawn last stand in front; edges: room round the plot, CSS pixels; title: of the x axis; goal: a
+ * value with a dotted line; base: the one with a solid line, else the lowest; over: draws what else there is. */
+type ChartLook = {
+  lines: ChartLine[], x: ChartAxis, y: ChartAxis, inks: Inks, font: string, title?: string, goal?: number,
+  base?: number, edges: {left: number, right: number, top: number, bottom: number},
+  over?: (context: CanvasRenderingContext2D, at: ChartScale) => void,
+};
 /** Moves from <= x < to. */
 type Bin = {from: number, to: number, count: number};
 type Mark = {name: string, moves: number};
@@ -140,6 +148,5 @@ type Batch = ReturnType<typeof import("./messages.js").events>;
 /** `values[k]` is what the policy expected at step k, in the points of its training. */
 type ValueCurve = {name: string, colour: string, isDashed: boolean, values: (number | null)[]};
 
-type ReplayLine = {course: Course, colour: string, isDashed: boolean};
 
 type StudyListing = {name: string, title: string, status: string, recruitment: string, warm_up: number, ranked: number};

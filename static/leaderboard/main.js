@@ -1,13 +1,10 @@
 // @ts-check
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { createRequest } from "../common/api.js";
-import { paintLegend } from "../common/chart.js";
-import { tickText, ticks } from "../common/chart_scale.js";
 import { create, elementsOf } from "../common/page.js";
-import { paintLines } from "./line_chart.js";
+import { paintCoverage, paintTrials } from "./charts.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
 import { breakOf, invitation, paintRanks, scaleOf } from "./ranks.js";
-import { paintTrials } from "./trials.js";
 import * as standing from "./standing.js";
 
 const by = elementsOf(document);
@@ -16,7 +13,7 @@ const request = createRequest((path, options) => fetch(path, options), "");
 const SOON_MS = 1500;
 const LATER_MS = 20000;
 
-/** @type {{boards: Leaderboard.BoardListing[], board: string, measure: Leaderboard.Measure, detail: Leaderboard.Detail | null}} */
+/** @type {Leaderboard.State} */
 let state = { boards: [], board: "", measure: "steps", detail: null };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
@@ -87,9 +84,10 @@ function paint() {
   paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, scale, measure);
   if (!detail.people) by("ranks", HTMLTableElement).tBodies[0].append(invitation(detail.board));
   by("ranks-note").textContent = standing.ranksNote(detail, breakOf(scale) !== null);
-  paintCoverage(rows);
+  paintCoverage({ chart: by("coverage"), legend: legendOf("coverage"), note: by("coverage-note") }, rows);
   by("trials-part").hidden = !detail.people?.trials.length;
-  paintTrials({ canvas: by("trials", HTMLCanvasElement), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [], rows, measure);
+  paintTrials({ chart: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [],
+    rows, measure);
   paintVisits(rows);
 }
 
@@ -103,21 +101,6 @@ function paintWorking(work) {
 }
 
 const legendOf = (/** @type {string} */ chart) => /** @type {HTMLElement} */ (by(chart).closest("section")?.querySelector(".legend"));
-
-/** @param {Leaderboard.Row[]} rows */
-function paintCoverage(rows) {
-  const drawn = rows.flatMap((row) => (row.figure?.curve ? [{ ...row, curve: row.figure.curve }] : []));
-  const end = standing.coverageEnd(drawn.map(({ curve }) => curve));
-  const lines = drawn.map(({ name, colour, dash, curve }) => ({ name, colour, dash, x: curve.steps, y: curve.mean, low: curve.low, high: curve.high }));
-  paintLegend(legendOf("coverage"), drawn);
-  paintLines(by("coverage", HTMLCanvasElement), lines.reverse(), {
-    x: { low: 0, high: end, ticks: ticks(0, end), text: tickText, title: "moves" }, goal: 0.99,
-    y: { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75], text: (share) => `${share * 100} %`, title: "" },
-    label: drawn.map(({ name, curve }) => standing.curveText(name, curve)).join(". ") || "No figures yet",
-  });
-  const band = drawn.some(({ curve }) => curve.low.length) ? ", with the 95 % interval of the mean" : "";
-  by("coverage-note").textContent = drawn.length ? `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. The dotted line is 99 %.` : "";
-}
 
 /** @param {Leaderboard.Row[]} rows */
 function paintVisits(rows) {
@@ -137,5 +120,5 @@ for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelec
   button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 }
 addEventListener("theme", () => paint());
-new ResizeObserver(() => paint()).observe(/** @type {HTMLElement} */ (by("coverage").parentElement));
+new ResizeObserver(() => paint()).observe(by("coverage"));
 load();

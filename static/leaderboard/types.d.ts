@@ -1,12 +1,6 @@
 // What the modules of this folder hand on to each other, and what the server answers them.
 
 declare namespace Leaderboard {
-  /** HasDots: points with whiskers for a band. */
-  type Line = {
-    name: string, colour: string, dash: string, x: number[], y: number[], low: (number | null)[],
-    high: (number | null)[], hasDots?: boolean,
-  };
-  type Axis = {low: number, high: number, ticks: number[], text: (value: number) => string, title: string};
   /** Values low..high stand at the shares from..to of the width. */
   type Piece = {low: number, high: number, from: number, to: number};
   type Scale = {near: Piece, far: Piece | null, ticks: number[], farTicks: number[]};
@@ -27,6 +21,8 @@ declare namespace Leaderboard {
     terrains: number, players: number, episodes: number,
   };
   type Detail = {board: BoardListing, people: People | null, policies: Policy[]};
+  type ChartPlace = {chart: HTMLElement, legend: HTMLElement, note: HTMLElement};
   type Measure = "steps" | "score";
+  type State = {boards: BoardListing[], board: string, measure: Measure, detail: Detail | null};
   type Row = {who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null};
 }

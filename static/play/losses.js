@@ -22,7 +22,7 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
  *   load      the regret of a finished episode
  *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
  *   onChange  something else is to be painted
- * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLCanvasElement,
+ * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
  *   state: () => GameState, load: (episode: string) => Promise<Analysis>, tryFrom: (state: GameState,
  *   step: number) => void, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
 export function createLosses({ page, part, canvas, chart, state, load, tryFrom, onChange }) {
@@ -97,8 +97,14 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
     const scale = canvas.width / canvas.clientWidth;
     return markAt(analysis.losses, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
   }
-  const onCurve = (/** @type {MouseEvent} */ event) => chartMarkAt(onChart, { x: event.offsetX, y: event.offsetY });
-  for (const [place, find] of /** @type {const} */ ([[canvas, onBoard], [chart, onCurve]])) {
+  /** @param {MouseEvent} event */
+  function onCurve({ clientX, clientY }) {
+    const { left, top } = chart.getBoundingClientRect();
+    return chartMarkAt(onChart, { x: clientX - left, y: clientY - top });
+  }
+  /** @type {[HTMLElement, (event: MouseEvent) => number | null][]} */
+  const pointed_at = [[canvas, onBoard], [chart, onCurve]];
+  for (const [place, find] of pointed_at) {
     place.addEventListener("pointermove", (event) => {
       if (!analysis || event.pointerType !== "mouse") return;
       const index = find(event);
@@ -133,10 +139,9 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
       const index = chosen();
       return analysis && index !== null ? boardBefore(board, analysis.losses[index]) : board;
     },
-    /** Paint the numbers on the player's curve.
-     * @param {NonNullable<ReturnType<import("../common/coverage_chart.js").paintCoverage>>} plot
-     * @param {{you: string, ground: string, ink: string}} colours */
-    paintChart({ at, context }, { you, ground, ink }) {
+    /** Return what draws the numbers on the player's curve.
+     * @param {{you: string, ground: string, ink: string}} colours @returns {ChartLook["over"]} */
+    overChart: ({ you, ground, ink }) => (context, at) => {
       const frame = state().player?.frame;
       if (!analysis || !frame) return;
       onChart = placeOnCurve(analysis.losses, frame.cells, at);

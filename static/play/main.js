@@ -62,7 +62,7 @@ const sessions = createSessions({
     volunteers.load();
   },
 });
-const losses = createLosses({ page: document, part: panels.player.part, canvas: panels.player.canvas, chart: by("chart", HTMLCanvasElement),
+const losses = createLosses({ page: document, part: panels.player.part, canvas: panels.player.canvas, chart: by("chart"),
   state: () => state, load: api.regret, tryFrom: sessions.tryFrom, onChange: () => repaint(true) });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const connections = createConnections({
@@ -143,7 +143,8 @@ startHelp(document);
 keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome ? panels.player.part.next : null) });
 panels.player.part.next.addEventListener("click", goNext);
 copyOnClick(panels.player.part["copy-replay"],
-  () => /** @type {HTMLAnchorElement} */ (panels.player.part["replay-link"]).href, (text) => { by("announcer").textContent = text; });
+  () => /** @type {HTMLAnchorElement} */ (panels.player.part["replay-link"]).href,
+  (text) => { by("announcer").textContent = text; });
 panels.player.part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
 
 for (const role of ROLES) {
@@ -158,8 +159,8 @@ for (const role of ROLES) {
   });
   views.watch(panels[role].part.matrix);
 }
-views.watch(/** @type {HTMLElement} */ (by("chart", HTMLCanvasElement).parentElement));
-views.watch(by("values-plot"));
+views.watch(by("chart"));
+views.watch(by("values"));
 
 async function begin() {
   terrainDialog.showPad(document.body.dataset.pad === "true");

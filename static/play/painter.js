@@ -1,9 +1,8 @@
 // @ts-check
 // From the state to the page: boards first, since a key press waits for them, then numbers, chart and the rest, each only where it changed.
 import { paintBoard } from "../common/board.js";
-import { paintLegend } from "../common/chart.js";
+import { paintCoverage, paintLegend, stepsEnd } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
-import { curveOf, paintCoverage, stepsEnd } from "../common/coverage_chart.js";
 import { elementsOf, paintNotices, put } from "../common/page.js";
 import { ghostOf, thoughtOf } from "../common/thoughts.js";
 import { compare, score } from "../common/words.js";
@@ -28,7 +27,7 @@ const FIRST_FRAME = "mars.first-frame";
  *   losses: () => ReturnType<import("./losses.js").createLosses>, dismiss: (id: number) => void}} how */
 export function createPainter({ page, panels, views, visit, rivalName, paysBonus, thinking, losses, dismiss }) {
   const by = elementsOf(page);
-  const chart = by("chart", HTMLCanvasElement);
+  const chart = by("chart");
   /** @type {GameState | null} */
   let painted = null;
   /** @type {{pressed_ms: number}[]} answered moves that wait for their repaint */
@@ -68,21 +67,24 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       views.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
     }
   }
-  /** @param {GameState} state @param {number} dpr */
-  function paintCurves(state, dpr) {
+  /** @param {GameState} state */
+  function paintCurves(state) {
     const { inks, font, you, policy, ground } = chartColours(page.documentElement);
     const colours = { player: you, rival: policy };
     const shown = hasTwoBoards(state, visit.isFirst()) ? ROLES : /** @type {const} */ (["player"]);
     const curves = shown.flatMap((role) => {
       const board = state[role];
-      return board ? [curveOf(board, { colour: colours[role], isDashed: role === "rival" })] : [];
+      return board ? [{ board, colour: colours[role], isDashed: role === "rival" }] : [];
     });
-    paintLegend(by("legend"), curves.map(({ name, colour, isDashed }) => ({ name, colour, dash: isDashed ? "9 4" : "" })));
-    const plot = paintCoverage(chart, curves, { ...views.size(/** @type {HTMLElement} */ (chart.parentElement)), dpr, font, inks });
-    if (plot) losses().paintChart(plot, { you, ground, ink: inks.goal });
-    thinking.paint(state, { ...views.size(by("values-plot")), dpr, font, inks, colours, end: stepsEnd(curves) });
-    chart.setAttribute("aria-label", curves.map(({ name, discovered, cells }) =>
-      `${name}: ${Math.floor((100 * (discovered.at(-1) ?? 0)) / cells)} percent after ${Math.max(0, discovered.length - 1)} moves`).join("; ") || "Coverage over moves");
+    paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
+      ({ name: board.name, colour, dash: isDashed ? "9 4" : "" })));
+    paintCoverage(chart, curves, { font, inks, over: losses().overChart({ you, ground, ink: inks.goal }) });
+    thinking.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
+    const label = curves.map(({ board: { name, discovered, frame } }) => {
+      const share = Math.floor((100 * (discovered.at(-1) ?? 0)) / frame.cells);
+      return `${name}: ${share} percent after ${Math.max(0, discovered.length - 1)} moves`;
+    });
+    chart.setAttribute("aria-label", label.join("; ") || "Coverage over moves");
   }
   return {
     /** Return the frame of the player's board that was painted last. */
@@ -96,7 +98,7 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       paintBoards(state, before, dpr);
       paintPanels(state, before);
       views.paintCamera(state.player?.frame);
-      if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state, dpr);
+      if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state);
       visit.paint(state);
       paintBar(state, page, rivalName());
       const hasJustEnded = paintEndCard(panels.player.part, state, paysBonus(state.level));

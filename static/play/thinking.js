@@ -1,10 +1,11 @@
 // @ts-check
 // What the policies think, beside their boards: the legend of the heat map, and what they expect to earn as a strip below the chart.
+import { paintChart } from "../common/chart.js";
+import { span, ticks, tickText } from "../common/chart_scale.js";
 import { expectedOf, mostExpected, nextLooks } from "../common/expected.js";
 import { askExpected } from "../common/messages.js";
 import { elementsOf, put } from "../common/page.js";
 import { goalText } from "../common/thoughts.js";
-import { paintValues, valueLine } from "../common/value_strip.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
@@ -68,8 +69,7 @@ export function createThinking({ page, storage, send, onChange }) {
     },
     /** Ask for what is missing, and paint the legend and the strip.
      * @param {GameState} state
-     * @param {{width_px: number, height_px: number, dpr: number, font: string, inks: Inks, end: number,
-     *   colours: Record<Role, string>}} look */
+     * @param {{font: string, inks: Inks, end: number, colours: Record<Role, string>}} look */
     paint(state, { colours, ...look }) {
       const boards = isShown() ? policyBoards(state) : [];
       ask(boards);
@@ -79,9 +79,44 @@ export function createThinking({ page, storage, send, onChange }) {
         .map(([role, { name, values = [] }]) => ({ name, values, colour: colours[role], isDashed: role === "rival" }));
       by("value-strip").hidden = !curves.length;
       put(by("value-line"), valueLine(curves.map(({ name }) => name)));
-      const canvas = by("values", HTMLCanvasElement);
-      canvas.setAttribute("aria-label", curves.map(({ name, values }) => newestText(name, values)).join("; "));
-      paintValues(canvas, curves, look);
+      const place = by("values");
+      place.setAttribute("aria-label", curves.map(({ name, values }) => newestText(name, values)).join("; "));
+      paintValues(place, curves, look);
     },
   };
+}
+
+/** Return the sentence under which the strip stands; "" while no policy says what it expects.
+ * @param {string[]} names of the policies drawn */
+export function valueLine(names) {
+  return names.length ? `What ${names.join(" and ")} expects to earn from here on, in the points of its training: new ground earns, moves cost` : "";
+}
+
+/** Return the values at which the strip has a line and a number: its ends, and nought where that lies well between
+ * them.
+ * @param {[number, number]} range */
+export function stripTicks([low, high]) {
+  const found = ticks(low, high);
+  const ends = [found[0], found[found.length - 1]];
+  const isBetween = (/** @type {number} */ tick) => Math.min(tick - ends[0], ends[1] - tick) > 0.4 * (ends[1] - ends[0]);
+  return [...new Set(found.length < 2 ? found : [ends[0], ...found.filter((tick) => tick === 0 && isBetween(tick)), ends[1]])];
+}
+
+/** @param {HTMLElement} place @param {ValueCurve[]} curves
+ * @param {{inks: Inks, font: string, end: number}} look end: of the step axis, in moves */
+function paintValues(place, curves, { end, ...look }) {
+  const range = span(curves.flatMap(({ values }) => values));
+  if (!range) return;
+  const marks = stripTicks(range);
+  const [low, high] = [Math.min(range[0], ...marks), Math.max(range[1], ...marks)];
+  paintChart(place, {
+    ...look, edges: { left: 44, right: 14, top: 7, bottom: 0 }, base: low < 0 && high > 0 ? 0 : low,
+    x: { low: 0, high: end, ticks: [], text: String }, y: { low, high, ticks: marks, text: tickText },
+    // A page that skipped a frame has no value for it: the line goes on to the next one.
+    lines: curves.map(({ values, colour, isDashed }) => {
+      const known = [...values.keys()].filter((step) => typeof values[step] === "number");
+      const y = known.map((step) => Number(values[step]));
+      return { colour, dash: isDashed ? [6, 4] : [], width: 1.75, dot: 3, x: known, y };
+    }),
+  });
 }

@@ -26,7 +26,9 @@ const asked = ghostInSearch(location.search);
 /** @type {string | null} */
 let chosen = asked === undefined ? data.preferred : asked;
 
-Object.defineProperty(window, "replay", { value: Object.freeze({ get step() { return player.step; }, get playback() { return player.playback; }, get ghost() { return ghost; } }) });
+Object.defineProperty(window, "replay", { value: Object.freeze({
+  get step() { return player.step; }, get playback() { return player.playback; }, get ghost() { return ghost; },
+}) });
 
 const repaint = createRepaint(() => paint());
 const player = createPlayer(begun(movesOf(data.run)), (playback, before) => {
@@ -36,7 +38,11 @@ const player = createPlayer(begun(movesOf(data.run)), (playback, before) => {
 
 /** @param {{you: string, policy: string}} colours */
 const lines = ({ you, policy }) => [{ course: data.run, colour: you, isDashed: false }, ...(ghost ? [{ course: ghost, colour: policy, isDashed: true }] : [])];
-const inWords = () => `Move ${player.step} of ${player.playback.last}: ${(ghost ? [data.run, ghost] : [data.run]).map((course) => `${course.name} ${percent(coverageAt(course, player.step))} percent`).join(", ")}`;
+function inWords() {
+  const shares = (ghost ? [data.run, ghost] : [data.run])
+    .map((course) => `${course.name} ${percent(coverageAt(course, player.step))} percent`);
+  return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
+}
 
 function paint() {
   const step = player.step;
@@ -45,8 +51,7 @@ function paint() {
   paintRun(parts.run, data.run, step, { accent: you, soil, other: ghost && { course: ghost, accent: policy }, dpr });
   if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, soil, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
-  paintCurve(by("curve", HTMLCanvasElement), lines(colours), { step, last: player.playback.last },
-    { width_px: scrubber.clientWidth, height_px: scrubber.clientHeight, dpr, font: colours.font, inks: colours.inks });
+  paintCurve(scrubber, lines(colours), { step, last: player.playback.last });
   paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
   put(by("play"), player.playback.isPlaying ? "Pause" : step >= player.playback.last ? "Again" : "Play");
   put(by("at"), `move ${step} of ${player.playback.last}`);

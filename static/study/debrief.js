@@ -40,7 +40,8 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     const runs = { own: courseOf("You", own), policy: courseOf(policy.name, policy.frames) };
     const last = Math.max(0, ...Object.values(runs).map((course) => (course ? movesOf(course) : 0)));
     player?.goTo(0); // the clock of the one before stops
-    player = createPlayer(begun(last, SPEED), (playback) => dispatch({ kind: "replay-moved", replay: { index, runs, playback } }));
+    player = createPlayer(begun(last, SPEED), (playback) =>
+      dispatch({ kind: "replay-moved", replay: { index, runs, playback } }));
     player.goTo(0);
   }
   by("replay-play").addEventListener("click", () => player?.press(" "));

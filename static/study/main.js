@@ -68,7 +68,10 @@ const look = () => {
 const pages = createPages(document);
 const playScreen = createPlayScreen(document, { look, keys: () => ({ east: keyName(settings.get().keys.east[0], layout), south: keyName(settings.get().keys.south[0], layout) }) });
 const supervision = startSupervision(document, { supervise: study.supervise, dispatch });
-const debrief = createDebrief(document, { look, terrain: study.terrain, losses: study.losses, dispatch, index: () => state.replay?.index, warmUps: () => state.participant?.debrief?.warm_up_terrains ?? 0 });
+const debrief = createDebrief(document, {
+  look, terrain: study.terrain, losses: study.losses, dispatch, index: () => state.replay?.index,
+  warmUps: () => state.participant?.debrief?.warm_up_terrains ?? 0,
+});
 const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
 const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), invitation: invitationIn(location.search), channel, onJoined(participant) {
   history.replaceState(history.state, "", withoutInvitation(location.href));

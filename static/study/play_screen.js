@@ -1,7 +1,7 @@
 // @ts-check
 // The screen on which the rover is driven: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintBoard } from "../common/board.js";
-import { curveOf, paintCoverage } from "../common/coverage_chart.js";
+import { paintCoverage } from "../common/chart.js";
 import { elementsOf, put } from "../common/page.js";
 import { describeBoard, outcomeShort, percent, score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
@@ -15,8 +15,7 @@ export function createPlayScreen(page, { look, keys }) {
 
   /** @param {Board} board @param {Study.Look} colours */
   function paintCurve(board, { accent, inks, font }) {
-    const curve = curveOf(board, { colour: accent, isDashed: false });
-    paintCoverage(by("chart", HTMLCanvasElement), [curve], { ...room(by("plot")), dpr: dpr(), font, inks });
+    paintCoverage(by("chart"), [{ board, colour: accent }], { font, inks });
   }
   /** @param {Frame} frame @param {Study.Participant} participant */
   function paintNumbers(frame, { phase, rules }) {

@@ -2,9 +2,9 @@
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { ApiError, createApi, createRequest } from "../common/api.js";
 import { paintBoard } from "../common/board.js";
+import { paintCoverage } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { follow, socketUrl } from "../common/socket.js";
-import { curveOf, paintCoverage } from "../common/coverage_chart.js";
 import { apply, initialState } from "../common/game_state.js";
 import { startHeartbeat } from "../common/heartbeat.js";
 import { copyOnClick, createRepaint, elementsOf, paintLink, put } from "../common/page.js";
@@ -18,7 +18,7 @@ const request = createRequest((path, options) => fetch(path, options), "../");
 const id = idInPath(location.pathname) ?? "";
 const part = /** @type {Record<string, HTMLElement>} */ (Object.fromEntries(Array.from(document.querySelectorAll("[data-part]"),
   (each) => [/** @type {HTMLElement} */ (each).dataset.part, each])));
-const chart = by("chart", HTMLCanvasElement);
+const chart = by("chart");
 
 let state = initialState();
 /** The newest question of `load`: an answer to an earlier one changes nothing. */
@@ -54,8 +54,7 @@ function paint() {
   put(part.noun, frame.step === 1 ? "move" : "moves");
   put(part.coverage, percent(frame.coverage));
   const colours = chartColours(chart);
-  const curve = curveOf(board, { colour: colours.you, isDashed: false });
-  paintCoverage(chart, [curve], { width_px: by("plot").clientWidth, height_px: by("plot").clientHeight, dpr, font: colours.font, inks: colours.inks });
+  paintCoverage(chart, [{ board, colour: colours.you }], { font: colours.font, inks: colours.inks });
   chart.setAttribute("aria-label", `${board.name}: ${percent(frame.coverage)} percent after ${frame.step} moves`);
 }
 

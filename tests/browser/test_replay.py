@@ -70,7 +70,7 @@ def go_through(replay, record):
     replay.stands(last)
     box = page.get_by_test_id("scrubber").bounding_box()
     middle, height = (
-        box["x"] + 42 + (box["width"] - 56) * (last // 2) / last,
+        box["x"] + 44 + (box["width"] - 58) * (last // 2) / last,
         box["y"] + box["height"] / 2,
     )
     page.mouse.move(middle, height)
@@ -79,7 +79,7 @@ def go_through(replay, record):
     replay.stands(last)  # the pointer has left
     page.mouse.move(middle, height)
     page.mouse.down()
-    page.mouse.move(box["x"] + 44, height, steps=3)
+    page.mouse.move(box["x"] + 46, height, steps=3)
     page.mouse.up()
     page.mouse.move(5, 5)
     replay.stands(0)

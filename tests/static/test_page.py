@@ -1,5 +1,6 @@
 """The page's pure modules under node's own runner, and what can be said about its files without a browser."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -15,7 +16,9 @@ from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 
 ROOT = Path(__file__).parent.parent.parent
 STATIC = ROOT / "static"
-MODULES = sorted(STATIC.rglob("*.js"))
+VENDOR = STATIC / "vendor"
+"""Libraries of others, as they were published."""
+MODULES = sorted(path for path in STATIC.rglob("*.js") if VENDOR not in path.parents)
 PAGES = sorted(STATIC.glob("*/index.html"))
 
 
@@ -35,6 +38,17 @@ def test_the_pure_modules_pass_under_node(tmp_path):
     assert re.search(r"# pass [1-9]", done.stdout)
 
 
+def test_the_library_of_charts_is_the_one_that_was_published():
+    folder = VENDOR / "uplot"
+    published, ours = (folder / "uPlot.js").read_text().rsplit("\n", 2)[:2]
+    assert ours == "export default uPlot;"
+    stated = (folder / "VERSION.txt").read_text()
+    assert hashlib.sha256(f"{published}\n".encode()).hexdigest() in stated
+    assert re.search(r"\(v([\d.]+)\)", published[:100])[1] in stated
+    assert "MIT" in stated
+    assert (folder / "LICENSE").is_file()
+
+
 def name_of(path):
     return str(path.relative_to(STATIC))
 
@@ -51,7 +65,11 @@ def page_of(module):
 ANY = re.compile(r"\{any\}|[:|] any\b|<any>|\bany\[\]")
 
 
-@pytest.mark.parametrize("path", sorted(STATIC.rglob("*.d.ts")), ids=name_of)
+@pytest.mark.parametrize(
+    "path",
+    [path for path in sorted(STATIC.rglob("*.d.ts")) if VENDOR not in path.parents],
+    ids=name_of,
+)
 def test_declared_types_say_the_type(path):
     assert not ANY.search(path.read_text())
 

@@ -1,19 +1,12 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { axisEnd, sampled, span, tickStep } from "../../../static/common/chart_scale.js";
+import { axisEnd, span, tickStep } from "../../../static/common/chart_scale.js";
 
 test("the step axis grows in round numbers and keeps few labels", () => {
   assert.equal(axisEnd(0), 40);
   assert.equal(axisEnd(60), 80);
   assert.equal(axisEnd(441), 500);
   for (const steps of [0, 60, 441, 7056, 16384]) assert.ok(axisEnd(steps) > steps && axisEnd(steps) / tickStep(axisEnd(steps)) <= 8);
-});
-
-test("a long curve is thinned, its last point kept", () => {
-  assert.deepEqual(sampled(3, 10), [0, 1, 2]);
-  assert.equal(sampled(7057, 600).at(-1), 7056);
-  assert.ok(sampled(7057, 600).length <= 601);
-  assert.deepEqual(sampled(0, 10), []);
 });
 
 test("values span from the lowest to the highest that came", () => {

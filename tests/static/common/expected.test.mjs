@@ -2,8 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { expectedOf, mostExpected, nextLooks, tint } from "../../../static/common/expected.js";
 import { apply, initialState } from "../../../static/common/game_state.js";
-import { stripTicks, valueLine } from "../../../static/common/value_strip.js";
-import { policyBoards } from "../../../static/play/thinking.js";
+import { policyBoards, stripTicks, valueLine } from "../../../static/play/thinking.js";
 
 const frame = (rest = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: [".@#", "..?"], position: [0, 1], discovered: 5,
   coverage: 0.8, heading: "east", reward: 0, return: 0, score: 0, outcome: null, ...rest });
