@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
+from app.cli.console import (
+    DATABASE,
+    PATH,
+    STUDIES,
+    failures,
+    pins_file,
+    print_table,
+    progress,
+    settings_of,
+)
 from app.cli.study.report import show
 
 if TYPE_CHECKING:
@@ -25,8 +34,8 @@ MAX_PRINTED = 20
     required=True,
     help="A new folder for the bundle; it appears whole or not at all.",
 )
-@click.option("--database", type=PATH, help="The database the study was played in.")
-@click.option("--studies", type=PATH, help="The folder of studies.  [default: data/studies]")
+@DATABASE
+@STUDIES
 @click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
 @click.option("--url", help="Where the bundle will be found, a DOI's address say.")
 @click.option(

@@ -24,12 +24,14 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
 STUDIES = click.option(
-    "--studies", type=PATH, help="The folder of studies.  [default: data/studies, see below]"
+    "--studies",
+    type=PATH,
+    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
 )
 DATABASE = click.option(
     "--database",
     type=PATH,
-    help="The database the study was played in, if it is not the default one.",
+    help="The database the study was played in; a running server may go on writing.",
 )
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import (
+    DATABASE,
     PATH,
+    STUDIES,
     failures,
     print_table,
     progress,
@@ -27,12 +29,8 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Where the players of a study lose moves.")
 @click.option("--study", "name", required=True, metavar="NAME", help="The study.")
-@click.option("--database", type=PATH, help="The database it was played in.")
-@click.option(
-    "--studies",
-    type=PATH,
-    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
-)
+@DATABASE
+@STUDIES
 @click.option(
     "--json",
     "json_path",

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from app.cli.console import (
+    DATABASE,
     PATH,
+    STUDIES,
     failures,
     print_table,
     progress,
@@ -23,20 +25,12 @@ if TYPE_CHECKING:
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
 @click.option("--study", "name", required=True, metavar="NAME", help="The study.")
-@click.option(
-    "--database",
-    type=PATH,
-    help="The database it was played in; a running server may go on writing.",
-)
+@DATABASE
 @click.option(
     "--html", type=PATH, help="Write the report to this file: one page, nothing outside it."
 )
 @click.option("--json", "json_path", type=PATH, help="Write every number to this file.")
-@click.option(
-    "--studies",
-    type=PATH,
-    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
-)
+@STUDIES
 @click.option(
     "--synthetic",
     is_flag=True,
