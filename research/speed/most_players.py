@@ -106,11 +106,11 @@ class Server:
 
     def __init__(self, core: int, folder: str) -> None:
         self._asked, self.token = Path(folder) / "measure", secrets.token_hex(16)
-        limits = {"MARS_LIMITS__TOKEN": self.token, "MARS_LIMITS__OPENED": "1000000+1000000/s"}
-        caps = {
-            f"MARS_LIMITS__{each}": "100000"
-            for each in ("CONNECTIONS", "CONNECTIONS_PER_ADDRESS", "SOCKETS")
+        limits = {
+            "MARS_LIMITS__TOKEN": self.token,
+            "MARS_LIMITS__HANDSHAKES_PER_ADDRESS": "1000000+1000000/s",
         }
+        caps = {f"MARS_LIMITS__{each}": "100000" for each in ("SOCKETS", "SOCKETS_PER_ADDRESS")}
         command = [
             sys.executable,
             "-c",

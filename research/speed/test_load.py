@@ -28,10 +28,10 @@ from app.play.session import Session
 from app.settings import Settings
 
 spent, act = [], Session.act
-def timed(self, move):
+async def timed(self, *args):
     began, worked = time.perf_counter(), time.thread_time()
     try:
-        return act(self, move)
+        return await act(self, *args)
     finally:
         spent.append((time.perf_counter() - began, time.thread_time() - worked))
 Session.act = timed
