@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
@@ -13,6 +12,7 @@ from typing import Any
 import click
 
 from app.cli.console import PATH, print_table, progress
+from app.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 from research.paper.algorithms import missing_tianshou
@@ -155,7 +155,7 @@ def paper(
                 click.echo(_outlook(jobs, folder))
                 return
             _check_installed(jobs, folder)
-            failures = _run_all(request, folder, workers or len(os.sched_getaffinity(0)))
+            failures = _run_all(request, folder, workers or cores())
             show_figures(figures, folder, folder, human_file)
             _complain(failures, folder)
     except OSError as error:

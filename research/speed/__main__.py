@@ -71,7 +71,7 @@ def _measure(quick: bool, names: tuple[str, ...]) -> list[Figure]:
                 load(name)
         except (PolicyNotFoundError, PolicyFileError) as error:
             raise click.ClickException(str(error)) from error
-        measures = [*decisions.measures(names, (21, 84))]
+        measures = [partial(decisions.decide, name, side) for name in names for side in (21, 84)]
     else:
         measures = [*core.measures(quick), lambda: start.first_steps(quick)]
         measures += [partial(peers.measure, peer, 0.5 if quick else 2.0) for peer in peers.PEERS]
@@ -85,36 +85,26 @@ def _measure(quick: bool, names: tuple[str, ...]) -> list[Figure]:
 
 
 def _print_figures(figures: list[Figure]) -> None:
-    sizes = list(dict.fromkeys(figure.at for figure in figures if figure.at))
     rates = {(figure.name, figure.at): figure for figure in figures if figure.at}
-    rate_rows = []
+    sizes = list(dict.fromkeys(at for _, at in rates))
+    rows = []
     for name in dict.fromkeys(name for name, _ in rates):
-        cells = [rates.get((name, at)) for at in sizes]
-        rate_rows.append(
-            (name, *(f"{cell.value / 1e6:.2f}" if cell and cell.value else "" for cell in cells))
-        )
-    if rate_rows:
-        print_table("Million steps per CPU second", ("worlds", *sizes), rate_rows)
-    absent = [
-        figure
-        for figure in figures
-        if figure.value is None and figure.note.startswith("not installed")
-    ]
+        values = (rates[name, at].value if (name, at) in rates else None for at in sizes)
+        rows.append((name, *(f"{value / 1e6:.2f}" if value else "" for value in values)))
+    if rows:
+        print_table("Million steps per CPU second", ("worlds", *sizes), rows)
+    absent = [figure for figure in figures if figure.note.startswith("not installed")]
     rest = [figure for figure in figures if not figure.at and figure not in absent]
-    rows = [(figure.name, _value(figure), _target(figure), figure.note) for figure in rest]
-    print_table("Everything else", ("what", "measured", "wanted", "note"), rows)
+    cells = [(figure.name, _value(figure), _target(figure), figure.note) for figure in rest]
+    print_table("Everything else", ("what", "measured", "wanted", "note"), cells)
     for figure in absent:
         click.echo(f"{figure.name} is {figure.note}")
     wanted = [figure for figure in figures if figure.target is not None]
-    if not wanted:
-        return
-    missed = [
-        f"{figure.name} {figure.at}".strip() for figure in wanted if figure.verdict == "missed"
-    ]
-    click.echo(
-        f"{len(wanted) - len(missed)} of {len(wanted)} targets reached"
-        + "".join(f"\nmissed: {name}" for name in missed)
-    )
+    missed = [figure for figure in wanted if figure.verdict == "missed"]
+    if wanted:
+        click.echo(f"{len(wanted) - len(missed)} of {len(wanted)} targets reached")
+    for figure in missed:
+        click.echo(f"missed: {figure.name} {figure.at}".strip())
 
 
 def _value(figure: Figure) -> str:

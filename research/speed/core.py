@@ -18,12 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.jobs import cores
 from marsexplorer.compiled import kernel
 from marsexplorer.config import EnvConfig
 from marsexplorer.observation import is_valid
 from marsexplorer.world import Worlds
 from research.speed.figures import Figure
 
+RATE = "steps/CPU s"
 SIZES = (21, 42, 84)
 STACKS = (1, 64, 1024, 8192)
 TARGETS = {(1, 21): 1e6, (1024, 21): 12e6}
@@ -130,12 +132,8 @@ def vector_share(
     """
     import gymnasium
 
-    moves, worlds, shares, rates = (
-        moves_of(EnvConfig(), num, rounds, blind),
-        started(EnvConfig(), num),
-        [],
-        [],
-    )
+    moves, worlds = moves_of(EnvConfig(), num, rounds, blind), started(EnvConfig(), num)
+    shares, rates = [], []
     envs = gymnasium.make_vec("MarsExplorer-v0", num, "vector_entry_point", observation="uint8")
     for _ in range(repeats):
         worlds.start(np.arange(num))
@@ -157,10 +155,8 @@ def threads_ratio(num: int = 8192, rounds: int = 150, repeats: int = 7) -> tuple
 
     Each thread has worlds of its own. The second number is 1 on an idle machine; well below, the first says little.
     """
-    moves, stacks = (
-        moves_of(EnvConfig(), num, rounds),
-        [started(EnvConfig(), num) for _ in range(2)],
-    )
+    moves = moves_of(EnvConfig(), num, rounds)
+    stacks = [started(EnvConfig(), num) for _ in range(2)]
     ratios, shares = [], []
     for _ in range(repeats):
         for worlds in stacks:
@@ -190,68 +186,47 @@ def bytes_of_a_world(config: EnvConfig) -> float:
 def stack(num: int, side: int, steps: int, repeats: int) -> Figure:
     """Return the rate of `num` worlds of level random, `side` cells a side."""
     rate = steps_per_cpu_second(EnvConfig.of("random", side), num, steps, repeats=repeats)
-    return Figure(
-        "core", f"{num:,}", rate, "steps/CPU s", f"{side}x{side}", TARGETS.get((num, side))
-    )
+    return Figure("core", f"{num:,}", rate, RATE, f"{side}x{side}", TARGETS.get((num, side)))
 
 
 def blind(steps: int, repeats: int) -> Figure:
     """Return the rate of blind random moves."""
     rate = steps_per_cpu_second(EnvConfig(), 1024, steps, blind=True, repeats=repeats)
-    return Figure(
-        "core",
-        "1,024, blind moves",
-        rate,
-        "steps/CPU s",
-        "21x21",
-        note="an episode ends after about four moves",
-    )
+    note = "an episode ends after about four moves"
+    return Figure("core", "1,024, blind moves", rate, RATE, "21x21", note=note)
 
 
 def made(observation: str, steps: int, repeats: int) -> Figure:
     """Return the rate through gymnasium.make; the target is that of codes."""
     rate = gymnasium_rate(observation, steps, repeats)
     target = 4e5 if observation == "uint8" else None
-    return Figure("gymnasium", f"gymnasium.make, {observation}", rate, "steps/CPU s", target=target)
+    return Figure("gymnasium", f"gymnasium.make, {observation}", rate, RATE, target=target)
 
 
 def made_vector(is_blind: bool, repeats: int) -> Figure:
     """Return the rate through gymnasium.make_vec, with the share of the bare stack's rate as its note."""
-    rate, share = vector_share(
-        blind=is_blind, rounds=ROUNDS // 3 if is_blind else ROUNDS, repeats=repeats
-    )
-    name = "gymnasium.make_vec, 1,024, uint8" + (", blind moves" if is_blind else "")
-    note = f"{share:.2f} of the bare stack in the same run"
-    return Figure(
-        "gymnasium", name, rate, "steps/CPU s", target=2.5e6 if is_blind else None, note=note
-    )
+    rounds = ROUNDS // 3 if is_blind else ROUNDS
+    rate, share = vector_share(blind=is_blind, rounds=rounds, repeats=repeats)
+    name = f"gymnasium.make_vec, 1,024, uint8{', blind moves' if is_blind else ''}"
+    target, note = 2.5e6 if is_blind else None, f"{share:.2f} of the bare stack in the same run"
+    return Figure("gymnasium", name, rate, RATE, target=target, note=note)
 
 
 def threads(repeats: int) -> Figure:
     """Return what a second thread brings, with a note on how idle the machine was."""
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
     others = os.getloadavg()[0] - 1 if hasattr(os, "getloadavg") else 0.0
     ratio, share = threads_ratio(repeats=repeats)
     busy = share < 0.95 or others > 0.5
-    note = f"{cores} cores, {'BUSY: measure again when idle' if busy else 'idle'}"
-    return Figure(
-        "threads", "two threads over one, 8,192 worlds each", ratio, "times", target=1.6, note=note
-    )
+    note = f"{cores()} cores, {'BUSY: measure again when idle' if busy else 'idle'}"
+    name = "two threads over one, 8,192 worlds each"
+    return Figure("threads", name, ratio, "times", target=1.6, note=note)
 
 
 def memory(side: int) -> Figure:
     """Return the bytes a world takes without its observation."""
-    taken, limit = bytes_of_a_world(EnvConfig.of("random", side)), 1500.0 if side == 21 else None
-    return Figure(
-        "memory",
-        f"a world at {side}x{side}, without its observation",
-        taken,
-        "bytes",
-        target=limit,
-        at_most=True,
-    )
+    taken, target = bytes_of_a_world(EnvConfig.of("random", side)), 1500.0 if side == 21 else None
+    name = f"a world at {side}x{side}, without its observation"
+    return Figure("memory", name, taken, "bytes", target=target, at_most=True)
 
 
 def measures(quick: bool = False) -> list[Callable[[], Figure]]:

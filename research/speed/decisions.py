@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -56,17 +54,9 @@ def time_in_stack(name: str, config: EnvConfig, seed: int = 0) -> float | None:
 def decide(name: str, side: int) -> list[Figure]:
     """Return the figures of one policy on level random, `side` cells a side."""
     config, at = EnvConfig.of("random", side), f"{side}x{side}"
-    figures = [
-        Figure("decisions", f"{name}, a move alone, {at}", time_alone(name, config), "CPU ms")
-    ]
-    in_stack = time_in_stack(name, config)
+    alone, in_stack = time_alone(name, config), time_in_stack(name, config)
+    figures = [Figure("decisions", f"{name}, a move alone, {at}", alone, "CPU ms")]
     if in_stack is not None:
-        figures.append(
-            Figure("decisions", f"{name}, a move of {STACK} together, {at}", in_stack, "CPU ms")
-        )
+        what = f"{name}, a move of {STACK} together, {at}"
+        figures.append(Figure("decisions", what, in_stack, "CPU ms"))
     return figures
-
-
-def measures(names: Sequence[str], sides: Sequence[int]) -> list[Callable[[], list[Figure]]]:
-    """Return what measures these policies on these sizes, in that order."""
-    return [partial(decide, name, side) for name in names for side in sides]

@@ -35,11 +35,8 @@ class Figure:
         """Return `reached`, `missed`, or nothing where there is no target or no value."""
         if self.target is None or self.value is None:
             return ""
-        return (
-            "reached"
-            if (self.value <= self.target if self.at_most else self.value >= self.target)
-            else "missed"
-        )
+        is_reached = self.value <= self.target if self.at_most else self.value >= self.target
+        return "reached" if is_reached else "missed"
 
 
 def to_json(figures: Iterable[Figure]) -> str:

@@ -26,6 +26,7 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -82,6 +83,10 @@ uvicorn.Config = TimedConfig
 server.run(Settings(database=sys.argv[2], port=0))
 """
 
+HEADER = """times in ms
+| players | moves | server, median | server, p99 | server's lag, p99 | round trip, p99 | own lag, p99 | core |
+|---|---|---|---|---|---|---|---|"""
+
 
 class StarvedError(Exception):
     """The generator was too slow itself; the text says by how much."""
@@ -106,20 +111,11 @@ class Server:
 
     def __init__(self, core: int, folder: str) -> None:
         self._asked, self.token = Path(folder) / "measure", secrets.token_hex(16)
-        limits = {
-            "MARS_LIMITS__TOKEN": self.token,
-            "MARS_LIMITS__HANDSHAKES_PER_ADDRESS": "1000000+1000000/s",
-        }
-        caps = {f"MARS_LIMITS__{each}": "100000" for each in ("SOCKETS", "SOCKETS_PER_ADDRESS")}
-        command = [
-            sys.executable,
-            "-c",
-            SERVER,
-            str(core),
-            str(Path(folder) / "playground.db"),
-            str(self._asked),
-        ]
-        environment = {**os.environ, **limits, **caps}
+        limits = {"TOKEN": self.token, "HANDSHAKES_PER_ADDRESS": "1000000+1000000/s"}
+        limits |= dict.fromkeys(("SOCKETS", "SOCKETS_PER_ADDRESS"), "100000")
+        environment = os.environ | {f"MARS_LIMITS__{name}": each for name, each in limits.items()}
+        files = str(Path(folder) / "playground.db"), str(self._asked)
+        command = [sys.executable, "-c", SERVER, str(core), *files]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
         assert self.process.stdout is not None
         line = next(line for line in self.process.stdout if "is open at" in line)
@@ -138,19 +134,15 @@ class Server:
 
 def next_action(grid: list[str], position: tuple[int, int], chance: random.Random) -> str:
     """Return a way to a cell that is known to be free, at random; any way where there is none."""
-    row, col = position
-    ways = {
-        "north": (row - 1, col),
-        "east": (row, col + 1),
-        "south": (row + 1, col),
-        "west": (row, col - 1),
-    }
-    inside = {
-        way: at for way, at in ways.items() if 0 <= at[0] < len(grid) and 0 <= at[1] < len(grid[0])
-    }
-    return chance.choice(
-        [way for way, (r, c) in inside.items() if grid[r][c] == "."] or list(inside)
-    )
+    ways = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}
+    inside, free = [], []
+    for way, (down, right) in ways.items():
+        row, col = position[0] + down, position[1] + right
+        if 0 <= row < len(grid) and 0 <= col < len(grid[0]):
+            inside.append(way)
+            if grid[row][col] == ".":
+                free.append(way)
+    return chance.choice(free or inside)
 
 
 async def play(
@@ -160,9 +152,8 @@ async def play(
     chance = random.Random(begun["session"])
     url = f"ws{server.url.removeprefix('http')}/ws/sessions/{begun['session']}"
     token = {"X-Mars-Token": server.token}
-    async with connect(
-        url, proxy=None, compression=None, additional_headers=token, open_timeout=CONNECT_S
-    ) as socket:
+    options: dict[str, Any] = {"proxy": None, "compression": None, "open_timeout": CONNECT_S}
+    async with connect(url, additional_headers=token, **options) as socket:
         frame = json.loads(await socket.recv())
         await come.wait()
         until_s = time.monotonic() + seconds
@@ -171,11 +162,8 @@ async def play(
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             began, step = time.perf_counter(), frame["step"]
             action = next_action(frame["grid"], frame["position"], chance)
-            await socket.send(
-                json.dumps(
-                    {"kind": "act", "episode": frame["episode"], "step": step, "action": action}
-                )
-            )
+            move = {"kind": "act", "episode": frame["episode"], "step": step, "action": action}
+            await socket.send(json.dumps(move))
             while frame["step"] == step:
                 text = await socket.recv()
                 frame = json.loads(text) if text[9:14] == "frame" else frame
@@ -197,12 +185,10 @@ async def _campaign(
     trips: list[float] = []
     lags: list[float] = []
     come = asyncio.Barrier(len(boards) + 1)  # the server lets so many connections begin in a second
-    async with (
-        asyncio.TaskGroup() as group
-    ):  # one that fails ends the others: the barrier would wait for it for ever
-        players = [
-            group.create_task(play(server, begun, come, seconds + 2, trips)) for begun in boards
-        ]
+    # one that fails ends the others: the barrier would wait for it for ever
+    async with asyncio.TaskGroup() as group:
+        games = (play(server, begun, come, seconds + 2, trips) for begun in boards)
+        players = [group.create_task(game) for game in games]
         await come.wait()
         await asyncio.sleep(2)
         cpu = float((await asyncio.to_thread(server.measured))["cpu_s"])  # type: ignore[arg-type]
@@ -215,9 +201,8 @@ async def _campaign(
 
 def measure(server: Server, players: int, seconds: float) -> Level:
     """Return what `players` people come to; StarvedError when this process was too slow to say."""
-    with httpx.Client(
-        base_url=server.url, trust_env=False, headers={"X-Mars-Token": server.token}
-    ) as client:
+    token = {"X-Mars-Token": server.token}
+    with httpx.Client(base_url=server.url, trust_env=False, headers=token) as client:
         boards = [client.post("/api/sessions", json={"size": 42}).json() for _ in range(players)]
         cpu, trips, lags = asyncio.run(_campaign(server, boards, seconds))
     own = float(np.percentile(lags, 99))
@@ -235,17 +220,7 @@ def measure(server: Server, players: int, seconds: float) -> Level:
 
 def search(server: Server, most: int, seconds: float, bound_ms: float) -> int:
     """Return the highest number of players, in steps of a tenth, whose p99 stays under the bound; print every level."""
-    names = (
-        "players",
-        "moves",
-        "server, median",
-        "server, p99",
-        "server's lag, p99",
-        "round trip, p99",
-        "own lag, p99",
-        "core",
-    )
-    print("times in ms\n| " + " | ".join(names) + " |\n" + "|---" * len(names) + "|", flush=True)
+    print(HEADER, flush=True)
     good, bad, players = 0, most + 1, min(50, most)
     while bad - good > max(1, good // 10) and players < bad:
         level = measure(server, players, seconds)
@@ -269,9 +244,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=10.0, help="of each level")
     parser.add_argument("--most", type=int, default=900, help="players at most")
-    parser.add_argument(
-        "--bound", type=float, default=20.0, help="ms that the 99th percentile stays under"
-    )
+    parser.add_argument("--bound", type=float, default=20.0, help="ms that p99 stays under")
     given = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))
     if len(cores) < 2:

@@ -6,18 +6,19 @@ included; ours with valid moves, for blind ones end an episode after four steps.
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
+from subprocess import CalledProcessError, TimeoutExpired, run
 from typing import Any
 
 import numpy as np
 
 from marsexplorer.config import EnvConfig
-from research.speed.core import moves_of, replay
+from research.speed.core import RATE, moves_of, replay
 from research.speed.figures import Figure
 
 PATIENCE_S = 120.0
@@ -37,26 +38,17 @@ class Peer:
     play: Play
 
 
-def single(env: Any, chunk: int) -> Callable[[], int]:
-    """Return what makes `chunk` random moves in a gymnasium environment, resetting it when it ends."""
-    moves = np.random.default_rng(0).integers(0, env.action_space.n, chunk).tolist()
-    env.reset(seed=0)
-
-    def play_some() -> int:
-        for move in moves:
-            _, _, terminated, truncated, _ = env.step(move)
-            if terminated or truncated:
-                env.reset()
-        return chunk
-
-    return play_some
+def single(env: Any) -> Callable[[], int]:
+    """Return what makes 5,000 random moves in a gymnasium environment from seed 0 on, resetting it when it ends."""
+    moves = np.random.default_rng(0).integers(0, env.action_space.n, 5000).tolist()
+    return partial(replay, env, moves)
 
 
 def frozen_lake() -> Callable[[], int]:
     """Make FrozenLake 4x4 of Gymnasium's toy texts."""
     import gymnasium
 
-    return single(gymnasium.make("FrozenLake-v1"), 5000)
+    return single(gymnasium.make("FrozenLake-v1"))
 
 
 def minigrid() -> Callable[[], int]:
@@ -64,7 +56,7 @@ def minigrid() -> Callable[[], int]:
     import gymnasium
     import minigrid  # noqa: F401  # registers
 
-    return single(gymnasium.make("MiniGrid-FourRooms-v0"), 500)
+    return single(gymnasium.make("MiniGrid-FourRooms-v0"))
 
 
 def crafter() -> Callable[[], int]:
@@ -131,14 +123,7 @@ PEERS = (
 
 def measure(peer: Peer, seconds: float) -> Figure:
     """Return a peer's steps per CPU second; one that is not installed says how to install it, one that fails says why."""
-    if find_spec(peer.module) is None:
-        return Figure(
-            "peers",
-            peer.name,
-            None,
-            "steps/CPU s",
-            note=f"not installed: pip install {peer.package}",
-        )
+    rate, note = None, ""
     command = [
         sys.executable,
         "-W",
@@ -149,18 +134,18 @@ def measure(peer: Peer, seconds: float) -> Figure:
         str(seconds),
     ]
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=PATIENCE_S, check=True
-        )
-        steps, spent = done.stdout.split()[-2:]
-        return Figure("peers", peer.name, int(steps) / float(spent), "steps/CPU s")
-    except subprocess.TimeoutExpired:
-        return Figure(
-            "peers", peer.name, None, "steps/CPU s", note=f"did not end within {PATIENCE_S:.0f} s"
-        )
-    except subprocess.CalledProcessError as error:
+        if find_spec(peer.module) is None:
+            note = f"not installed: pip install {peer.package}"
+        else:
+            done = run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=True)
+            steps, spent = done.stdout.split()[-2:]
+            rate = int(steps) / float(spent)
+    except TimeoutExpired:
+        note = f"did not end within {PATIENCE_S:.0f} s"
+    except CalledProcessError as error:
         said = (error.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        return Figure("peers", peer.name, None, "steps/CPU s", note=f"failed: {said[:100]}")
+        note = f"failed: {said[:100]}"
+    return Figure("peers", peer.name, rate, RATE, note=note)
 
 
 def timed(some: Callable[[], int], seconds: float) -> tuple[int, float]:

@@ -53,13 +53,9 @@ def first_steps(quick: bool = False) -> list[Figure]:
         with tempfile.TemporaryDirectory() as cache:
             cold = seconds(code, cache)
             warm = sorted(seconds(code, cache) for _ in range(1 if quick else 3))
-        for state, target, (worked, wall) in (
-            ("cold", COLD_S, cold),
-            ("warm", WARM_S, warm[len(warm) // 2]),
-        ):
-            note = f"{wall:.2f} s by the clock"
-            what = f"import to first step, {name}, {state}"
-            figures.append(
-                Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note)
-            )
+        found = (("cold", COLD_S, cold), ("warm", WARM_S, warm[len(warm) // 2]))
+        for state, target, (worked, wall) in found:
+            what, note = f"import to first step, {name}, {state}", f"{wall:.2f} s by the clock"
+            figure = Figure("start", what, worked, "CPU s", target=target, at_most=True, note=note)
+            figures.append(figure)
     return figures

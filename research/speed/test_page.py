@@ -1,6 +1,7 @@
 """The page in real Chromium: from opening it to the first picture, and from keydown to the repaint of the matrix."""
 
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -33,40 +34,37 @@ WATCH = """(() => {
 })()"""
 
 
-@pytest.mark.parametrize(
+DRAWN = pytest.mark.parametrize(
     ("drawn", "flags"), [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)]
 )
-def test_first_picture(spawn, drawn, flags):
+
+
+@contextmanager
+def page_in_browser(flags):
+    """A page in a browser of its own, with nothing in its cache."""
     from playwright.sync_api import sync_playwright
 
+    options = {"executable_path": chromium_path(), "headless": True, "args": [*QUIET, *flags]}
+    with sync_playwright() as playwright, playwright.chromium.launch(**options) as browser:
+        yield browser.new_page(viewport={"width": 1440, "height": 900})
+
+
+@DRAWN
+def test_first_picture(spawn, drawn, flags):
     server, seen = spawn(), []
-    with sync_playwright() as playwright:
-        for _ in range(OPENINGS):  # each in a browser of its own, with nothing in its cache
-            browser = playwright.chromium.launch(
-                executable_path=chromium_path(), headless=True, args=[*QUIET, *flags]
-            )
-            page = browser.new_page(viewport={"width": 1440, "height": 900})
+    for _ in range(OPENINGS):
+        with page_in_browser(flags) as page:
             page.add_init_script(WATCH)
             network, sizes = page.context.new_cdp_session(page), []
             network.send("Network.enable")
-            network.on(
-                "Network.loadingFinished",
-                lambda event, sizes=sizes: sizes.append(event["encodedDataLength"]),
-            )
+            finished = "Network.loadingFinished"
+            network.on(finished, lambda event, to=sizes: to.append(event["encodedDataLength"]))
             page.goto(server.url)
-            page.wait_for_function(
-                "() => window.playable"
-                if flags is NO_3D
-                else "() => window.playable && window.drawn"
-            )
+            ready = "window.playable" if flags is NO_3D else "window.playable && window.drawn"
+            page.wait_for_function(f"() => {ready}")
             page.wait_for_timeout(1500)
-            seen.append(
-                (
-                    *page.evaluate("() => [window.playable / 1e3, (window.drawn ?? 0) / 1e3]"),
-                    sum(sizes),
-                )
-            )
-            browser.close()
+            times = page.evaluate("() => [window.playable / 1e3, (window.drawn ?? 0) / 1e3]")
+            seen.append((*times, sum(sizes)))
     playable, picture, weight = zip(*seen, strict=True)
     print(f"\n\n{OPENINGS} first visits, {drawn}: {max(weight):,.0f} bytes")
     for what, times in [("playable", playable), ("drawn", picture)][: 1 if flags is NO_3D else 2]:
@@ -75,42 +73,27 @@ def test_first_picture(spawn, drawn, flags):
 
 
 @pytest.mark.parametrize("side", MOST_MS)
-@pytest.mark.parametrize(
-    ("drawn", "flags"), [("matrix alone", NO_3D), ("matrix and 3-D by the processor", SOFTWARE_3D)]
-)
+@DRAWN
 def test_keydown_to_repaint(spawn, drawn, flags, side):
-    from playwright.sync_api import sync_playwright
-
-    server = spawn()
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=chromium_path(), headless=True, args=[*QUIET, *flags]
-        )
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
+    server, policy = spawn(), policies.load("frontier-cost")
+    with page_in_browser(flags) as page:
         page.goto(server.url)
-        page.wait_for_function(
-            "() => window.mars?.state.player"
-        )  # the cookie is there: the next board is the same player's
-        about = page.request.post(
-            f"{server.url}/api/sessions", data={"size": side, "seed": 3}
-        ).json()
+        # the cookie is there: the next board is the same player's
+        page.wait_for_function("() => window.mars?.state.player")
+        asked = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3})
+        session = asked.json()["session"]
         page.goto("about:blank")
-        page.goto(f"{server.url}/#s={about['session']}")
-        page.wait_for_function(
-            "() => window.mars?.state.player && window.mars.state.link === 'open'"
-        )
-        assert page.evaluate("() => window.mars.state.player.session") == about["session"]
-        policy = policies.load("frontier-cost")
+        page.goto(f"{server.url}/#s={session}")
+        is_open = "window.mars?.state.player && window.mars.state.link === 'open'"
+        page.wait_for_function(f"() => {is_open}")
+        assert page.evaluate("() => window.mars.state.player.session") == session
         policy.reset(0)
         for number in range(PRESSES):
-            frame = json.loads(
-                page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")
-            )
-            codes = occupancy_codes(frame)
+            text = page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")
+            codes = occupancy_codes(json.loads(text))
             page.keyboard.press(KEY_OF[("north", "east", "south", "west")[policy.act(codes)]])
             page.wait_for_function(f"() => window.mars.latencies.length > {number}")
         times = np.array(page.evaluate("() => window.mars.latencies"))
-        browser.close()
     print(f"\n\nkeydown to repaint over {len(times)} presses at {side}x{side}, {drawn}: ", end="")
     print(", ".join(f"p{p} {np.percentile(times, p):.1f} ms" for p in (50, 95, 99)))
     assert np.percentile(times, 95) < MOST_MS[side]
