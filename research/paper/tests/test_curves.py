@@ -1,6 +1,7 @@
 """What is drawn and tabulated is what the logs say, and what was exported is drawn as the logs are."""
 
 import json
+from dataclasses import astuple
 
 import numpy as np
 import pytest
@@ -67,11 +68,8 @@ def test_only_finished_trials_are_read_and_long_curves_are_thinned(logs, tmp_pat
     (record,) = read_records(tmp_path / "long")
     assert set(record.curve) == set(COLUMNS)
     assert all(len(column) == POINTS for column in record.curve.values())
-    assert (record.curve["moves"][0], record.curve["moves"][-1], record.curve["score"][-1]) == (
-        50,
-        10_000,
-        0.199,
-    )
+    moves, scores = record.curve["moves"], record.curve["score"]
+    assert (moves[0], moves[-1], scores[-1]) == (50, 10_000, 0.199)
 
 
 def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tmp_path):
@@ -80,10 +78,8 @@ def test_what_was_exported_is_what_the_logs_give_and_the_claims_read_it(logs, tm
     assert read_exported(path) == records
     kinds = [json.loads(line)["kind"] for line in path.read_text().splitlines()]
     assert (kinds.count("settings"), kinds.count("trial")) == (2, 4)
-    assert [
-        each.curve["score"][-1]
-        for each in read(path.parent).trials(algorithm="ppo", variant="paper")
-    ] == [0.5, 0.6, 0.7]
+    found = read(path.parent).trials(algorithm="ppo", variant="paper")
+    assert [each.curve["score"][-1] for each in found] == [0.5, 0.6, 0.7]
     path.write_text('{"kind": "trial"}\n')
     with pytest.raises(ValueError, match="is no file of trials"):
         read_exported(path)
@@ -97,9 +93,8 @@ def test_an_export_keeps_trainings_of_other_kinds_and_none_of_an_earlier_run_of_
     write_trial(tmp_path / "more", trial_of(seed=0, variant="works-no-mask"), [0.1, 0.2])
     new = read_records(tmp_path / "more")
     add_records(new, path)
-    found = [
-        (each.trial.variant, each.trial.algorithm, each.trial.seed) for each in read_exported(path)
-    ]
+    trials = [each.trial for each in read_exported(path)]
+    found = [(trial.variant, trial.algorithm, trial.seed) for trial in trials]
     assert found == [("paper", "ppo", 1), ("works", "sac", 0), ("works-no-mask", "ppo", 0)]
     assert all(record in read_exported(path) for record in new)
     whole = path.read_bytes()
@@ -109,26 +104,18 @@ def test_an_export_keeps_trainings_of_other_kinds_and_none_of_an_earlier_run_of_
 
 def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
     rows = rows_of(read_records(logs))
-    assert [(row.algorithm, row.variant, row.seeds) for row in rows] == [
-        ("ppo", "paper", 3),
-        ("sac", "works", 1),
-    ]
+    kinds = [(row.algorithm, row.variant, row.seeds) for row in rows]
+    assert kinds == [("ppo", "paper", 3), ("sac", "works", 1)]
     half = stats.t.ppf(0.975, 2) * 20 / np.sqrt(3)
-    assert (rows[0].steps.mean, rows[0].steps.high) == (
-        pytest.approx(120),
-        pytest.approx(120 + half),
-    )
+    assert astuple(rows[0].steps) == pytest.approx((120, 120 - half, 120 + half))
     assert rows[0].ratio.mean == pytest.approx(1.5)
     assert cells_of(rows[0])[3:7] == ["3", "1 k", "1.2", "0.600 ± 0.248"]
     assert cells_of(rows[1])[6:] == ["0.900", "90 %", "90 %", "100", "1.25"]
     written = write_table(rows, tmp_path / "table")
     assert [path.name for path in written] == ["table.csv", "table.jsonl"]
     first = json.loads(written[1].read_text().splitlines()[0])
-    assert (first["score"], first["score_low"], first["cpu_minutes"]) == (
-        0.6,
-        pytest.approx(0.3516, abs=1e-4),
-        1.167,
-    )
+    found = [first[name] for name in ("score", "score_low", "cpu_minutes")]
+    assert found == [0.6, pytest.approx(0.3516, abs=1e-4), 1.167]
 
 
 def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs):
@@ -137,17 +124,13 @@ def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs)
     records = [*read_records(logs), *read_records(logs / "longest")]
     for against, last in (("moves", 1000), ("cpu_s", 10 / 60)):
         figure = figure4.curves_figure(records, against, human)
-        letter = next(
+        (letter,) = (
             axes for axes in figure.axes if axes.get_title(loc="left") == "the letter of the paper"
         )
         x, y = letter.get_lines()[0].get_data()
         assert (x[-1], y[-1]) == (pytest.approx(last), pytest.approx(0.6))
-        longest = max(
-            max(line.get_xdata())
-            for axes in figure.axes[:6]
-            for line in axes.get_lines()
-            if len(line.get_xdata()) > 2
-        )
+        lines = [line.get_xdata() for axes in figure.axes[:6] for line in axes.get_lines()]
+        longest = max(max(x) for x in lines if len(x) > 2)
         assert all(axes.get_xlim()[1] >= longest for axes in figure.axes if axes.get_lines())
         assert any(np.allclose(line.get_ydata(), 0.94) for line in letter.get_lines())
 
@@ -161,16 +144,13 @@ def test_figure_5_has_a_line_for_each_level(tmp_path):
     steps = {"mean": 51.0, "low": 50.0, "high": 52.0}
     known = [{"policy": "informed", "level": "2-1-1", "steps_to_99": steps}]
     panel = figure5.difficulty_figure(read_records(tmp_path), known).axes[-1]
-    assert [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()] == [
-        [1.66, 2.34]
-    ]
+    bars = [line.get_xdata().tolist() for line in panel.get_lines() if 51 in line.get_ydata()]
+    assert bars == [[1.66, 2.34]]
 
 
 def test_a_curve_begins_when_enough_episodes_have_ended():
     head = {"kind": "trial", "trial": vars(trial_of()), "settings": {}, "versions": {}}
-    lines = [
-        {"kind": "curve", "moves": each, "cpu_s": 1.0, "episodes": float(each)}
-        for each in (99, 100, 300)
-    ]
+    line = {"kind": "curve", "cpu_s": 1.0}
+    lines = [{**line, "moves": each, "episodes": float(each)} for each in (99, 100, 300)]
     assert record_of([head, *lines, {"kind": "result"}]).curve["moves"] == [100, 300]
     assert record_of([head, lines[0], {"kind": "result"}]).curve["moves"] == [99]

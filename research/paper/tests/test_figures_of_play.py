@@ -4,6 +4,7 @@ import json
 import pickle
 import shutil
 from collections import Counter
+from itertools import product
 
 import numpy as np
 import pytest
@@ -58,17 +59,12 @@ def test_no_terrain_of_the_figures_is_one_that_training_may_see():
 def test_the_maps_count_what_an_evaluation_of_the_same_terrains_shows(played):
     config = EnvConfig.of("2-2-1", SIZE)
     results = evaluate(["frontier-cost"], config, seeds=SEEDS, traces=True).results
-    (line,) = (
-        each
-        for each in read_results(played, 6)
-        if (each["policy"], each["level"]) == ("frontier-cost", "2-2-1")
-    )
+    lines = read_results(played, 6)
+    (line,) = (one for one in lines if (one["policy"], one["level"]) == ("frontier-cost", "2-2-1"))
     on_cell = Counter(cell for result in results for cell in result.trace.path)
     assert line["visits"] == [on_cell[cell] for cell in range(81)]
-    terrains = [generate(config, seed) for seed in SEEDS]
-    assert (
-        map_of(line, "drawn").tolist() == sum(terrain.astype(int) for terrain in terrains).tolist()
-    )
+    drawn = sum(generate(config, seed).astype(int) for seed in SEEDS)
+    assert map_of(line, "drawn").tolist() == drawn.tolist()
     seen = Counter(cell for result in results for cell in result.trace.obstacles)
     assert line["found"] == [seen[cell] for cell in range(81)]
     assert (map_of(line, "found") <= map_of(line, "discoverable")).all()
@@ -81,42 +77,23 @@ def test_the_maps_count_what_an_evaluation_of_the_same_terrains_shows(played):
 def test_an_obstacle_among_obstacles_cannot_be_discovered():
     terrain = np.zeros((6, 5), bool)
     terrain[0:3, 0:3] = True
-    assert np.argwhere(terrain & ~has_free_neighbour(terrain, True)).tolist() == [
-        [0, 0],
-        [0, 1],
-        [1, 0],
-        [1, 1],
-    ]
-    assert np.argwhere(terrain & ~has_free_neighbour(terrain, False)).tolist() == [
-        [0, 0],
-        [0, 1],
-        [1, 0],
-        [1, 1],
-    ]
+    for with_corners in (True, False):
+        hidden = np.argwhere(terrain & ~has_free_neighbour(terrain, with_corners))
+        assert hidden.tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
     terrain[3, 2] = True
-    assert (
-        not has_free_neighbour(terrain, False)[2, 1:].any()
-        or has_free_neighbour(terrain, True)[2, 2]
-    )
+    by_sides, with_corners = (has_free_neighbour(terrain, each) for each in (False, True))
+    assert not by_sides[2, 1:].any() or with_corners[2, 2]
 
 
 def test_a_blind_spot_is_a_cell_where_most_obstacles_are_missed():
-    drawn = [0, 10, 4, 10, 10, 10]
-    line = {
-        "rows": 2,
-        "cols": 3,
-        "drawn": drawn,
-        "discoverable": drawn,
-        "found": [0, 10, 0, 4, 5, 10],
-    }
-    found = obstacles_of(line)
-    assert found.blind_spots == (
-        3,
-    )  # cell 2 has too few obstacles to say so, and half of those on cell 4 were found
-    assert found.found_share == 29 / 44
-    assert found.distance == pytest.approx(
-        sum(abs(a / 44 - b / 29) for a, b in zip(drawn, line["found"], strict=True)) / 2
-    )
+    drawn, found = [0, 10, 4, 10, 10, 10], [0, 10, 0, 4, 5, 10]
+    line = {"rows": 2, "cols": 3, "drawn": drawn, "discoverable": drawn, "found": found}
+    obstacles = obstacles_of(line)
+    # cell 2 has too few obstacles to say so, and half of those on cell 4 were found
+    assert obstacles.blind_spots == (3,)
+    assert obstacles.found_share == 29 / 44
+    moved = sum(abs(a / 44 - b / 29) for a, b in zip(drawn, found, strict=True)) / 2
+    assert obstacles.distance == pytest.approx(moved)
 
 
 def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
@@ -142,19 +119,13 @@ def test_curves_and_moves_to_shares_equal_those_of_an_evaluation(played):
 
 
 def test_a_terrain_for_which_the_search_finds_no_walk_is_in_no_comparison():
-    reached = {"90": [8, 8, 8], "99": [10, 20, 30]}
-    own = {"policy": "a", "rows": 9, "cols": 9, "reached": reached}
-    search = {
-        "policy": INFORMED,
-        "rows": 9,
-        "cols": 9,
-        "reached": {"90": [5, None, 5], "99": [8, None, 16]},
-    }
+    size = {"rows": 9, "cols": 9}
+    own = {"policy": "a", **size, "reached": {"90": [8, 8, 8], "99": [10, 20, 30]}}
+    search = {"policy": INFORMED, **size, "reached": {"90": [5, None, 5], "99": [8, None, 16]}}
     assert np.isnan(steps_of(search)).tolist() == [False, True, False]
     assert compare(own, search).mean == 40 / 24
-    assert steps_of({**own, "reached": search["reached"]}).tolist() == [8, 81, 16], (
-        "a policy that fails counts the limit"
-    )
+    failing = {**own, "reached": search["reached"]}
+    assert steps_of(failing).tolist() == [8, 81, 16], "a policy that fails counts the limit"
 
 
 def test_what_another_policy_played_under_the_name_is_played_again(tmp_path):
@@ -172,11 +143,8 @@ def test_jobs_are_of_policies_that_can_play_them():
     assert not can_play("ppo-paper", EnvConfig.of("random", 42))
     assert not can_play(INFORMED, EnvConfig.of("random", 84))
     names = {job.name for job in figure7.jobs(["frontier-cost", "ppo-paper", INFORMED])}
-    assert names >= {
-        "figure7-frontier-cost-2-2-1-84",
-        "figure7-ppo-paper-2-2-1-21",
-        "figure7-informed-random-42",
-    }
+    played = ("frontier-cost-2-2-1-84", "ppo-paper-2-2-1-21", "informed-random-42")
+    assert names >= {f"figure7-{each}" for each in played}
     assert not names & {"figure7-ppo-paper-2-2-1-42", "figure7-informed-random-84"}
     with pytest.raises(ValueError, match="cannot play 42x42"):
         figure6.jobs(["ppo-paper"], size=42)
@@ -201,30 +169,22 @@ def test_gathered_results_are_those_of_the_jobs_and_there_must_be_some(played, t
         assert sorted(map(json.dumps, first)) == sorted(map(json.dumps, again))
     gather(tmp_path / "gathered", 6, tmp_path / "mixed")
     Visits("frontier-cost", "1-1-1", SIZE, 2).run(tmp_path / "mixed", nothing)
-    episodes = {
-        (line["policy"], line["level"]): line["episodes"]
-        for line in read_results(tmp_path / "mixed", 6)
-    }
-    assert (
-        len(episodes),
-        episodes["frontier-cost", "1-1-1"],
-        episodes["frontier-cost", "2-2-1"],
-    ) == (4, 2, EPISODES)
+    lines = read_results(tmp_path / "mixed", 6)
+    episodes = {(line["policy"], line["level"]): line["episodes"] for line in lines}
+    of_rule = [episodes["frontier-cost", level] for level in ("1-1-1", "2-2-1")]
+    assert (len(episodes), of_rule) == (4, [2, EPISODES])
     with pytest.raises(FileNotFoundError, match=r"python -m research\.paper --figure 6"):
         figure6.draw(tmp_path / "nowhere", tmp_path)
 
 
 def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
     lines = read_results(played, 7)
-    first, again = (
-        save(figure7.steps_figure(lines), tmp_path / name).read_bytes()
-        for name in ("first.png", "again.png")
-    )
+    names = ("first.png", "again.png")
+    paths = [save(figure7.steps_figure(lines), tmp_path / name) for name in names]
+    first, again = (path.read_bytes() for path in paths)
     assert first == again
-    drawn = {
-        path.name for path in (*figure6.draw(played, tmp_path), *figure7.draw(played, tmp_path))
-    }
-    assert drawn == {
+    drawn = (*figure6.draw(played, tmp_path), *figure7.draw(played, tmp_path))
+    assert {path.name for path in drawn} == {
         "figure6-frontier-cost.png", "figure6-frontier-utility.png", "figure6-quadrants.png", "figure6.md",
         "figure7-coverage.png", "figure7-steps.png", "figure7-shares.png", "figure7.md",
     }  # fmt: skip
@@ -242,12 +202,7 @@ def test_the_shipped_results_are_whole_and_small():
         assert never_goes_back.count <= makes_u.count <= makes_u.total == line["played"] == 100
     assert {line["null"] for line in read_results(FOLDER, 6) if "null" in line} == set(NULLS)
     rows = {(row.policy, row.level, row.size): row for row in scale_rows(read_results(FOLDER, 7))}
-    for place in (
-        (policy, level, size)
-        for policy in ("ppo-earlier", *RULES)
-        for level in figure7.PLACES
-        for size in (21, 42)
-    ):
+    for place in product(("ppo-earlier", *RULES), figure7.PLACES, (21, 42)):
         assert rows[place].terrains == 100
     assert rows["ppo-earlier", "2-2-1", 42].to_rule.is_known
     assert max(path.stat().st_size for path in FOLDER.glob("figure[67]-*.jsonl")) < 150_000

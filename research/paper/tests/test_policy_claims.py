@@ -2,12 +2,11 @@
 
 import pytest
 
-from marsexplorer.config import LEVELS
 from marsexplorer.evaluation import RULES
 from research.paper.claims.claims import CLAIMS
 from research.paper.claims.results import NOT_REPRODUCED, NOT_YET, PARTLY, REPRODUCED, Results
+from research.paper.episodes.play import DIFFICULTIES
 
-PAPER_LEVELS = [level for level in LEVELS if level != "random"]
 ONWARD, BACK = "0321:3", "0321:9"
 
 
@@ -26,8 +25,8 @@ def played(policy, level, onward=100, order_of_others="0321", collided=0, missed
 
 
 def figure_6(onward=100, policy="ppo-paper", **other):
-    rules = [played(rule, level, onward=20) for rule in RULES for level in PAPER_LEVELS]
-    own = [played(policy, level, onward, **other) for level in PAPER_LEVELS]
+    rules = [played(rule, level, onward=20) for rule in RULES for level in DIFFICULTIES]
+    own = [played(policy, level, onward, **other) for level in DIFFICULTIES]
     walks = [{"figure": 6, "null": "nearest", "courses": [ONWARD] * 10 + [BACK] * 90}]
     return Results(plays={6: [*rules, *own], 7: []}, walks=walks)
 
@@ -99,25 +98,25 @@ def test_a_cell_whose_obstacles_are_missed_is_a_blind_spot():
 
 
 def test_distance_is_compared_on_the_same_terrains_at_both_sizes():
-    assert verdict_of("less-distance", figure_7(rules_last=0.09)) == REPRODUCED
-    assert verdict_of("less-distance", figure_7(ppo=(300, 1400), rules_last=0.09)) == PARTLY
-    assert verdict_of("less-distance", figure_7(rules_last=0.3)) == PARTLY, (
-        "the rules have 90 % first"
-    )
-    assert verdict_of("less-distance", figure_7(ppo=(340, 1400), rules_last=0.09)) == NOT_REPRODUCED
-    assert verdict_of("scales", figure_7(ppo=(340, 1400))) == PARTLY, (
-        "it completes them, but more slowly"
-    )
+    for ppo, verdict in (
+        ((300, 1200), REPRODUCED),
+        ((300, 1400), PARTLY),
+        ((340, 1400), NOT_REPRODUCED),
+    ):
+        assert verdict_of("less-distance", figure_7(ppo, rules_last=0.09)) == verdict
+    # the rules have 90 % first
+    assert verdict_of("less-distance", figure_7(rules_last=0.3)) == PARTLY
+    # it completes them, but more slowly
+    assert verdict_of("scales", figure_7(ppo=(340, 1400))) == PARTLY
 
 
 def test_a_knee_is_more_moves_for_the_last_cells_than_a_constant_pace_takes():
-    names = ("knee", "no-knee")
-    assert [verdict_of(name, figure_7()) for name in names] == [REPRODUCED, REPRODUCED]
-    assert [verdict_of(name, figure_7(last=0.4)) for name in names] == [REPRODUCED, NOT_REPRODUCED]
-    assert [verdict_of(name, figure_7(rules_last=0.05)) for name in names] == [
-        NOT_REPRODUCED,
-        NOT_REPRODUCED,
-    ]
+    for results, verdicts in (
+        (figure_7(), [REPRODUCED, REPRODUCED]),
+        (figure_7(last=0.4), [REPRODUCED, NOT_REPRODUCED]),
+        (figure_7(rules_last=0.05), [NOT_REPRODUCED, NOT_REPRODUCED]),
+    ):
+        assert [verdict_of(name, results) for name in ("knee", "no-knee")] == verdicts
 
 
 def test_a_policy_of_other_settings_than_the_papers_reproduces_in_part_at_most():
