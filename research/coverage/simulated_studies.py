@@ -65,29 +65,18 @@ def simulate_studies(
     rate = np.full((studies, players, 1), population.collisions)
     if icc:
         spread = 1 / icc - 1
-        rate = rng.beta(
-            population.collisions * spread,
-            (1 - population.collisions) * spread,
-            (studies, players, 1),
-        )
+        ends = population.collisions * spread, (1 - population.collisions) * spread
+        rate = rng.beta(*ends, (studies, players, 1))
     terrain = 0.004 * rng.standard_normal((studies, 1, TERRAINS))
-    played = (
-        PLAYED_SCORE
-        + 0.004 * rng.standard_normal((studies, players, 1))
-        + terrain
-        + 0.008 * rng.standard_normal(shape)
-    )
+    player = 0.004 * rng.standard_normal((studies, players, 1))
+    played = PLAYED_SCORE + player + terrain + 0.008 * rng.standard_normal(shape)
     return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
 
 
 def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:
     """Return which episodes of `simulate_studies` ended in a collision; the costs of one are far beyond every other spread."""
-    failed: NDArray[np.bool_] = (
-        scores < PLAYED_SCORE - COLLISION_COST / 2
-        if population.collisions
-        else np.zeros_like(scores, bool)
-    )
-    return failed
+    lowest = PLAYED_SCORE - COLLISION_COST / 2 if population.collisions else -np.inf
+    return np.asarray(scores < lowest)
 
 
 def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tuple[Floats, Floats]:
@@ -102,9 +91,8 @@ def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tu
     each = STEPS_SD / spread
     played = MEAN_STEPS - each * (scores + COLLISION_COST * failed - middle)
     steps: Floats = np.where(failed, STEPS_BOUNDS[1], played)
-    truth: Floats = (1 - population.collisions) * (
-        MEAN_STEPS - each * terrain.mean(1)
-    ) + population.collisions * STEPS_BOUNDS[1]
+    share = population.collisions
+    truth: Floats = (1 - share) * (MEAN_STEPS - each * terrain.mean(1)) + share * STEPS_BOUNDS[1]
     return steps, truth
 
 
@@ -115,10 +103,8 @@ def _drawn(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Float
     if shape == "lognormal":
         sigma2 = 0.64
         drawn = np.exp(np.sqrt(sigma2) * rng.standard_normal(size))
-        scaled: Floats = (np.exp(sigma2 / 2) - drawn) / np.sqrt(
-            (np.exp(sigma2) - 1) * np.exp(sigma2)
-        )
-        return scaled
+        spread = np.sqrt((np.exp(sigma2) - 1) * np.exp(sigma2))
+        return np.asarray((np.exp(sigma2 / 2) - drawn) / spread)
     return rng.standard_normal(size)
 
 

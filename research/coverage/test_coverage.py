@@ -2,6 +2,7 @@
 
 import math
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -107,17 +108,13 @@ def test_percentiles_over_resampled_players_did_not():
 
 
 def test_the_same_seed_gives_the_same_cell():
-    assert measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1) == measure_cell(
-        SCORE_POPULATIONS[0], 0.2, 5, 50, 1
-    )
+    first, again = (measure_cell(SCORE_POPULATIONS[0], 0.2, 5, 50, 1) for _ in range(2))
+    assert first == again
 
 
 def test_a_row_of_the_quoted_table_comes_out_again():
-    quoted = next(
-        cell
-        for cell in saved()
-        if (cell.population, cell.icc, cell.players) == ("collisions", 0.5, 5)
-    )
+    cells = {(cell.population, cell.icc, cell.players): cell for cell in saved()}
+    quoted = cells["collisions", 0.5, 5]
     again = measure_cell(BY_NAME["collisions"], 0.5, 5, quoted.studies, seed=0)
     for name in ("printed", "below", "above", "t", "guaranteed", "pooled", "width", "new_terrains", "headline",
                  "headline_steps", "printed_steps", "guaranteed_headline"):  # fmt: skip
@@ -126,12 +123,8 @@ def test_a_row_of_the_quoted_table_comes_out_again():
 
 def test_the_quoted_table_is_whole_and_stands_in_the_documents():
     cells = saved()
-    assert {(cell.population, cell.icc, cell.players) for cell in cells} == {
-        (population.name, icc, players)
-        for population in SCORE_POPULATIONS
-        for icc in (0, 0.2, 0.5)
-        for players in (5, 10, 20, 30)
-    }
+    found = {(cell.population, cell.icc, cell.players) for cell in cells}
+    assert found == {*product(BY_NAME, (0, 0.2, 0.5), (5, 10, 20, 30))}
     assert all(cell.studies >= 2000 for cell in cells)
     text = DOCS.read_text()
     assert markdown_table(cells) in text
@@ -141,18 +134,13 @@ def test_the_quoted_table_is_whole_and_stands_in_the_documents():
 def test_what_the_documents_promise_is_what_was_measured():
     cells = saved()
     one_shape = [cell for cell in cells if not cell.population.endswith("collisions")]
-    assert all(
-        93 <= cell.printed <= 97.05
-        for cell in one_shape
-        if cell.population != "very skewed" and cell.players >= 10
-    )
+    alike = [cell for cell in cells if cell.population != "very skewed" and cell.players >= 10]
+    assert all(93 <= cell.printed <= 97.05 for cell in alike if cell in one_shape)
     assert all(cell.guaranteed >= 95 for cell in cells)
     assert all(cell.printed >= cell.t - 0.05 for cell in cells)
-    alike = [cell for cell in cells if cell.population != "very skewed" and cell.players >= 10]
-    alike = [cell for cell in alike if cell.icc == 0 or not cell.population.endswith("collisions")]
-    assert all(
-        93 <= share <= 98.05 for cell in alike for share in (cell.headline, cell.headline_steps)
-    )
+    alike = [cell for cell in alike if cell.icc == 0 or cell in one_shape]
+    shares = [share for cell in alike for share in (cell.headline, cell.headline_steps)]
+    assert all(93 <= share <= 98.05 for share in shares)
     assert all(cell.headline >= cell.printed - 0.05 for cell in cells)
     low = min(cell.printed for cell in one_shape)
     assert re.search(rf"never below {low:.1f} %", DOCS.read_text())
@@ -173,14 +161,8 @@ def test_every_cell_measured_again_agrees_with_the_quoted_table():
         again = measure_cell(BY_NAME[cell.population], cell.icc, cell.players, studies, seed=99)
         for name in ("printed", "t", "guaranteed", "pooled"):
             expected, found = getattr(cell, name), getattr(again, name)
-            slack = (
-                2.1
-                * math.hypot(
-                    coverage_error(expected, studies), coverage_error(expected, cell.studies)
-                )
-                + 0.6
-            )
-            assert abs(found - expected) <= slack, (name, cell, again)
+            errors = (coverage_error(expected, count) for count in (studies, cell.studies))
+            assert abs(found - expected) <= 2.1 * math.hypot(*errors) + 0.6, (name, cell, again)
 
 
 @pytest.mark.long

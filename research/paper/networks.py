@@ -213,8 +213,8 @@ class PolicyNetwork(PaperNetwork):
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__(shape)
         self.value_trunk = make_trunk(shape) if shape.critic == "separate" else None
-        self.policy_head = _move_head(shape, 1)
-        self.value_head = None if shape.critic == "none" else _board_head(shape, 1)
+        self.policy_head = _head(shape, of_moves=True)
+        self.value_head = None if shape.critic == "none" else _head(shape, of_moves=False)
         if shape.trunk == "features":
             initialize_orthogonal(self)
         _make_small(self.policy_head)
@@ -257,7 +257,7 @@ class QNetwork(PaperNetwork):
 
     def __init__(self, shape: NetworkShape) -> None:
         super().__init__(shape)
-        self.q_head = _move_head(shape, 1)
+        self.q_head = _head(shape, of_moves=True)
         if shape.trunk == "features":
             initialize_orthogonal(self)
 
@@ -377,30 +377,25 @@ def invalid_moves(observation: Observation) -> Tensor:
     return torch.stack([(rover & near).flatten(1).any(1) for near in sides], dim=1)
 
 
-def _feature_head(inputs: int, outputs: int, make_linear: MakeLinear = nn.Linear) -> nn.Sequential:
-    return nn.Sequential(
-        make_linear(inputs, HEAD_UNITS), nn.ReLU(), make_linear(HEAD_UNITS, outputs)
-    )
+def _feature_head(
+    outputs: int, of_moves: bool, make_linear: MakeLinear = nn.Linear
+) -> nn.Sequential:
+    """Return a perceptron over features: one that the moves share, or one over the whole observation."""
+    hidden = make_linear(MOVE_INPUTS if of_moves else BOARD_INPUTS, HEAD_UNITS)
+    return nn.Sequential(hidden, nn.ReLU(), make_linear(HEAD_UNITS, outputs))
 
 
-def _move_head(shape: NetworkShape, outputs: int) -> nn.Module:
-    """Return a head over the moves: a dense layer, or one perceptron that the moves share."""
+def _head(shape: NetworkShape, of_moves: bool) -> nn.Module:
+    """Return a head that gives a number for each move, or one for the whole observation."""
     if shape.trunk == "features":
-        return _feature_head(MOVE_INPUTS, outputs)
-    return _state_head(shape, 4 * outputs)
-
-
-def _board_head(shape: NetworkShape, outputs: int) -> nn.Module:
-    """Return a head over the whole observation."""
-    if shape.trunk == "features":
-        return _feature_head(BOARD_INPUTS, outputs)
-    return _state_head(shape, outputs)
+        return _feature_head(1, of_moves)
+    return _state_head(shape, 4 if of_moves else 1)
 
 
 def _stream(shape: NetworkShape, make_linear: MakeLinear, of_moves: bool) -> nn.Sequential:
     """Return one of the two streams of a dueling head."""
     if shape.trunk == "features":
-        return _feature_head(MOVE_INPUTS if of_moves else BOARD_INPUTS, shape.atoms, make_linear)
+        return _feature_head(shape.atoms, of_moves, make_linear)
     outputs = 4 * shape.atoms if of_moves else shape.atoms
     hidden = make_linear(UNITS[shape.trunk], STREAM_UNITS)
     return nn.Sequential(hidden, nn.ReLU(), make_linear(STREAM_UNITS, outputs))

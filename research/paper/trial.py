@@ -94,12 +94,11 @@ class Trial:
         cpu_s = round(time.process_time() - begun, 2)
         policy = own / f"{self.name}.onnx"
         trainer.save_policy(policy, self._card(trainer))
-        rest = 1.0 - TRAINING_SHARE
-        result = measure(
-            policy,
-            self,
-            lambda played, episodes: on_progress(TRAINING_SHARE + rest * played / episodes),
-        )
+
+        def on_episode(played: int, episodes: int) -> None:
+            on_progress(TRAINING_SHARE + (1.0 - TRAINING_SHARE) * played / episodes)
+
+        result = measure(policy, self, on_episode)
         results = {f"{self.level} {self.size}x{self.size}": result}
         trainer.save_policy(policy, {**self._card(trainer), "results": results})
         last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **result}
@@ -134,23 +133,17 @@ def _curve_line(trainer: Trainer, cpu_s: float, numbers: dict[str, float]) -> di
 
 def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
     """Return the means over the last EPISODES_PER_LINE episodes, NaN before the first has ended."""
-    steps, returns, coverages = (
-        list(each)[-EPISODES_PER_LINE:] for each in (recent.steps, recent.returns, recent.coverages)
-    )
-    outcomes = list(recent.outcomes)[-EPISODES_PER_LINE:]
-    count = len(outcomes)
-    shares = {
-        ending: outcomes.count(ending) / count if count else float("nan") for ending in ENDINGS
-    }
     columns: dict[str, list[float]] = {
-        "score": [score(config, each) for each in returns],
-        "coverage": coverages,
-        "steps": [float(each) for each in steps],
+        "score": [score(config, each) for each in recent.returns],
+        "coverage": list(recent.coverages),
+        "steps": [float(each) for each in recent.steps],
+        **{ending: [outcome == ending for outcome in recent.outcomes] for ending in ENDINGS},
     }
     means = {
-        name: float(np.mean(values)) if count else float("nan") for name, values in columns.items()
+        name: float(np.mean(values[-EPISODES_PER_LINE:])) if values else float("nan")
+        for name, values in columns.items()
     }
-    return {"episodes": float(recent.count), **means, **shares}
+    return {"episodes": float(recent.count), **means}
 
 
 def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) -> dict[str, Any]:

@@ -107,22 +107,14 @@ def compare_scans(config: EnvConfig, seeds: Sequence[int], cuts_distances: bool 
             rays = ray_cells(terrain, row, col, config.sensor_radius, cuts_distances)
             beyond = (row_of - row) ** 2 + (col_of - col) ** 2 > config.sensor_radius**2
             added = rays & ~exact
-            counts.append(
-                [
-                    exact.sum(),
-                    rays.sum(),
-                    added.sum(),
-                    (added & beyond).sum(),
-                    (exact & ~rays).sum(),
-                ]
-            )
+            parts = (exact, rays, added, added & beyond, exact & ~rays)
+            counts.append([part.sum() for part in parts])
     exact_mean, rays_mean, added_mean, beyond_mean, missed_mean = np.mean(counts, axis=0).tolist()
     return Scans(exact_mean, rays_mean, added_mean, beyond_mean, missed_mean, len(counts))
 
 
 if __name__ == "__main__":
-    for cuts, words in (
-        (True, "distances cut to whole cells, as in the repository"),
-        (False, "distances not cut"),
-    ):
-        print(f"{RAYS} rays, {words}: {compare_scans(EnvConfig(), range(TERRAINS), cuts)}")
+    words = {True: "cut to whole cells, as in the repository", False: "not cut"}
+    for cuts, how in words.items():
+        scans = compare_scans(EnvConfig(), range(TERRAINS), cuts)
+        print(f"{RAYS} rays, distances {how}: {scans}")

@@ -37,9 +37,8 @@ def literal_ray_cells(terrain, row, col, radius, cuts):
 def test_rays_equal_a_literal_version(cuts):
     terrain = generate(EnvConfig.of("random", (9, 14)), 3)
     for row, col in np.argwhere(~terrain)[::11].tolist():
-        assert set(
-            map(tuple, np.argwhere(ray_cells(terrain, row, col, 6, cuts)).tolist())
-        ) == literal_ray_cells(terrain, row, col, 6, cuts)
+        seen = np.argwhere(ray_cells(terrain, row, col, 6, cuts)).tolist()
+        assert {*map(tuple, seen)} == literal_ray_cells(terrain, row, col, 6, cuts)
 
 
 def test_exact_cells_are_what_the_lidar_of_the_environment_sees():

@@ -76,9 +76,8 @@ def test_the_mask_hits_exactly_the_invalid_moves(trunk, kind):
     seen = set()
     for codes, positions in walk(EnvConfig.of("random", SIZE), 12):
         observation = observation_of(trunk, codes, positions)
-        invalid = np.array(
-            [invalid_by_definition(*each) for each in zip(codes, positions, strict=True)]
-        )
+        boards = zip(codes, positions, strict=True)
+        invalid = np.array([invalid_by_definition(*board) for board in boards])
         seen |= {tuple(each) for each in invalid}
         with torch.inference_mode():
             scores, before = (net.evaluate(*observation)[0].numpy() for net in (masked, plain))
@@ -91,20 +90,16 @@ def test_the_mask_hits_exactly_the_invalid_moves(trunk, kind):
 def test_the_trunk_of_the_authors_is_that_of_their_repository_on_21x21():
     """`[[8, [3, 3], 2], [16, [2, 2], 2], [512, [6, 6], 1]]`: 21 cells become 11, then 6, which the third filter covers."""
     net = make_network(shape_of("authors", (21, 21), head="q"))
-    state, codes = (
-        net.state_dict(),
-        torch.from_numpy(np.random.default_rng(3).integers(0, 4, (6, 21, 21), np.uint8)),
-    )
+    state, rng = net.state_dict(), np.random.default_rng(3)
+    codes = torch.from_numpy(rng.integers(0, 4, (6, 21, 21), np.uint8))
     assert [tuple(tensor.shape) for name, tensor in state.items() if name.endswith("weight")] == [
         (8, 1, 3, 3), (16, 8, 2, 2), (512, 576), (4, 512)
     ]  # fmt: skip
     picture = torch.tensor([0, 0.3, 0.6, 1])[codes.long()][:, None]
-    first = torch.conv2d(
-        torch.nn.functional.pad(picture, (1, 1, 1, 1)), state["trunk.layers.1.weight"], None, 2
-    ).relu()
-    second = torch.conv2d(
-        torch.nn.functional.pad(first, (0, 1, 0, 1)), state["trunk.layers.4.weight"], None, 2
-    ).relu()
+    framed = torch.nn.functional.pad(picture, (1, 1, 1, 1))
+    first = torch.conv2d(framed, state["trunk.layers.1.weight"], None, 2).relu()
+    framed = torch.nn.functional.pad(first, (0, 1, 0, 1))
+    second = torch.conv2d(framed, state["trunk.layers.4.weight"], None, 2).relu()
     third = torch.conv2d(second, state["trunk.layers.7.weight"].view(512, 16, 6, 6), None, 1).relu()
     assert third.shape == (6, 512, 1, 1)
     q = third[:, :, 0, 0] @ state["q_head.weight"].T

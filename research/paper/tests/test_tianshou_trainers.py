@@ -37,9 +37,8 @@ MOVES = {"a2c": 6000, "rainbow": 1536, "sac": 2048}
 
 def weights(trainer):
     """Return all weights as one vector."""
-    return torch.cat(
-        [tensor.detach().flatten().double() for tensor in trainer.net.state_dict().values()]
-    )
+    tensors = trainer.net.state_dict().values()
+    return torch.cat([tensor.detach().flatten().double() for tensor in tensors])
 
 
 def short_trainer(algorithm, variant="paper", config=SMALL):
@@ -56,23 +55,17 @@ def advance(trainer, moves):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_policy_plays_without_tianshou(algorithm, tmp_path):
     path = tmp_path / "policy.onnx"
-    short_trainer(algorithm, config=EnvConfig.of("random", 7)).save_policy(
-        path, {"summary": "untrained"}
-    )
+    trainer = short_trainer(algorithm, config=EnvConfig.of("random", 7))
+    trainer.save_policy(path, {"summary": "untrained"})
     program = (
         "import sys; sys.modules['tianshou'] = None\n"
         "from marsexplorer.config import EnvConfig; from marsexplorer.evaluation import evaluate\n"
         f"table = evaluate([{str(path)!r}], EnvConfig.of('random', 7), 2, 10**9)\n"
         "print(table.rows[0].steps_mean)"
     )
-    assert (
-        float(
-            subprocess.run(
-                [sys.executable, "-c", program], capture_output=True, text=True, check=True
-            ).stdout
-        )
-        > 0
-    )
+    command = [sys.executable, "-c", program]
+    played = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert float(played.stdout) > 0
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -87,12 +80,8 @@ def test_what_follows_a_truncated_episode_is_its_last_observation():
     config = replace(EnvConfig.of("random", (7, 8)), max_steps=3)
     form = ObservationBytes.of(config, features=False)
     environments = Environments(config, 4, 1, form, Rewards())
-    boards = []
-    for _ in range(3):
-        moves = environments.step(
-            np.full(4, 2)
-        )  # south, away from the corner; an obstacle may end it
-        boards.append(moves)
+    for _ in range(3):  # south, away from the corner; an obstacle may end it
+        moves = environments.step(np.full(4, 2))
     at = np.flatnonzero(moves.truncated)
     assert len(at)
     assert not moves.terminated[at].any()
@@ -101,9 +90,8 @@ def test_what_follows_a_truncated_episode_is_its_last_observation():
         assert (moves.next_obs[i] != moves.obs[i]).any()  # the rover has moved on
         rover = int(np.flatnonzero(moves.next_obs[i] == 2)[0])
         assert rover == 3 * 8  # three cells south of the corner
-        assert (
-            int(np.flatnonzero(environments.obs[i] == 2)[0]) == 0
-        )  # the next episode begins in the corner
+        # the next episode begins in the corner
+        assert int(np.flatnonzero(environments.obs[i] == 2)[0]) == 0
         assert int(np.flatnonzero(first[i] == 2)[0]) == 0
 
 
@@ -111,14 +99,8 @@ def numbered_moves(step, num_envs, ends=()):
     """Return a move of every environment whose observation and reward say which step it was."""
     obs = np.full((num_envs, 4), step, np.uint8)
     ended = np.isin(np.arange(num_envs), ends)
-    return Transitions(
-        obs,
-        np.zeros(num_envs, np.int64),
-        np.full(num_envs, 10.0**step),
-        ended,
-        ~ended & False,
-        obs + 1,
-    )
+    actions, rewards = np.zeros(num_envs, np.int64), np.full(num_envs, 10.0**step)
+    return Transitions(obs, actions, rewards, ended, ~ended & False, obs + 1)
 
 
 def test_three_steps_of_rewards_are_followed_by_the_observation_after_three():
@@ -140,12 +122,8 @@ def test_the_noise_is_new_for_every_move_and_rainbow_has_its_six_parts():
     trainer = short_trainer("rainbow")
     assert isinstance(trainer, RainbowTrainer)
     own = trainer.settings
-    assert own["double_q"]
-    assert own["dueling"]
-    assert own["prioritized_replay"]
-    assert own["noisy"]
-    assert own["n_step"] == 3
-    assert own["num_atoms"] == 51
+    assert all(own[part] for part in ("double_q", "dueling", "prioritized_replay", "noisy"))
+    assert (own["n_step"], own["num_atoms"]) == (3, 51)
     asked = []
     for _ in range(2):
         trainer.act()

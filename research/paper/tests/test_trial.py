@@ -14,7 +14,7 @@ from research.paper import algorithms
 from research.paper.algorithms import PPOTrainer, begin, check_variant
 from research.paper.jobs import read_lines
 from research.paper.trainers import settings
-from research.paper.trainers.settings import PPO, PPO_VARIANTS, TUNED, Variants, ppo_settings
+from research.paper.trainers.settings import PPO, TUNED, VARIANTS, Variants, ppo_settings
 from research.paper.trial import ENDINGS, TRAINING_SHARE, Trial
 
 SMALL = {"num_envs": 4, "num_steps": 8, "minibatch_size": 16, "update_epochs": 2}
@@ -90,7 +90,7 @@ def test_a_variant_of_ppo_differs_from_the_paper_in_the_settings_of_its_changes_
     for left_out in TUNED:
         without = changed(f"tuned-no-{left_out}")
         assert changed("tuned") - without == set(settings.CHANGES[left_out]) & changed("tuned")
-    names = (*PPO_VARIANTS.alone, *PPO_VARIANTS.sets)
+    names = (*VARIANTS["ppo"].alone, *VARIANTS["ppo"].sets)
     assert len({ppo_settings(variant) for variant in names}) == len(names)
 
 

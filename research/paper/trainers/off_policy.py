@@ -42,8 +42,7 @@ from research.paper.networks import (
 )
 from research.paper.trainers.environments import add, make_replay
 from research.paper.trainers.settings import (
-    RAINBOW_VARIANTS,
-    SAC_VARIANTS,
+    VARIANTS,
     OffPolicy,
     RainbowSettings,
     SACSettings,
@@ -106,7 +105,7 @@ class RainbowTrainer(OffPolicyTrainer):
     net: CategoricalNetwork
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        own = RainbowSettings(**RAINBOW_VARIANTS.settings_for(variant))
+        own = RainbowSettings(**VARIANTS["rainbow"].settings_for(variant))
         support = own.support or (-config.n - 20.0, config.n + 20.0)
         super().__init__({**asdict(own), "support": list(support)}, own, config, seed, moves)
         self._own = own
@@ -201,7 +200,7 @@ class SACTrainer(OffPolicyTrainer):
     net: PolicyNetwork
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
-        own = SACSettings(**SAC_VARIANTS.settings_for(variant))
+        own = SACSettings(**VARIANTS["sac"].settings_for(variant))
         super().__init__(asdict(own), own, config, seed, moves)
         net = PolicyNetwork(own.shape(config, "policy", hidden=own.policy_hidden))
         critics = [

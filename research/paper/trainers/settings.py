@@ -198,12 +198,11 @@ ALONE: dict[str, dict[str, Any]] = {
     "paper-no-bonus": {"has_bonus": False},
     "paper-no-value-clip": {"vf_change_clip": float("inf")},
 }
-PPO_VARIANTS = Variants("PPO", CHANGES, tuned=TUNED, alone=ALONE)
 
 
 def ppo_settings(variant: str) -> PPOSettings:
     """Return the settings of a variant of PPO; ValueError when there is none of that name."""
-    return replace(PPO, **PPO_VARIANTS.settings_for(variant))
+    return replace(PPO, **VARIANTS["ppo"].settings_for(variant))
 
 
 @dataclass(frozen=True)
@@ -280,7 +279,6 @@ class A2CSettings(Common):
 
 A2C_BATCH = {"num_envs": 64, "num_steps": 16, "learning_rate": 1e-3, "max_grad_norm": 1024.0}
 A2C_CHANGES = {"discount": {"gamma": 0.99, "gae_lambda": 0.95}, "batch": A2C_BATCH}
-A2C_VARIANTS = Variants("A2C", SHARED | A2C_CHANGES)
 
 
 @dataclass(frozen=True)
@@ -308,9 +306,10 @@ class RainbowSettings(OffPolicy):
     max_grad_norm: float = 40.0
 
 
-RAINBOW_BATCH = {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000}
-RAINBOW_REWARD = {**SHARED["reward"], "support": (-60.0, 40.0)}
-RAINBOW_VARIANTS = Variants("Rainbow", SHARED | {"reward": RAINBOW_REWARD, "batch": RAINBOW_BATCH})
+RAINBOW_CHANGES: dict[str, dict[str, Any]] = {
+    "reward": {**SHARED["reward"], "support": (-60.0, 40.0)},
+    "batch": {"batch_size": 128, "moves_per_update": 16, "target_update_freq": 2000},
+}
 
 
 @dataclass(frozen=True)
@@ -342,12 +341,10 @@ SAC_CHANGES: dict[str, dict[str, Any]] = {
     "entropy": {"target_entropy": 0.1, "initial_alpha": 0.2},
     "batch": {"batch_size": 128, "moves_per_update": 16, "buffer_size": 100_000},
 }
-SAC_VARIANTS = Variants("SAC", SHARED | SAC_CHANGES, works=("mask", "features", "entropy"))
-
 VARIANTS = {
-    "ppo": PPO_VARIANTS,
-    "a2c": A2C_VARIANTS,
-    "rainbow": RAINBOW_VARIANTS,
-    "sac": SAC_VARIANTS,
+    "ppo": Variants("PPO", CHANGES, tuned=TUNED, alone=ALONE),
+    "a2c": Variants("A2C", SHARED | A2C_CHANGES),
+    "rainbow": Variants("Rainbow", SHARED | RAINBOW_CHANGES),
+    "sac": Variants("SAC", SHARED | SAC_CHANGES, works=("mask", "features", "entropy")),
 }
 """Algorithm -> its variants."""

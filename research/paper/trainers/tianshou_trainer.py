@@ -28,7 +28,7 @@ from marsexplorer.config import EnvConfig
 from research.paper.networks import PaperNetwork, PolicyNetwork
 from research.paper.onnx_agents import save_agent
 from research.paper.trainers.environments import Environments, ObservationBytes, Rewards, add
-from research.paper.trainers.settings import A2C_VARIANTS, A2CSettings, Common
+from research.paper.trainers.settings import VARIANTS, A2CSettings, Common
 
 FUNCTIONS = (
     algorithm_base._gae,
@@ -126,7 +126,7 @@ class A2CTrainer(TianshouTrainer):
 
     def __init__(self, variant: str, config: EnvConfig, seed: int, moves: int) -> None:
         del moves
-        own = A2CSettings(**A2C_VARIANTS.settings_for(variant))
+        own = A2CSettings(**VARIANTS["a2c"].settings_for(variant))
         super().__init__({**asdict(own), "batch_size": own.batch_size}, own, config, seed)
         self._own = own
         net = PolicyNetwork(own.shape(config, "policy", critic="shared"))
