@@ -292,12 +292,8 @@ class Session:
 
     @property
     def takes_persons_moves(self) -> bool:
-        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's.
-
-        An episode that a person had begun before sessions had a control goes on as theirs.
-        """
-        is_earlier = bool(self.number) and self.shown.steps > 0 and self.current.driver == HUMAN
-        return self.row.control == "cookie" or self.participation is not None or is_earlier
+        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's."""
+        return self.row.control == "cookie" or self.participation is not None
 
     @property
     def driver(self) -> str:

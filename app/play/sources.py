@@ -46,7 +46,7 @@ class WatchIds:
     """The ids by which one database's boards are watched: each has one of its own, which grants nothing but watching.
 
     An id is a keyed hash (HMAC-SHA256) of its session's id under the secret of the database. Nobody can guess it or tell the
-    session from it, nothing has to be stored, and boards of earlier versions have one as well. No list and no export holds it.
+    session from it, and nothing has to be stored. No list and no export holds it.
     Memory holds 16 bytes of each session that there ever was: the first 64 bits of its id, and the number of its row.
     """
 

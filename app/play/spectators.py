@@ -1,9 +1,9 @@
 """Watching somebody else's board on the playground, by a link that grants nothing else.
 
-A link names a board by its own id for watching (`app.play.sources`) and shows one episode after the other on it. Links of
-earlier versions name one episode by its id. No answer here holds a session's id, a player's, a seed, or the id for watching
-where the link is another. A spectator is no subscriber, so a board that its player has left is not kept in memory by being
-watched, and a policy on it does not go on.
+A link names a board by its own id for watching (`app.play.sources`) and shows one episode after the other on it. The
+link of a replay names one episode, and leads here while that runs. No answer here holds a session's id, a player's, a seed,
+or the id for watching where the link is another. A spectator is no subscriber, so a board that its player has left is not
+kept in memory by being watched, and a policy on it does not go on.
 """
 
 from __future__ import annotations

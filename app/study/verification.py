@@ -135,7 +135,7 @@ def verify_moment(
 
 
 def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
-    """Yield what is wrong with the kept files of some frozen studies' policies; earlier versions kept none."""
+    """Yield what is wrong with the kept files of some frozen studies' policies."""
     for study in map(folder.study, names):
         if study.protocol.policy_hashes:
             for path, found, recorded in study.policy_files.damaged():
@@ -315,7 +315,6 @@ def check_attestation(
 
     `declared` is the level of episodes that an earlier version recorded: those follow from nothing, but none is of a board
     that a cookie moves. That an episode's timing is another one's copy follows from rows that need not be here.
-    Earlier versions of the playground attested no long burst, and what they stored of one may stand.
     """
     stored: Level = (row["attestation"], row["attestation_reason"])
     where = f"episode {row['id']}"
@@ -328,14 +327,12 @@ def check_attestation(
                 f"none, since its driver is {row['driver']}",
             )
         return
-    if stored == ("declared", None) and row["control"] == "bearer":
-        return
     given = input_of(conn, row["id"])
     derive = partial(_derive_level, row["started_ms"], steps, given)
-    found, others = derive(row["ended_ms"]), [derive(None)]
-    if not given.is_studys:
-        others.append(derive(None, types_ahead=False))
-    if not any(_fits(stored, each) for each in (found, *others)):
+    if stored == ("declared", None) and row["control"] == "bearer":
+        return
+    found = derive(row["ended_ms"])
+    if not any(_fits(stored, each) for each in (found, derive(None))):
         yield Finding(where, "attestation", _in_words(stored), _in_words(found))
 
 
@@ -344,7 +341,6 @@ def _derive_level(
     steps: list[dict[str, Any]],
     given: InputOf,
     until_ms: int | None,
-    types_ahead: bool = True,
 ) -> Level:
     """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
 
@@ -360,7 +356,7 @@ def _derive_level(
             started_ms,
             key_map_of(settings),
             tuple(given.supervised_ms),
-            types_ahead and not given.is_studys,
+            not given.is_studys,
         )
         found = attest(steps, given.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:

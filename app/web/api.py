@@ -201,25 +201,21 @@ async def create_session(
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
 async def get_my_session(
-    request: Request, watch: Id = None, episode: Id = None, session: Id = None
+    request: Request, watch: Id = None, episode: Id = None
 ) -> dict[str, Any] | None:
     """Return what POST /api/sessions returned for your open ranked board, else for your newest: by your cookie alone.
 
-    `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one, and
-    `session` for the board of that id. Null when there is no such board of yours.
+    `watch` asks for the board of that id for watching, `episode` for the one on which that episode is the current one. Null
+    when there is no such board of yours.
     """
     player_id = player_of(request)
     if player_id is None:
         return None
     page_boards = services_of(request).page_boards
-    if link := watch or episode:
-        found = await page_boards.with_link(player_id, link)
-    else:
-        found = await (
-            page_boards.newest(player_id)
-            if session is None
-            else page_boards.with_id(player_id, session)
-        )
+    link = watch or episode
+    found = await (
+        page_boards.with_link(player_id, link) if link else page_boards.newest(player_id)
+    )
     return None if found is None else await session_summary(_lobby(request), found)
 
 

@@ -81,12 +81,12 @@ def test_keydown_to_repaint(spawn, drawn, flags, side):
         # the cookie is there: the next board is the same player's
         page.wait_for_function("() => window.mars?.state.player")
         asked = page.request.post(f"{server.url}/api/sessions", data={"size": side, "seed": 3})
-        session = asked.json()["session"]
+        about = asked.json()
         page.goto("about:blank")
-        page.goto(f"{server.url}/#s={session}")
+        page.goto(f"{server.url}/#watch={about['watch']}")
         is_open = "window.mars?.state.player && window.mars.state.link === 'open'"
         page.wait_for_function(f"() => {is_open}")
-        assert page.evaluate("() => window.mars.state.player.session") == session
+        assert page.evaluate("() => window.mars.state.player.session") == about["session"]
         policy.reset(0)
         for number in range(PRESSES):
             text = page.evaluate("() => JSON.stringify(window.mars.state.player.frame)")

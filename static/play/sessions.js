@@ -12,12 +12,7 @@ export function sessionWish(mode, { rival, player, ...terrainWish }) {
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
 
-/** @param {string} hash @returns the session that an address of an earlier version names, if any */
-export function sessionInHash(hash) {
-  return /^#s=([\w-]{4,128})$/.exec(hash)?.[1] ?? null;
-}
-
-/** Return the id that an address lets anybody watch, if any: a board's, or in links of an earlier version an episode's.
+/** Return the id that an address lets anybody watch, if any: a board's or an episode's.
  * @param {string} hash */
 export function watchedInHash(hash) {
   return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
@@ -79,10 +74,7 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
       if (await orNull(watch(watched).then(() => true))) return undefined;
       note("This link leads to no episode that can be watched; this is a board of your own.");
     }
-    const named = sessionInHash(hash());
-    const found = named ? await api.mySession({ session: named }) : null;
-    if (named && !found) note("This address belongs to somebody else's board, or to one that is gone; this is a board of your own.");
-    return found ?? (session ? await orNull(api.about(session)) : null);
+    return session ? orNull(api.about(session)) : null;
   }
   /** @param {Mode} mode @param {Play.Wish} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));

@@ -82,8 +82,8 @@ class Player:
         self.errors = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
-    def goto(self, session=None):
-        self.page.goto(self.url + ("/" if session is None else f"/#s={session}"))
+    def goto(self, watch=None):
+        self.page.goto(self.url + ("/" if watch is None else f"/#watch={watch}"))
         self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
         return self
 
@@ -106,7 +106,7 @@ class Player:
         """Open a session of one's own and look at it."""
         about = self.open_session(**wish)
         self.page.goto("about:blank")
-        self.goto(about["session"])
+        self.goto(about["watch"])
         return about
 
     def press(self, action, wait=True):

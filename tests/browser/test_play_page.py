@@ -230,7 +230,7 @@ def test_a_second_tab_is_harmless(serve, player):
     me = player(server, NO_3D)
     about = me.begin(size=[9, 12], seed=3)
     tab = type(me)(me.page.context.new_page(), me.url)
-    tab.goto(about["session"])
+    tab.goto(about["watch"])
     me.press("east")
     tab.wait("window.mars.state.player.frame.step === 1")
     tab.press("west")

@@ -149,13 +149,6 @@ def test_the_page_finds_its_own_board_by_its_cookie_alone(server):
     for client in (other, server.client()):
         assert client.get(f"/api/me/session?episode={ranked['frame']['episode']}").json() is None
     assert owner.get("/api/me/session?episode=none").json() is None
-    script = server.client()
-    bearer = script.post("/api/sessions").json()["session"]
-    for session, client in ((ranked["session"], owner), (bearer, script)):
-        assert client.get(f"/api/me/session?session={session}").json()["session"] == session
-        assert other.get(f"/api/me/session?session={session}").json() is None, (
-            "also where the id alone would move it"
-        )
 
 
 def test_an_episode_can_be_watched_by_its_id_and_the_answers_hold_nothing_else(server):

@@ -72,7 +72,7 @@ def hidden_from(client, about, terrain):
         "/api/me/history", "/api/me/session", "/api/human-level", "/api/leaderboard", "/api/health",
         *(f"/api/episodes/{episode}{more}" for more in of_episode), f"/api/watch/{episode}", f"/watch/{episode}",
         *(f"/replay/{episode}{form}" for form in ("", ".html", ".gif", ".png")),
-        f"/api/me/session?episode={episode}", f"/api/me/session?session={about['session']}",
+        f"/api/me/session?episode={episode}",
         *(f"/api/sessions/{about['session']}{more}" for more in ("", "/about", "/history")), f"/viewer/{about['session']}/",
         *exports,
     ]  # fmt: skip

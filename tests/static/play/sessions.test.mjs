@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { ApiError } from "../../../static/common/api.js";
-import { createSessions, sessionInHash, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
+import { createSessions, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
@@ -20,12 +20,6 @@ test("the address names what anybody may watch", () => {
   assert.equal(watchedInHash("#watch=00ff00ff00ff00ff"), "00ff00ff00ff00ff");
   assert.equal(watchedInHash("#watch=<script>"), null);
   assert.equal(watchedInHash("#s=ab_c-1234"), null);
-});
-
-test("an address of an earlier version names a session", () => {
-  assert.equal(sessionInHash("#s=ab_c-1234"), "ab_c-1234");
-  assert.equal(sessionInHash("#s=<script>"), null);
-  assert.equal(sessionInHash(""), null);
 });
 
 /** Sessions over an API that answers as told, and what came of it. */
