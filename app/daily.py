@@ -15,12 +15,13 @@ from typing import Any
 
 from app.jobs import Jobs
 from app.leaderboard.evaluations import Evaluation, PolicyEvaluations
-from app.play.daily_terrain import cells_of_daily, day_before, day_start_ms, seed_of
-from app.play.policy_catalogue import PolicyOffer
+from app.play.daily import day_before, day_start_ms, seed_of
 from app.storage.playground import DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
 from app.storage.trial import Trial
+from app.tasks.mars.policies import PolicyOffer
+from app.tasks.mars.terrains import cells_of_seed
 from marsexplorer import policies
 
 SHOWN = 10
@@ -46,7 +47,7 @@ def people_on(
     the player's own row, None where they have none.
     """
     cells, ended = (
-        cells_of_daily(terrain),
+        cells_of_seed(terrain.config, seed_of(terrain.key)),
         results(reader, terrain.commitment, day_end_ms(terrain.day)),
     )
     found = [_row(each, cells, player_id) for each in ended]
@@ -78,7 +79,7 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
         "episode": attempt.id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / cells_of_daily(terrain)
+        "coverage": attempt.discovered / cells_of_seed(terrain.config, seed_of(terrain.key))
         if attempt.discovered is not None
         else None,
         "score": attempt.score,

@@ -24,14 +24,12 @@ from app.leaderboard.leaderboard import Leaderboard
 from app.monitoring.logs import log_as_json
 from app.monitoring.metrics import Metrics
 from app.monitoring.requests import NotedRoute, ObservedRequests
-from app.play.daily_boards import DailyBoards
+from app.play.daily import DailyBoards
 from app.play.lobby import Lobby
 from app.play.messages import MAX_MESSAGE_BYTES
-from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import PlayerTokens, Sources
 from app.play.spectators import Spectators
-from app.play.terrains import MapCatalogue
 from app.protection import Gate, LimitedClients, Protection, Proxies, own_names
 from app.replay.service import Replays
 from app.services import Services
@@ -45,15 +43,16 @@ from app.study.debrief import Debriefs
 from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
-from app.viewer3d.viewer import Viewer
+from app.tasks.mars.policies import PolicyCatalogue, check_file
+from app.tasks.mars.task import Mars
+from app.tasks.mars.terrains import MapCatalogue
+from app.tasks.mars.viewer3d.viewer import Viewer
 from app.web import (
     admin,
     api,
     api_docs,
     cookies,
     daily,
-    leaderboard,
-    me,
     pages,
     replay,
     results,
@@ -73,9 +72,7 @@ from app.web.listening import (
     raise_file_limit,
     uvicorn_config,
 )
-from marsexplorer.config import CORE_VERSION
 from marsexplorer.evaluation.intervals import t_quantile
-from marsexplorer.policies import describe
 
 __all__ = ["ServerError", "create_app", "run"]
 
@@ -133,7 +130,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                         sweeper.cancel()
 
     app = FastAPI(
-        title="MarsExplorer Playground", version=CORE_VERSION, description=api_docs.DESCRIPTION,
+        title="MarsExplorer Playground", version=Mars.version, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection)
@@ -149,15 +146,14 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         results,
         replay,
         daily,
-        me,
         study,
-        leaderboard,
         viewer,
     ):
         app.router.routes.extend(
             module.router.routes
         )  # as they are: `include_router` would build each again for this app
-    app.router.routes.extend(api.probes.routes)
+    for further in (results.mine, results.leaderboard, api.probes):
+        app.router.routes.extend(further.routes)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
@@ -215,7 +211,12 @@ def _services(
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
-        store, policies, sources, settings.idle_s, of_session, maps, settings.limits.decision_s
+        store,
+        Mars(policies, maps),
+        sources,
+        settings.idle_s,
+        of_session,
+        settings.limits.decision_s,
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
@@ -224,6 +225,7 @@ def _services(
         store=store,
         jobs=jobs,
         lobby=lobby,
+        maps=maps,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),
@@ -334,7 +336,7 @@ def run(settings: Settings) -> None:
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors():
             for path in settings.policies:
-                describe(str(path))
+                check_file(path)
             maps = MapCatalogue.read(settings.maps, settings.cell_m)
         print(
             "compiling the rules and loading the policies (some seconds on the first start)",

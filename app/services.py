@@ -10,7 +10,7 @@ from app.admin.services import AdminServices
 from app.daily import DailyPolicies
 from app.jobs import Jobs
 from app.leaderboard.leaderboard import Leaderboard
-from app.play.daily_boards import DailyBoards
+from app.play.daily import DailyBoards
 from app.play.lobby import Lobby
 from app.play.ranked import PageBoards
 from app.play.sources import PlayerTokens
@@ -19,7 +19,8 @@ from app.replay.service import Replays
 from app.storage.store import Store
 from app.study.debrief import Debriefs
 from app.study.progress import ParticipantProgress
-from app.viewer3d.viewer import Viewer
+from app.tasks.mars.terrains import MapCatalogue
+from app.tasks.mars.viewer3d.viewer import Viewer
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Services:
     store          the database that every move is recorded in
     jobs           what takes long, in processes beside this one
     lobby          the sessions
+    maps           the maps on offer
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
     spectators     what anybody may watch
     daily_boards   today's terrain, and the boards on which players attempt it
@@ -46,6 +48,7 @@ class Services:
     store: Store
     jobs: Jobs
     lobby: Lobby
+    maps: MapCatalogue
     page_boards: PageBoards
     spectators: Spectators
     daily_boards: DailyBoards

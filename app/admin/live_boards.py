@@ -7,7 +7,6 @@ from collections.abc import AsyncGenerator
 from typing import Any
 
 from app.play.lobby import Lobby
-from app.play.messages import encode_frame, encode_history
 from app.play.session import Session
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant, participant_label
@@ -64,13 +63,13 @@ async def board_messages(session: Session) -> AsyncGenerator[str, None]:
     try:
         while await woken.wait():
             woken.clear()
-            newest = encode_frame(session.current.id, session.shown, hides)
+            newest = session.shown.frame(session.current.id, hides)
             if newest == frame:
                 continue
             frame = newest
             yield frame
             if session.current.id != episode or session.shown.steps > steps + 1:
-                yield encode_history(session.current.id, session.shown)
+                yield session.history()
             episode, steps = session.current.id, session.shown.steps
     finally:
         leave()

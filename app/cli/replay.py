@@ -10,9 +10,9 @@ import click
 from app.cli.console import PATH, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.replay.course import Course
     from app.replay.episodes import ShownEpisode
     from app.replay.files import Format
+    from app.tasks.mars.course import Course
 
 NO_GHOST = "none"
 
@@ -52,8 +52,8 @@ def replay(
       marsexplorer replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
       marsexplorer replay 3f9a --out replay.mp4 --ghost none
     """
-    from app.replay.course import GhostError
     from app.replay.files import VideoMissingError, file_of
+    from app.tasks.mars.course import GhostError
     from marsexplorer.files import write_whole
 
     form = _format_of(out)
@@ -103,7 +103,7 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
-    from app.replay.course import course_of, play_ghost, preferred
+    from app.tasks.mars.course import course_of, play_ghost, preferred
     from marsexplorer.policies import names
 
     own = course_of(shown.name, shown.record)

@@ -13,7 +13,6 @@ from typing import Any
 from app.jobs import Jobs
 from app.leaderboard.entries import ClosedStudies, LeaderboardEntry, list_entries
 from app.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
-from app.play.policy_catalogue import PolicyOffer
 from app.statistics.human_level import VolunteerFigures
 from app.statistics.summaries import (
     EpisodeSummary,
@@ -24,6 +23,7 @@ from app.statistics.summaries import (
 )
 from app.storage.reader import Reader
 from app.storage.trial import Trial
+from app.tasks.mars.policies import PolicyOffer
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 

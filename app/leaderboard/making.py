@@ -15,7 +15,7 @@ from app.leaderboard.evaluations import (
     file_sha256,
     to_document,
 )
-from app.play.policy_catalogue import PolicyCatalogue
+from app.tasks.mars.policies import PolicyCatalogue
 
 
 def offered_boards() -> dict[str, LeaderboardEntry]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from app.jobs import Jobs
 from app.moves.regret import regret_cache
-from app.play.messages import encode_grid
+from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss

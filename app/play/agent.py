@@ -1,38 +1,27 @@
 """Policies that drive sessions: an agent waits for its turn, decides off the event loop, and moves like anyone else.
 
-`DecisionQueue` decides for many of them on one thread; boards that share a network are decided together.
-`ExpectedDiscoveries` says what a look from each cell is expected to show: the numbers that the frontier rules, the planner and
-`ppo` weigh. They follow from the observation alone, so nothing of the terrain is in them: unknown cells are taken to hide
-nothing. They are worked out for whoever asks, once for each frame, and never for a board that a person plays.
+`DecisionQueue` decides for many of them on one thread; boards that share a network are decided together. What a policy is
+asked and what it thinks is the task's.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
-from math import nan
-from typing import Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from app.database_file.file import WriteRefusedError
 from app.database_file.write_queue import NOTICE_S
-from app.play.messages import Pace, encode_thought
-from app.play.replays import restore_episode
+from app.play.messages import Pace
 from app.play.session import Move, RefusedError, Session
 from app.storage.store import StoreError, Trial
-from app.tasks.mars.view import View
-from marsexplorer.policies import Policy, goal_of
-from marsexplorer.policies.kernels.visibility import VisibilityMap
-from marsexplorer.policies.network.batch import act_many, shared_net
+from app.task import Decides, Policy, Task
 
 MAX_BATCH = 64
 """Boards decided in one call at most: some 10 ms."""
@@ -51,7 +40,7 @@ class SlowDecisionError(Exception):
 @dataclass(frozen=True)
 class _Request:
     policy: Policy
-    observation: NDArray[np.uint8]
+    observation: Any
     owner: str
     answer: asyncio.Future[int]
 
@@ -64,22 +53,23 @@ class DecisionQueue:
     first: thirty large boards of one player or of many keep a small one waiting for one of their decisions, not for thirty.
     A decision that takes longer than `decision_s` seconds is given up, and the next is made beside it.
 
+    decides  asks several policies of a task together
     threads  at least THREADS workers, so that one is free while others are left with decisions that took too long
     """
 
-    def __init__(self, threads: Executor, decision_s: float = DECISION_S) -> None:
-        self._threads, self._decision_s = threads, decision_s
+    def __init__(self, threads: Executor, decides: Decides, decision_s: float = DECISION_S) -> None:
+        self._threads, self._decides, self._decision_s = threads, decides, decision_s
         self._waiting: list[_Request] = []
         self._used_s: defaultdict[str, float] = defaultdict(float)
-        self._left: set[asyncio.Future[list[int | Exception]]] = set()
+        self._left: set[asyncio.Future[Sequence[int | Exception]]] = set()
         self._serving: asyncio.Task[None] | None = None
 
     def __len__(self) -> int:
         """Return how many boards wait for a decision that nobody is working on."""
         return len(self._waiting)
 
-    async def act(self, policy: Policy, observation: NDArray[np.uint8], owner: str = "") -> int:
-        """Return the policy's action for observation uint8[rows, cols], or raise what the policy raised.
+    async def act(self, policy: Policy, observation: Any, owner: str = "") -> int:
+        """Return the policy's action for an observation, or raise what the policy raised.
 
         SlowDecisionError when it took too long. A board whose asker was cancelled may still be decided; its answer is dropped.
         """
@@ -108,7 +98,7 @@ class DecisionQueue:
     def _next_batch(self) -> list[_Request]:
         """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
         next_one = min(self._waiting, key=lambda request: self._used_s[request.owner])
-        first = shared_net(next_one.policy)
+        first = self._decides.shared_net(next_one.policy)
         chosen: list[_Request] = [next_one]
         left: list[_Request] = []
         for request in self._waiting:
@@ -117,7 +107,7 @@ class DecisionQueue:
             is_same = (
                 first is not None
                 and len(chosen) < MAX_BATCH
-                and shared_net(request.policy) is first
+                and self._decides.shared_net(request.policy) is first
             )
             (chosen if is_same else left).append(request)
         self._waiting = left
@@ -145,11 +135,11 @@ class DecisionQueue:
                 request.answer.set_result(answer)
 
     async def _decide(
-        self, policies: list[Policy], observations: list[NDArray[np.uint8]]
+        self, policies: list[Policy], observations: list[Any]
     ) -> list[int | Exception]:
         """Return the actions; SlowDecisionError after `decision_s`, while the thread goes on until its decision is made."""
         deciding = asyncio.get_running_loop().run_in_executor(
-            self._threads, act_many, policies, observations
+            self._threads, self._decides.act_many, policies, observations
         )
         done, _ = await asyncio.wait([deciding], timeout=self._decision_s)
         if done:
@@ -160,7 +150,7 @@ class DecisionQueue:
             await asyncio.wait(self._left, return_when=asyncio.FIRST_COMPLETED)
         raise SlowDecisionError(f"a decision took longer than {self._decision_s:g} s")
 
-    def _note_end(self, deciding: asyncio.Future[list[int | Exception]]) -> None:
+    def _note_end(self, deciding: asyncio.Future[Sequence[int | Exception]]) -> None:
         self._left.discard(deciding)
         if not deciding.cancelled():
             deciding.exception()
@@ -170,14 +160,6 @@ DEFAULT_MOVES_PER_SECOND = 8.0
 """Of a policy's board until somebody changes its pace, and of a rival whose player's episode has ended."""
 
 _log = logging.getLogger(__name__)
-
-
-@runtime_checkable
-class ReportsThought(Protocol):
-    """A policy that reports its probabilities and its value of the last observation that it decided on."""
-
-    def thought(self) -> tuple[NDArray[np.float32], float]:
-        """Return (probabilities float32[4], value)."""
 
 
 class Agent:
@@ -294,13 +276,11 @@ class Agent:
         if policy is None or session.current.id != row.id:
             return
         step = session.shown.steps
-        action = await self._decisions.act(policy, session.shown.codes.copy(), self._owner)
+        action = await self._decisions.act(policy, session.shown.observation(), self._owner)
         if session.current.id != row.id:
             return
         self._decided = (row.id, step, action)
-        shares, value = policy.thought() if isinstance(policy, ReportsThought) else (None, nan)
-        probabilities = None if shares is None else shares.tolist()
-        if thought := encode_thought(row.id, step, probabilities, value, goal_of(policy)):
+        if thought := session.task.policies.thought(policy, row.id, step):
             session.publish_thought(thought)
 
     async def _move(self) -> None:
@@ -331,49 +311,19 @@ class Agent:
             actions = self._session.shown.actions if self._session.current.id == row.id else None
             if actions is None:
                 return None
-            await asyncio.to_thread(replay_decisions, self._policy, row, actions)
+            await asyncio.to_thread(
+                replay_decisions, self._session.task, self._policy, row, actions
+            )
             self._prepared_for = row
         return self._policy
 
 
-def replay_decisions(policy: Policy, row: Trial, actions: bytes) -> None:
+def replay_decisions(task: Task, policy: Policy, row: Trial, actions: bytes) -> None:
     """Reset the policy and show it every observation that it has decided on so far, so that it remembers the episode."""
     policy.reset(row.policy_seed)
     if not actions:
         return
-    episode = restore_episode(row)
+    run = task.replay(row)
     for action in actions:
-        policy.act(episode.codes.copy())
-        episode.step(action)
-
-
-class ExpectedDiscoveries:
-    """The newest answer of one session."""
-
-    def __init__(self) -> None:
-        self._asked: tuple[str, int] | None = None
-        self._answer = ""
-        self._map: VisibilityMap | None = None
-
-    def of(self, session: Session) -> str:
-        """Return the message about the newest frame; PermissionError on a board that a person plays."""
-        if session.is_human or session.participation is not None:
-            raise PermissionError(
-                "what a look is expected to show is told of a policy's own board alone"
-            )
-        episode, asked = session.shown, (session.current.id, session.shown.steps)
-        if asked != self._asked:
-            self._asked, self._answer = asked, self._encode(session.current.id, episode)
-        return self._answer
-
-    def _encode(self, episode_id: str, episode: View) -> str:
-        shape, radius = episode.codes.shape, episode.config.sensor_radius
-        if self._map is None or (self._map.shape, self._map.radius) != (shape, radius):
-            self._map = VisibilityMap(shape, radius)
-        visited = np.zeros(shape, np.uint8)
-        visited[tuple(np.array(episode.path).T)] = 1
-        new_cells = self._map.expected_everywhere(episode.codes, visited)
-        places = np.argwhere(new_cells)
-        cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
-        message = {"kind": "expected", "episode": episode_id, "step": episode.steps, "cells": cells}
-        return json.dumps(message, separators=(",", ":"))
+        policy.act(run.observation())
+        run.step(action)

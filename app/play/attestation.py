@@ -23,7 +23,6 @@ from app.storage.chain import BegunHash, begin_hash
 from app.storage.input_events import count_input_events, has_copied_timing, input_events
 from app.storage.store import Store
 from app.storage.trial import Attestation
-from marsexplorer.config import ACTIONS
 
 LEVELS: tuple[Attestation, ...] = get_args(Attestation)
 
@@ -57,12 +56,6 @@ COPIED = "its presses have the timing of an earlier episode"
 """The reason that needs other episodes' rows: `app.storage.input_events.has_copied_timing` finds it."""
 
 _KINDS = {"key": "keydown", "touch": "touchdown"}
-_DEFAULT_KEYS = {
-    "north": ("ArrowUp", "KeyW"),
-    "east": ("ArrowRight", "KeyD"),
-    "south": ("ArrowDown", "KeyS"),
-    "west": ("ArrowLeft", "KeyA"),
-}
 Row = Mapping[str, Any]
 KeyMap = Mapping[tuple[str, str], Collection[int]]
 """(kind of event, its code) -> the actions that it may cause."""
@@ -106,17 +99,21 @@ def level_reaches(level: Attestation | None, required: Attestation) -> bool:
     return level is not None and LEVELS.index(level) >= LEVELS.index(required)
 
 
-def key_map_of(settings: Iterable[Mapping[str, Any]] = ()) -> KeyMap:
+def key_map_of(
+    defaults: Mapping[str, Sequence[str]], settings: Iterable[Mapping[str, Any]] = ()
+) -> KeyMap:
     """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
 
+    defaults  action -> its keys, of all the task's actions in their order
     settings  what a participant has chosen, in every version so far: a change reaches the server after the page
     """
     found: dict[tuple[str, str], set[int]] = {}
-    for keys in (_DEFAULT_KEYS, *(each.get("keys") or {} for each in settings)):
+    actions = list(defaults)
+    for keys in (defaults, *(each.get("keys") or {} for each in settings)):
         for action, codes in keys.items():
             for code in codes:
-                found.setdefault(("keydown", code), set()).add(ACTIONS.index(action))
-    return {**found, **{("touchdown", action): {number} for number, action in enumerate(ACTIONS)}}
+                found.setdefault(("keydown", code), set()).add(actions.index(action))
+    return {**found, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
 
 
 def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) -> Attested:

@@ -11,22 +11,35 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from app.play.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
 from app.play.attestation import Attested
-from app.play.messages import ChangePace, NewEpisode, NewSession, Pace, PaceMode
-from app.play.paired_board import BoardGroup
-from app.play.policy_catalogue import PolicyCatalogue
-from app.play.replays import restore_episode
+from app.play.messages import ChangePace, Pace, PaceMode
 from app.play.session import HUMAN, Participation, Session
 from app.play.sources import Sources, WatchIds
-from app.play.terrains import ChosenTerrain, MapCatalogue, terrain_of
 from app.storage.store import Control, DailyDay, Resumable, SessionRow, Store, Trial
-from app.tasks.mars.view import View
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
+from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode
+
+
+@dataclass
+class BoardGroup:
+    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
+
+    player: Session
+    rival: Session | None
+    lock: asyncio.Lock
+    agents: dict[str, Agent]
+
+    @property
+    def boards(self) -> list[Session]:
+        """Return the player's board, then the rival's if there is one."""
+        return [self.player] if self.rival is None else [self.player, self.rival]
+
+    def board(self, session_id: str) -> Session:
+        """Return the one of the boards that has this session's id."""
+        return next(board for board in self.boards if board.id == session_id)
 
 
 class UnknownSessionError(LookupError):
@@ -53,21 +66,19 @@ class Lobby:
     def __init__(
         self,
         store: Store,
-        policies: PolicyCatalogue,
+        task: Task,
         sources: Sources,
         idle_s: float,
         participation_of: ParticipationOf = no_participation,
-        maps: MapCatalogue | None = None,
         decision_s: float = DECISION_S,
     ) -> None:
-        self.store, self.policies, self.sources, self._idle_s = store, policies, sources, idle_s
+        self.store, self.task, self.sources, self._idle_s = store, task, sources, idle_s
         self.watch_ids = WatchIds(store)
-        self.maps = maps or MapCatalogue()
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = asyncio.Lock()
         self._thread = ThreadPoolExecutor(THREADS, "policies")
-        self._decisions = DecisionQueue(self._thread, decision_s)
+        self._decisions = DecisionQueue(self._thread, task.decides, decision_s)
 
     def __len__(self) -> int:
         """Return how many sessions are in memory."""
@@ -84,7 +95,7 @@ class Lobby:
 
     async def create(
         self,
-        wanted: NewSession,
+        wanted: WantedBoard,
         player_id: str,
         control: Control = "bearer",
         left: Sequence[Session] = (),
@@ -97,11 +108,11 @@ class Lobby:
         left     boards whose running episodes are abandoned in the transaction that opens this one
         """
         if wanted.player != HUMAN:
-            self.policies.check(wanted.player, HUMAN)
+            self.task.policies.check(wanted.player, HUMAN)
         drivers = (
             [wanted.player]
             if wanted.rival is None
-            else [wanted.player, self.policies.check(wanted.rival)]
+            else [wanted.player, self.task.policies.check(wanted.rival)]
         )
         replayed = (
             None
@@ -110,32 +121,28 @@ class Lobby:
         )
         is_same = replayed is not None and wanted.leaves_terrain
         terrain = (
-            terrain_of(replayed.current)
-            if replayed and is_same
-            else self.maps.first_terrain(wanted)
+            self.task.again(replayed.current) if replayed and is_same else self.task.first(wanted)
         )
-        self.policies.check_size(drivers, terrain.config)
-        seed, episodes = await self._begin_episodes(terrain, len(drivers))
+        self.task.policies.check_size(drivers, terrain.config)
+        seed, runs = await self._begin_episodes(terrain, len(drivers))
         rows = self._session_rows(drivers, player_id, control)
-        boards = [Session(row, self.store, self.sources.clock_ms) for row in rows]
+        boards = [Session(row, self.task, self.store, self.sources.clock_ms) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
-        await self._open_episodes(
-            boards, episodes, seed, terrain.is_chosen, lambda _: adding(), left
-        )
+        await self._open_episodes(boards, runs, seed, terrain.is_chosen, lambda _: adding(), left)
         player = self._add_group(boards).player
         if replayed is not None:
             replayed.pair_with(player)
         return player
 
     async def create_daily(
-        self, player_id: str, config: EnvConfig, seed: int, daily: DailyDay
+        self, player_id: str, config: Configuration, seed: int, daily: DailyDay
     ) -> Session:
         """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
         rows = self._session_rows([HUMAN], player_id, "cookie")
-        board = Session(rows[0], self.store, self.sources.clock_ms)
-        _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
+        board = Session(rows[0], self.task, self.store, self.sources.clock_ms)
+        _, runs = await self._begin_episodes(Choice(config, seed), 1)
         adding = contextmanager(partial(self._adding, player_id, rows))
-        await self._open_episodes([board], episodes, seed, False, lambda _: adding(), daily=daily)
+        await self._open_episodes([board], runs, seed, False, lambda _: adding(), daily=daily)
         return self._add_group([board]).player
 
     async def get(self, session_id: str) -> Session:
@@ -161,7 +168,7 @@ class Lobby:
         return session.row.player_id if group is None else group.player.row.player_id
 
     async def restart(
-        self, session: Session, wanted: NewEpisode, left: Sequence[Session] = ()
+        self, session: Session, wanted: WantedEpisode, left: Sequence[Session] = ()
     ) -> None:
         """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
         group = self._groups.get(session.id) or await self._resume(session.id)
@@ -170,12 +177,12 @@ class Lobby:
                 "a rival plays its player's terrain; begin the next episode in the player's session"
             )
         async with group.lock:
-            terrain = self.maps.next_terrain(session.current, wanted)
-            self.policies.check_size(
+            terrain = self.task.next(session.current, wanted)
+            self.task.policies.check_size(
                 (board.row.driver_name for board in group.boards), terrain.config
             )
-            seed, episodes = await self._begin_episodes(terrain, len(group.boards))
-            await self._open_episodes(group.boards, episodes, seed, terrain.is_chosen, left=left)
+            seed, runs = await self._begin_episodes(terrain, len(group.boards))
+            await self._open_episodes(group.boards, runs, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
 
     def new_board(self, player_id: str, participation: Participation) -> Session:
@@ -184,14 +191,14 @@ class Lobby:
         row = SessionRow(
             id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie"
         )
-        return Session(row, self.store, self.sources.clock_ms, participation)
+        return Session(row, self.task, self.store, self.sources.clock_ms, participation)
 
     async def begin(
-        self, board: Session, config: EnvConfig, seed: int, within: EpisodeTransaction
+        self, board: Session, config: Configuration, seed: int, within: EpisodeTransaction
     ) -> None:
         """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
-        _, episodes = await self._begin_episodes(ChosenTerrain(config, seed), 1)
-        await self._open_episodes([board], episodes, seed, False, within)
+        _, runs = await self._begin_episodes(Choice(config, seed), 1)
+        await self._open_episodes([board], runs, seed, False, within)
         if board.id not in self._groups:
             self._add_group([board])
 
@@ -261,17 +268,17 @@ class Lobby:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
-    async def _begin_episodes(
-        self, terrain: ChosenTerrain, boards: int
-    ) -> tuple[int | None, list[Episode]]:
+    async def _begin_episodes(self, terrain: Choice, boards: int) -> tuple[int | None, list[Run]]:
         """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
         chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
-        return chosen.seed, await asyncio.to_thread(lambda: [chosen.begin() for _ in range(boards)])
+        return chosen.seed, await asyncio.to_thread(
+            lambda: [self.task.begin(chosen) for _ in range(boards)]
+        )
 
     async def _open_episodes(
         self,
         boards: list[Session],
-        episodes: list[Episode],
+        runs: list[Run],
         seed: int | None,
         seed_chosen: bool,
         within: EpisodeTransaction | None = None,
@@ -288,18 +295,18 @@ class Lobby:
                     id=self.sources.episode_id(),
                     session_id=board.id,
                     number=board.number + 1,
-                    config=episode.config,
+                    config=record.config,
                     seed=seed,
                     seed_chosen=seed_chosen,
-                    terrain=episode.record().terrain,
-                    start=episode.start,
+                    terrain=record.terrain,
+                    start=record.start,
                     policy_seed=self.sources.seed(),
                     driver=board.driver,
                     assisted=len(boards) > 1,
                     started_ms=now,
                     daily=daily,
                 )
-                for board, episode in zip(boards, episodes, strict=True)
+                for board, record in zip(boards, [each.record() for each in runs], strict=True)
             ]
             running = [
                 board for board in (*boards, *left) if board.number and not board.shown.ended
@@ -321,12 +328,12 @@ class Lobby:
 
             def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
                 levels, hidden = found
-                for board, row, episode, hides in zip(boards, rows, episodes, hidden, strict=True):
-                    board.begin(row, episode, hides)
+                for board, row, run, hides in zip(boards, rows, runs, hidden, strict=True):
+                    board.begin(row, run, hides)
                 for (board, current, run), level in zip(abandoned, levels, strict=True):
                     if board not in boards:
                         # a board that is left is no study's
-                        board.go_on(current, run, View(run), level, hides_scores=False)
+                        board.go_on(current, run, run.view(), level, hides_scores=False)
 
             await self.store.write(record, then=publish)
 
@@ -338,7 +345,7 @@ class Lobby:
         for board in boards:
             self._groups[board.id] = group
             if not board.is_human:
-                load = partial(self.policies.load, board.row.driver_name)
+                load = partial(self.task.policies.load, board.row.driver_name)
                 group.agents[board.id] = Agent(
                     board, player if board is rival else None, load, self._decisions
                 )
@@ -390,9 +397,9 @@ class Lobby:
         self, row: Resumable, participation: Participation | None, hides_scores: bool
     ) -> Session:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
-        episode = await asyncio.to_thread(restore_episode, row.episode, row.actions, row.ended)
-        session = Session(row.session, self.store, self.sources.clock_ms, participation)
-        session.begin(row.episode, episode, hides_scores)
+        run = await asyncio.to_thread(self.task.replay, row.episode, row.actions, row.ended)
+        session = Session(row.session, self.task, self.store, self.sources.clock_ms, participation)
+        session.begin(row.episode, run, hides_scores)
         return session
 
     def _unload_idle(self, horizon: float) -> None:

@@ -1,21 +1,16 @@
-"""Every message in both directions, over HTTP and over the socket; `static/common/messages.js` is the page's copy.
+"""Every message that any task's board takes, over HTTP and over the socket; `static/common/messages.js` is the page's copy.
 
-Messages that arrive are pydantic models and are checked strictly. What is sent is built once, as text, by the functions at
-the end.
+Messages that arrive are pydantic models and are checked strictly; what is wrong is said in one plain sentence. Frames, paths
+and thoughts are the task's (`app.task.View`).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from math import isfinite
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-import msgspec
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -24,38 +19,16 @@ from pydantic import (
     model_validator,
 )
 
-from app.play.validation import Size, describe_errors
-from app.tasks.mars.view import View
-from marsexplorer.config import ACTIONS, ALL_LEVELS, MAP, MAX_SEED
-from marsexplorer.episode import Episode
-
 MAX_MESSAGE_BYTES = 64 * 1024
 """Longest message or body that is accepted."""
 MAX_EVENTS_PER_MESSAGE = 200
 """Most input events in one message."""
-CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
-"""Code of a cell -> its character in a frame's grid."""
-
-DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
-"""The levels whose terrains are drawn from seeds."""
-
-ActionName = Literal["north", "east", "south", "west"]
 PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class BadMessageError(ValueError):
     """A message that this server does not accept; the text is one sentence for its sender."""
-
-
-def _check_level(value: str) -> str:
-    if value not in DRAWN_LEVELS:
-        raise ValueError(f"no level {value!r}; choose one of: {', '.join(DRAWN_LEVELS)}")
-    return value
-
-
-LevelName = Annotated[str, AfterValidator(_check_level)]
-Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 
 
 class Message(BaseModel):
@@ -82,7 +55,7 @@ class Act(Message):
     kind: Literal["act"] = "act"
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
     step: int = Field(ge=0, description="`step` of that frame: the number of moves made so far")
-    action: ActionName = Field(description="where to go: row-1, col+1, row+1, col-1")
+    action: str = Field(max_length=64, description="the name of an action")
     input: Literal["key", "touch"] | None = Field(
         default=None, description="the page's trusted event, if any"
     )
@@ -96,10 +69,14 @@ class Act(Message):
         default=None, description="when the move was sent, client clock"
     )
 
-    @property
-    def code(self) -> int:
-        """Return the action as the core numbers it, 0..3."""
-        return ACTIONS.index(self.action)
+    def code(self, actions: Sequence[str]) -> int:
+        """Return the action's number among a task's actions; BadMessageError where it is none of them."""
+        if self.action not in actions:
+            *names, last = map(repr, actions)
+            raise BadMessageError(
+                f"action must be {', '.join(names)} or {last}, got {_shown(self.action)}"
+            )
+        return actions.index(self.action)
 
 
 class HistoryRequest(Message):
@@ -146,55 +123,6 @@ class ExpectedRequest(Message):
     kind: Literal["expected"]
 
 
-class NewEpisode(Message):
-    """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
-
-    level: LevelName | None = Field(
-        default=None, description="a name from `GET /api/levels`", examples=["random"]
-    )
-    size: Size | None = Field(default=None, examples=[21])
-    seed: Seed | None = Field(
-        default=None, description="of the terrain; a chosen terrain never counts", examples=[7]
-    )
-    map: str | None = Field(
-        default=None,
-        max_length=200,
-        description="a name from `GET /api/maps`, instead of the three above",
-    )
-
-    @property
-    def leaves_terrain(self) -> bool:
-        """Return whether nothing is said of the terrain."""
-        return (self.level, self.size, self.seed, self.map) == (None, None, None, None)
-
-    @model_validator(mode="after")
-    def _map_stands_alone(self) -> Self:
-        if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
-            raise ValueError(
-                "a map has a size and a terrain of its own: leave out level, size and seed where map is given"
-            )
-        return self
-
-
-class NewSession(NewEpisode):
-    """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
-
-    player: str = Field(
-        default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
-    )
-    rival: str | None = Field(
-        default=None,
-        max_length=200,
-        description="a policy to play the same terrain beside",
-        examples=["frontier-cost"],
-    )
-    replays: str | None = Field(
-        default=None,
-        max_length=128,
-        description="the session whose ended episode a policy replays beside it",
-    )
-
-
 class ChangePace(Message):
     """Exactly one of the four."""
 
@@ -214,73 +142,6 @@ class ChangePace(Message):
             names = ", ".join(type(self).model_fields)
             raise ValueError(f"a pace is exactly one of {names}; got {', '.join(given) or 'none'}")
         return self
-
-
-class Frame(BaseModel):
-    """Everything a board needs, and nothing that the rover has not discovered."""
-
-    kind: Literal["frame"]
-    episode: str
-    step: int
-    rows: int
-    cols: int
-    grid: list[str] = Field(
-        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover",
-        examples=[["@..#?", "...??"]],
-    )
-    position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
-    discovered: int = Field(description="cells")
-    cells: int = Field(
-        description="that count: all, or on maps and levels with walls those that can be discovered"
-    )
-    coverage: float = Field(description="discovered / cells")
-    heading: ActionName
-    reward: float | None = Field(
-        description="of the last move (eq. 8); this and the next two null where a study hides them"
-    )
-    return_: float | None = Field(alias="return", description="sum of the rewards")
-    score: float | None = Field(description="normalized (section 3.2)")
-    outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
-
-
-class History(BaseModel):
-    """The path so far; index 0 is the start."""
-
-    kind: Literal["history"]
-    episode: str
-    positions: list[tuple[int, int]]
-    discovered: list[int]
-
-
-class Thought(BaseModel):
-    """What a policy computed for the frame of `step`: from its observation alone, on its own board only.
-
-    Networks have probabilities and a value; rules have a goal.
-    """
-
-    kind: Literal["thought"]
-    episode: str
-    step: int
-    probabilities: tuple[float, float, float, float] | None = Field(
-        description="of north, east, south, west; null when it has none"
-    )
-    value: float | None = Field(
-        description="what it expects to earn from here on, in its own units; null when it has none"
-    )
-    goal: tuple[int, int] | None = Field(
-        description="the known free cell that its next move leads towards; null when it has none"
-    )
-
-
-class Expected(BaseModel):
-    """How many unknown cells a look from each cell should show, by the map of `step` alone, on a policy's own board."""
-
-    kind: Literal["expected"]
-    episode: str
-    step: int
-    cells: list[tuple[int, int, int]] = Field(
-        description="[row, col, unknown cells], of the cells with any"
-    )
 
 
 class Pace(BaseModel):
@@ -307,7 +168,6 @@ class Kept(BaseModel):
 FromPage = Act | HistoryRequest | Events | ExpectedRequest
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
-_ENCODER = msgspec.json.Encoder()
 
 
 def parse_message(text: str) -> FromPage:
@@ -321,77 +181,6 @@ def parse_message(text: str) -> FromPage:
         raise BadMessageError(describe_errors(error.errors(include_url=False))) from None
 
 
-def encode_frame(episode_id: str, episode: Episode | View, hides_scores: bool = False) -> str:
-    """Return the frame of an episode as it stands, as JSON text; reward, return and score null where they are hidden."""
-    rows, cols = episode.codes.shape
-    row, col = episode.position
-    frame = {
-        "kind": "frame",
-        "episode": episode_id,
-        "step": episode.steps,
-        "rows": rows,
-        "cols": cols,
-        "grid": encode_grid(episode.codes),
-        "position": [int(row), int(col)],
-        "discovered": int(episode.discovered),
-        "cells": int(episode.cells),
-        "coverage": float(episode.coverage),
-        "heading": episode.heading,
-        "reward": None if hides_scores else float(episode.reward),
-        "return": None if hides_scores else float(episode.total),
-        "score": None if hides_scores else float(episode.score),
-        "outcome": episode.outcome if episode.ended else None,
-    }
-    return _ENCODER.encode(frame).decode()
-
-
-def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
-    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
-    rows, cols = codes.shape
-    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
-    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
-
-
-def encode_history(episode_id: str, episode: Episode | View) -> str:
-    """Return the path so far as JSON text."""
-    positions = [[int(row), int(col)] for row, col in episode.path]
-    discovered = [int(count) for count in episode.discoveries]
-    history = {
-        "kind": "history",
-        "episode": episode_id,
-        "positions": positions,
-        "discovered": discovered,
-    }
-    return _ENCODER.encode(history).decode()
-
-
-def encode_thought(
-    episode_id: str,
-    step: int,
-    probabilities: Sequence[float] | None,
-    value: float,
-    goal: tuple[int, int] | None = None,
-) -> str:
-    """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
-
-    "" where there are neither probabilities nor a goal, or a probability is no finite number: NaN is no JSON, and such a
-    thought says nothing.
-    """
-    if (probabilities is None and goal is None) or not all(map(isfinite, probabilities or ())):
-        return ""
-    thought = {
-        "kind": "thought",
-        "episode": episode_id,
-        "step": step,
-        "probabilities": None
-        if probabilities is None
-        else [round(float(share), 4) for share in probabilities],
-        "value": round(float(value), 3) if isfinite(value) else None,
-        "goal": None if goal is None else [int(goal[0]), int(goal[1])],
-    }
-    return _ENCODER.encode(thought).decode()
-
-
 def encode_error(detail: str) -> str:
     """Return the answer to a bad message as JSON text."""
     return json.dumps({"kind": "error", "detail": detail})
@@ -400,3 +189,71 @@ def encode_error(detail: str) -> str:
 def encode_refused(reason: str, frame: str) -> str:
     """Return the answer to a stale act as JSON text, the current frame in it."""
     return f'{{"kind":"refused","reason":{json.dumps(reason)},"frame":{frame}}}'
+
+
+NO_BODY = "expected a JSON object, sent with Content-Type: application/json"
+CLIENT_KINDS = '"act", "history" or "events"'
+"""The kinds of message that a socket takes."""
+
+_TYPES = {
+    "int": "a whole number", "float": "a number", "string": "text", "bool": "true or false",
+    "list": "a list", "dict": "a JSON object", "model": "a JSON object", "model_attributes": "a JSON object",
+}  # fmt: skip
+_TAGS = ("body", "query", "path", "act", "history", "events")
+
+
+def describe_errors(errors: Sequence[Any]) -> str:
+    """Return pydantic's errors as one sentence, the first three at most."""
+    return "; ".join(dict.fromkeys(_clause(error) for error in errors[:3]))
+
+
+def _clause(error: dict[str, Any]) -> str:
+    kind, context = str(error["type"]), error.get("ctx", {})
+    loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
+    names = [str(part) for part in loc]
+    name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
+    bounds = {
+        "ge": "at least",
+        "gt": "more than",
+        "le": "at most",
+        "lt": "less than",
+        "max_length": "at most",
+    }
+    bound = next(
+        (f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context), None
+    )
+    if kind == "value_error":
+        return str(context["error"])
+    if kind == "json_invalid":
+        return f"a message must be JSON, and this is not: {context['error']}"
+    if kind == "too_long":
+        return f"{name} must hold at most {context['max_length']}, got {context['actual_length']}"
+    if kind == "missing":
+        return f"{name} is missing" if names else NO_BODY
+    if kind == "model_attributes_type" and not names:
+        return f"{NO_BODY}, got {came}"
+    if kind == "union_tag_not_found":
+        return f"kind is missing: expected {CLIENT_KINDS}"
+    if kind == "union_tag_invalid":
+        return f"kind must be {CLIENT_KINDS}, got {context['tag']!r}"
+    if kind == "literal_error":
+        return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
+    if bound is not None:
+        return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
+    expected = _TYPES.get(
+        kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
+    )
+    return (
+        f"{name} must be {expected}, got {came}"
+        if expected
+        else f"{name}: {error['msg']}, got {came}"
+    )
+
+
+def _plain(bound: float) -> str:
+    return str(int(bound)) if bound == int(bound) else str(bound)
+
+
+def _shown(value: object) -> str:
+    text = repr(value) if isinstance(value, bytes) else json.dumps(value, default=repr)
+    return text if len(text) <= 60 else f"{text[:57]}..."

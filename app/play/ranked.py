@@ -19,11 +19,9 @@ import sqlite3
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any
 from weakref import WeakValueDictionary
 
 from app.play.lobby import Lobby, UnknownSessionError
-from app.play.messages import NewEpisode, NewSession
 from app.play.session import HUMAN, RefusedError, Session
 from app.storage.playground import (
     delete_unplayed,
@@ -34,7 +32,7 @@ from app.storage.playground import (
 )
 from app.storage.store import StoreError
 from app.storage.trial import Trial
-from marsexplorer.config import EnvConfig
+from app.task import Configuration, WantedBoard, WantedEpisode
 
 SWEEP_S = 60.0
 """Seconds between two looks for ranked episodes that were left, at most."""
@@ -53,12 +51,12 @@ class PageBoards:
         self._lobby, self._abandon_after_s, self._unplayed_h = lobby, abandon_after_s, unplayed_h
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
 
-    async def begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
+    async def begin(self, wanted: WantedBoard, player_id: str) -> tuple[Session, bool]:
         """Return a player's board, and whether it is one that was open already; ValueError as `Lobby.create`."""
         async with self._lock(player_id):
             return await self._begin(wanted, player_id)
 
-    async def begin_next(self, session: Session, wanted: NewEpisode) -> tuple[Session, bool]:
+    async def begin_next(self, session: Session, wanted: WantedEpisode) -> tuple[Session, bool]:
         """Begin the next episode; return the board that has it, and whether it was open already; ValueError as `Lobby.restart`.
 
         The board is another one when the session's terrain, or one of the player's elsewhere, waits for its first move.
@@ -69,9 +67,11 @@ class PageBoards:
             return session, False
         async with self._lock(player_id):
             found = await self._open(player_id)
-            terrain = self._lobby.maps.next_terrain(session.current, wanted)
+            terrain = self._lobby.task.next(session.current, wanted)
             if session in found and not session.shown.steps:
-                return await self._begin(as_new_session(terrain.config, wanted), player_id)
+                return await self._begin(
+                    self._lobby.task.wanted_again(terrain.config, wanted), player_id
+                )
             others = [board for board in found if board is not session]
             waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
             left = [
@@ -166,10 +166,10 @@ class PageBoards:
             count += len(deleted)
         return count
 
-    async def _begin(self, wanted: NewSession, player_id: str) -> tuple[Session, bool]:
+    async def _begin(self, wanted: WantedBoard, player_id: str) -> tuple[Session, bool]:
         found = await self._open(player_id)
         is_ranked = wanted.player == HUMAN and wanted.rival is None
-        terrain = self._lobby.maps.first_terrain(wanted)
+        terrain = self._lobby.task.first(wanted)
         waiting = _waiting(found, terrain.config) if is_ranked and not terrain.is_chosen else None
         left = [
             board
@@ -201,14 +201,7 @@ class PageBoards:
         return lock
 
 
-def as_new_session(config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
-    """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
-    if wanted.map is not None:
-        return NewSession(map=wanted.map, **rest)
-    return NewSession(level=config.level, size=(config.rows, config.cols), seed=wanted.seed, **rest)
-
-
-def _waiting(boards: Sequence[Session], config: EnvConfig) -> Session | None:
+def _waiting(boards: Sequence[Session], config: Configuration) -> Session | None:
     """Return the board whose open episode is of a configuration."""
     return next(
         (board for board in boards if board.current.config == config and not board.shown.ended),

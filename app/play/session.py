@@ -31,12 +31,10 @@ from app.play.attestation import (
     level_reaches,
     prepare_end,
 )
-from app.play.messages import Events, Pace, encode_frame
-from app.play.replays import restore_episode
+from app.play.messages import Events, Pace
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import Closing, SessionRow, StepRow, Store, Trial
-from app.tasks.mars.view import View
-from marsexplorer.episode import Episode
+from app.task import Run, Task, View
 
 
 class Channel:
@@ -206,6 +204,7 @@ class Participation(Protocol):
 class Session:
     """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
 
+    task           what is played on it
     pace           how the policy that drives it moves, None for a person's board
     number         of the current episode, counting from 1; 0 before the first
     shown          the episode as it was published last: all that anybody is told of it comes from here
@@ -223,11 +222,12 @@ class Session:
     def __init__(
         self,
         row: SessionRow,
+        task: Task,
         store: Store,
         clock: Callable[[], int],
         participation: Participation | None = None,
     ) -> None:
-        self.id = row.id
+        self.id, self.task = row.id, task
         self.participation = participation
         self.row = row
         self.channel = Channel(store.metrics.dropped_frames.inc)
@@ -244,9 +244,10 @@ class Session:
         self.changing = asyncio.Lock()
         self.current: Trial
         self.shown: View
-        self._run: Episode | None = None
+        self._run: Run | None = None
         """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
         self._hides_scores = False
+        self._expected = ""
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
@@ -322,7 +323,7 @@ class Session:
                 current = dataclasses.replace(current, driver=SCRIPT)
             run = await self._take_run()
             reward = run.step(move.action)
-            held = View(run)
+            held = run.view()
             row = self._step_row(move, reward, held.discovered)
             ending = await self.prepare_end(current, row) if held.ended else None
 
@@ -367,18 +368,18 @@ class Session:
                 return attested, self.hides_scores(current.id)
 
             await self._store.write(
-                record, then=lambda found: self.go_on(current, run, View(run), *found)
+                record, then=lambda found: self.go_on(current, run, run.view(), *found)
             )
 
-    def begin(self, row: Trial, run: Episode, hides_scores: bool) -> None:
+    def begin(self, row: Trial, run: Run, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
         self.number, self.fault = row.number, None
-        self.go_on(row, run, View(run), None, hides_scores)
+        self.go_on(row, run, run.view(), None, hides_scores)
 
     def go_on(
         self,
         current: Trial,
-        run: Episode,
+        run: Run,
         shown: View,
         attested: Attested | None,
         hides_scores: bool,
@@ -390,15 +391,16 @@ class Session:
         self.current, self._run, self.shown = current, run, shown
         self.attested, self._hides_scores = attested, hides_scores
         self.thought = ""
-        self.channel.publish(encode_frame(current.id, shown, hides_scores))
+        self._expected = ""
+        self.channel.publish(shown.frame(current.id, hides_scores))
 
-    async def take_abandoned(self) -> Episode:
+    async def take_abandoned(self) -> Run:
         """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
         run = await self._take_run()
         run.abandon()
         return run
 
-    async def _take_run(self) -> Episode:
+    async def _take_run(self) -> Run:
         """Take the run off the board, made again by replay where a move of it was not recorded.
 
         Call it with `changing` held. `go_on` puts it back; whoever fails need do nothing.
@@ -406,7 +408,7 @@ class Session:
         run, self._run = self._run, None
         if run is not None:
             return run
-        return await asyncio.to_thread(restore_episode, self.current, self.shown.actions)
+        return await asyncio.to_thread(self.task.replay, self.current, self.shown.actions)
 
     async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
         """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
@@ -430,7 +432,7 @@ class Session:
         return await self._store.read(prepare)
 
     def closing(
-        self, current: Trial, run: Episode, at_ms: int, ending: Ending | None
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> tuple[Closing, Attested | None]:
         """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
 
@@ -449,6 +451,22 @@ class Session:
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
         return self.participation is not None and self.participation.hides_scores(episode_id)
+
+    def expected(self) -> str:
+        """Return what a look from each place should show, by the newest frame; PermissionError on a person's board.
+
+        It is worked out for whoever asks, once for each frame.
+        """
+        if self.is_human or self.participation is not None:
+            raise PermissionError(
+                "what a look is expected to show is told of a policy's own board alone"
+            )
+        self._expected = self._expected or self.shown.expected(self.current.id)
+        return self._expected
+
+    def history(self) -> str:
+        """Return the path so far, encoded."""
+        return self.shown.history(self.current.id)
 
     async def keep_events(self, events: Events) -> None:
         """Store input events of an episode of this board, each once; RefusedError where none are kept.
@@ -522,7 +540,7 @@ class Session:
         self.channel.notify()
 
     def _close(
-        self, current: Trial, run: Episode, at_ms: int, ending: Ending | None
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
     ) -> Attested | None:
         """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
         closing, attested = self.closing(current, run, at_ms, ending)
@@ -536,7 +554,7 @@ class Session:
         if current.driver != HUMAN:
             return None
         study = self.participation
-        key_map = key_map_of(study.settings() if study is not None else ())
+        key_map = key_map_of(self.task.keys, study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
         return Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
 

@@ -16,7 +16,7 @@ from itsdangerous import BadSignature, Signer
 from app.storage.playground import session_of_row, sessions_after
 from app.storage.reader import now_ms
 from app.storage.store import Store
-from marsexplorer.config import MAX_SEED
+from app.task import MAX_SEED
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,10 @@ from contextlib import ExitStack, suppress
 from typing import Any, NamedTuple
 
 from app.play.lobby import Lobby
-from app.play.messages import encode_frame, encode_history
-from app.play.replays import frames, restore_episode
 from app.play.session import Session
 from app.storage.playground import newest_episode, watchable_session
 from app.storage.store import Resumable
-from marsexplorer.episode import Episode, replay
+from app.task import Run
 
 LOOK_S = 2.0
 """Seconds between two looks for a board that is not in memory."""
@@ -74,18 +72,18 @@ class Spectators:
         UnwatchableError and `viewer` as for `shown`.
         """
         episode_id = (await self.shown(link, viewer)).episode_id
-        found, episode = await self._stored(episode_id, link)
-        config, driver = found.episode.config, found.episode.driver
+        found, run = await self._stored(episode_id, link)
+        task, shown = self._lobby.task, run.view()
+        driver, about = found.episode.driver, task.describe(found.episode)
         whole = (
-            await asyncio.to_thread(frames, episode.record(), episode_id) if found.ended else None
+            await asyncio.to_thread(task.frames, run.record(), episode_id) if found.ended else None
         )
         return {
             "episode": episode_id,
             "player": found.session.driver_name if driver.startswith("policy:") else driver,
-            "level": config.level,
-            "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
-            "frame": json.loads(encode_frame(episode_id, episode)),
-            "history": json.loads(encode_history(episode_id, episode)),
+            **{each: about[each] for each in about if each != "map"},
+            "frame": json.loads(shown.frame(episode_id)),
+            "history": json.loads(shown.history(episode_id)),
             "frames": whole,
         }
 
@@ -108,14 +106,16 @@ class Spectators:
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                episode = (
-                    (await self._stored(episode_id, link))[1] if board is None else board.shown
+                shown = (
+                    (await self._stored(episode_id, link))[1].view()
+                    if board is None
+                    else board.shown
                 )
-                frame = encode_frame(episode_id, episode) if board is None else board.frame
-                has_ended, is_behind = episode.ended, episode.steps > steps + 1
+                frame = shown.frame(episode_id) if board is None else board.frame
+                has_ended, is_behind = shown.ended, shown.steps > steps + 1
                 if frame != newest:
-                    newest, steps = frame, episode.steps
-                    history = encode_history(episode_id, episode) if is_behind else None
+                    newest, steps = frame, shown.steps
+                    history = shown.history(episode_id) if is_behind else None
                     yield frame
                     if history is not None:
                         yield history
@@ -130,16 +130,16 @@ class Spectators:
         board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str, link: str) -> tuple[Resumable, Episode]:
+    async def _stored(self, episode_id: str, link: str) -> tuple[Resumable, Run]:
         """Return the episode that a link shows as the store holds it; UnwatchableError where the rules have changed."""
-        store = self._lobby.store
+        store, task = self._lobby.store, self._lobby.task
         found = await store.read(lambda: store.find_episode(episode_id))
         if found is None:
             raise UnwatchableError(link)
         try:
             if found.ended:
                 record = await store.read(lambda: store.load_record(episode_id))
-                return found, await asyncio.to_thread(replay, record)
-            return found, await asyncio.to_thread(restore_episode, found.episode, found.actions)
+                return found, await asyncio.to_thread(task.replay_record, record)
+            return found, await asyncio.to_thread(task.replay, found.episode, found.actions)
         except ValueError as error:
             raise UnwatchableError(link) from error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.storage.reader import Reader
-from marsexplorer.episode import Record
+from app.task import Record
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
 """Who drove an episode -> how a replay names them; a policy has its own name."""

@@ -16,9 +16,9 @@ import numpy as np
 from PIL import Image
 
 from app.jobs import Progress
-from app.replay.course import Course
 from app.replay.page import single_file
-from app.replay.pictures import AnimationPicture, Look, preview
+from app.tasks.mars.course import Course
+from app.tasks.mars.pictures import AnimationPicture, Look, preview
 
 if TYPE_CHECKING:
     from av.container import OutputContainer

@@ -18,9 +18,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from app.replay.course import Course
 from app.settings import STATIC
-from marsexplorer.config import MAP
+from app.tasks.mars.course import Course
 
 STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""
@@ -82,7 +81,7 @@ def render(
 
 def terrain_in_words(course: Course) -> str:
     """Return level and size: `level random, 21 x 21 cells`, or `a map, 9 x 14 cells`."""
-    name = "a map" if course.config.level == MAP else f"level {course.config.level}"
+    name = course.place
     return f"{name}, {course.config.rows} \u00d7 {course.config.cols} cells"
 
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from app.jobs import Jobs
-from app.play.policy_catalogue import PolicyOffer
-from app.replay.course import Course, GhostError, choices, course_of, play_ghost, preferred
 from app.replay.episodes import Asker, ShownEpisode, UnknownReplayError, shown_episode
 from app.replay.files import Format, file_of
-from marsexplorer.episode import Record
+from app.task import Record
+from app.tasks.mars.course import Course, GhostError, choices, course_of, play_ghost, preferred
+from app.tasks.mars.policies import PolicyOffer
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""

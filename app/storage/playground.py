@@ -3,7 +3,7 @@
 A ranked episode is one that a person plays alone, on the page, on a terrain that the server drew for them: if it ended now, it
 would count. No query about boards sees a board of a study; those of daily terrains are seen where it says so.
 
-The tables `daily_terrains` and `daily_attempts` hold one terrain a day, and who has played it. `app.play.daily_terrain` draws
+The tables `daily_terrains` and `daily_attempts` hold one terrain a day, and who has played it. `app.play.daily` draws
 the keys. A day is a date in UTC, "2026-11-22". Nothing here that a request may reach before the day is over holds a key, but
 `DailyTerrain` itself does: it goes to nobody.
 """

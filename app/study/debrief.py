@@ -10,12 +10,12 @@ import logging
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from app.play.replays import frames
 from app.storage.store import Store
 from app.storage.study_rows import Participant
 from app.storage.trial import Trial
 from app.study.folder import Study
 from app.study.progress import StageError
+from app.tasks.mars.task import frames
 from marsexplorer.episode import Episode, Record
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target

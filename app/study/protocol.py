@@ -21,9 +21,10 @@ from pydantic import (
     model_validator,
 )
 
-from app.play.validation import MAX_API_SIDE, describe_errors
+from app.play.messages import describe_errors
 from app.storage.trial import Attestation
 from app.study.texts import CONSENT, questions
+from app.tasks.mars.messages import MAX_API_SIDE
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from app.jobs import Jobs, cores
 from app.play.attestation import COPIED, Conditions, attest, key_map_of
-from app.play.daily_terrain import check_daily
+from app.play.daily import check_daily
 from app.storage import checks
 from app.storage.checks import (
     ChainState,
@@ -40,6 +40,7 @@ from app.storage.study_rows import StudyRow
 from app.study import seeds
 from app.study.folder import Advance, Folder
 from app.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
+from app.tasks.mars.task import KEYS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
@@ -354,7 +355,7 @@ def _derive_level(
         ]
         conditions = Conditions(
             started_ms,
-            key_map_of(settings),
+            key_map_of(KEYS, settings),
             tuple(given.supervised_ms),
             not given.is_studys,
         )

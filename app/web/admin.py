@@ -42,7 +42,6 @@ from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import close, is_operator, services_of
 from app.web.sockets import UNKNOWN_SESSION
-from marsexplorer.config import CORE_VERSION
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
@@ -196,7 +195,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
         "operator": await admin.login.operator_of(cookies.admin_token(request)),
         "actions": await admin.actions.newest(),
-        "core_version": CORE_VERSION,
+        "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
     }
 

@@ -12,19 +12,14 @@ from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from app.play.lobby import Lobby
 from app.play.messages import (
-    DRAWN_LEVELS,
     Act,
     ChangePace,
-    Frame,
-    History,
-    NewEpisode,
-    NewSession,
     Pace,
-    encode_history,
 )
-from app.play.ranked import as_new_session
 from app.play.session import SCRIPT, RefusedError, Session
 from app.protection import has_own_origin
+from app.tasks.mars.messages import Frame, History, NewEpisode, NewSession
+from app.tasks.mars.terrains import levels_on_offer
 from app.web.access import (
     controlled_session,
     is_owner,
@@ -34,7 +29,6 @@ from app.web.access import (
     visible_session,
 )
 from app.web.sockets import as_move
-from marsexplorer.config import ALL_LEVELS, CORE_VERSION
 
 router = APIRouter(prefix="/api")
 probes = APIRouter(tags=["server"])
@@ -70,15 +64,12 @@ def _check_no_study(session: Session, what: str, instead: str) -> None:
 
 async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
-    rival, config = lobby.rival_of(session), session.current.config
-    current, store = session.current, lobby.store
+    rival, current, store = lobby.rival_of(session), session.current, lobby.store
     finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
     return {
         "session": session.id,
         "player": session.row.driver_name,
-        "level": config.level,
-        "map": lobby.maps.name_of(session.current),
-        "size": config.rows if config.rows == config.cols else [config.rows, config.cols],
+        **lobby.task.describe(session.current),
         "daily": None if session.current.daily is None else session.current.daily.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "not_attested": None if finished is None else finished["attestation_reason"],
@@ -103,7 +94,7 @@ async def health(request: Request) -> dict[str, Any]:
     """
     store = services_of(request).store
     known = {
-        "core_version": CORE_VERSION,
+        "core_version": _lobby(request).task.version,
         "sessions": len(_lobby(request)),
         "database": store.path.name,
     }
@@ -136,26 +127,13 @@ async def readyz(request: Request) -> dict[str, str]:
 @router.get("/levels", tags=["server"], summary="What can be played")
 async def levels() -> list[dict[str, Any]]:
     """List the levels: `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
-    return [
-        {
-            "name": level.name,
-            "summary": level.summary,
-            "topology": level.topology,
-            "morphology": level.morphology,
-            "pays_bonus": level.has_bonus,
-        }
-        for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
-    ]
+    return levels_on_offer()
 
 
 @router.get("/maps", tags=["server"], summary="The maps that can be played")
 async def maps(request: Request) -> list[dict[str, Any]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
-    offers = [(each, each.terrain.config) for each in _lobby(request).maps.offers()]
-    return [
-        {"name": each.name, "summary": each.summary, "size": [config.rows, config.cols]}
-        for each, config in offers
-    ]
+    return services_of(request).maps.listed()
 
 
 @router.get(
@@ -165,7 +143,7 @@ async def policies(request: Request) -> list[dict[str, str]]:
     """List the policies; each name can be given as `player` or as `rival`."""
     return [
         {"name": offer.name, "summary": offer.summary}
-        for offer in _lobby(request).policies.offers()
+        for offer in _lobby(request).task.policies.offers()
     ]
 
 
@@ -186,7 +164,7 @@ async def create_session(
     wanted = wanted or NewSession()
     player_id = player_of(request) or _lobby(request).sources.player_id()
     with _bad_input():
-        terrain = _lobby(request).maps.first_terrain(wanted)
+        terrain = _lobby(request).task.first(wanted)
         await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if wanted.replays is not None:
             await controlled_session(request, wanted.replays)
@@ -241,7 +219,7 @@ async def get_about(request: Request, session_id: str) -> dict[str, Any]:
 async def get_history(request: Request, session_id: str) -> Response:
     """Return the position and the number of discovered cells after each step, the start first."""
     session = await visible_session(request, session_id)
-    return _json(encode_history(session.current.id, session.shown))
+    return _json(session.history())
 
 
 _ACT_ANSWERS: dict[int | str, dict[str, Any]] = {
@@ -261,7 +239,9 @@ async def act(request: Request, session_id: str, wanted: Act) -> Response:
     session = await controlled_session(request, session_id)
     _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
     try:
-        await session.act(as_move(wanted, SCRIPT))
+        with _bad_input():
+            move = as_move(wanted, session.task, SCRIPT)
+        await session.act(move)
     except RefusedError as refusal:
         return _json(f'{{"detail":{json.dumps(str(refusal))},"frame":{session.frame}}}', 409)
     return _json(session.frame)
@@ -298,7 +278,7 @@ async def create_episode(
             "this board is of a daily terrain, which is played once; POST /api/sessions begins another",
         )
     with _bad_input():
-        terrain = lobby.maps.next_terrain(session.current, wanted)
+        terrain = lobby.task.next(session.current, wanted)
         await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
         if session.row.control == "cookie":
             session, _ = await page_boards.begin_next(session, wanted)
@@ -313,7 +293,7 @@ async def create_episode(
                 "rival": None if rival is None else rival.row.driver_name,
             }
             session, _ = await page_boards.begin(
-                as_new_session(terrain.config, wanted, **drivers), session.row.player_id
+                lobby.task.wanted_again(terrain.config, wanted, **drivers), session.row.player_id
             )
         else:
             await lobby.restart(session, wanted)

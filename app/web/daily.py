@@ -9,8 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 
 from app.daily import day_end_ms, describe_attempt, people_on, streak
-from app.play.daily_boards import DailyPlayedError
-from app.play.daily_terrain import day_before, seed_of
+from app.play.daily import DailyPlayedError, day_before, seed_of
 from app.protection import has_own_origin
 from app.services import Services
 from app.storage.playground import DailyTerrain, attempts_of

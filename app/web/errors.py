@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 
 from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
 from app.play.lobby import UnknownSessionError
-from app.play.validation import NO_BODY, describe_errors
+from app.play.messages import NO_BODY, describe_errors
 from app.protection.headers import headers_of
 from app.storage.store import StoreError
 from app.web.templates import environment, path_of, root_of

@@ -1,4 +1,4 @@
-"""Results over HTTP: what has been played, and how well."""
+"""Results over HTTP: what has been played, how well, and by whom: everybody's, a player's own, people and policies compared."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
+from app.leaderboard.leaderboard import UnknownEntryError
 from app.moves.explanation import explanation_of
 from app.moves.regret import POLICY
-from app.storage.export import write_table
+from app.statistics.personal import describe_own, personal_bests
+from app.storage.export import write_own_table, write_table
 from app.storage.reader import Reader
+from app.task import Record
 from app.web.access import owner_of, player_of, services_of
 from app.web.downloads import send_made
-from marsexplorer.episode import Record
 
 router = APIRouter(prefix="/api")
+mine = APIRouter(prefix="/api/me", tags=["me"])
+"""A player's own episodes: by their cookie alone, so nobody sees anybody else's."""
+leaderboard = APIRouter(prefix="/api/leaderboard", tags=["results"])
 Who = Literal["all", "human"]
 
 
@@ -119,3 +124,59 @@ async def export(
     return await send_made(
         request, f"{table}.csv", write_table, services.store.path, table, who, at_ms
     )
+
+
+@mine.get("/history", summary="My own episodes and bests")
+def get_history(
+    request: Request,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
+) -> dict[str, Any]:
+    """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
+
+    By your cookie alone; without one everything is empty. Episodes of open studies are left out.
+    """
+    player_id = player_of(request)
+    if player_id is None:
+        return {"total": 0, "episodes": [], "bests": []}
+    with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
+        rows = reader.played_by(player_id)
+        bests = personal_bests(reader, rows)
+    return {
+        "total": len(rows),
+        "episodes": [describe_own(row) for row in rows[offset : offset + limit]],
+        "bests": bests,
+    }
+
+
+@mine.get("/export/{table}.csv", summary="My own episodes, as CSV")
+async def export_own(request: Request, table: Literal["episodes", "steps"]) -> Response:
+    """Export what you have driven, by your cookie alone; 404 without one."""
+    player_id = player_of(request)
+    if player_id is None:
+        raise HTTPException(
+            404, "this browser has no player's cookie: nothing was played with it; play at / first"
+        )
+    database = services_of(request).store.path
+    return await send_made(request, f"my-{table}.csv", write_own_table, database, table, player_id)
+
+
+@leaderboard.get("", summary="What people and policies are compared on")
+async def get_boards(request: Request) -> list[dict[str, Any]]:
+    """List one entry per closed study and per configuration; what people have played stands first."""
+    services = services_of(request)
+    await services.progress.note_all_closed()
+    return [entry.to_dict() for entry in await services.leaderboard.newest_entries()]
+
+
+@leaderboard.get("/{board}", summary="People, policies and rules on one scale")
+async def get_board(request: Request, board: str) -> dict[str, Any]:
+    """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
+
+    Policies are evaluated in the background when they are first asked for; until then `state` is waiting or computing, and
+    `figure` is null.
+    """
+    try:
+        return await services_of(request).leaderboard.detail(board)
+    except UnknownEntryError as error:
+        raise HTTPException(404, str(error)) from error

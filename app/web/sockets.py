@@ -11,7 +11,6 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from app.play.agent import ExpectedDiscoveries
 from app.play.lobby import UnknownSessionError
 from app.play.messages import (
     Act,
@@ -21,13 +20,13 @@ from app.play.messages import (
     Kept,
     Pace,
     encode_error,
-    encode_history,
     encode_refused,
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.protection import has_own_origin
 from app.storage.store import StoreError
+from app.task import Task
 from app.web.access import close, is_owner, may_control, services_of, visible_session
 
 UNKNOWN_SESSION = 4404
@@ -60,7 +59,6 @@ class PlaySocket:
             has_own_origin(websocket) is True,
         )
         self._may_control = may_control(websocket, session)
-        self._expected = ExpectedDiscoveries()
         self._keeping: asyncio.Task[None] | None = None
         """What tells that the newest input events are kept."""
 
@@ -68,7 +66,8 @@ class PlaySocket:
         """Send and receive until the socket leaves."""
         sender = asyncio.create_task(self._send_newest())
         try:
-            await self._receive()
+            # in a task of its own, so that a message wakes the receiver alone and not all that surrounds this call
+            await asyncio.create_task(self._receive())
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
@@ -88,7 +87,7 @@ class PlaySocket:
                     await send(frame)
                 if session.current.id != episode:
                     episode = session.current.id
-                    await send(encode_history(episode, session.shown))
+                    await send(session.history())
                 if session.thought != thought:
                     thought = session.thought
                     if thought:
@@ -137,11 +136,13 @@ class PlaySocket:
                 return None
             if isinstance(message, Act):
                 self._check_control()
-                await session.act(as_move(message, self._driver(message)), self._notice)
+                await session.act(
+                    as_move(message, session.task, self._driver(message)), self._notice
+                )
                 return None
             if isinstance(message, ExpectedRequest):
-                return self._expected.of(session)
-            return encode_history(session.current.id, session.shown)
+                return session.expected()
+            return session.history()
         except RefusedError as refusal:
             self._count_refusal("not_current")
             return encode_refused(str(refusal), session.frame)
@@ -196,12 +197,12 @@ class PlaySocket:
             raise RefusedError("this board is its player's: nobody else can move its rover")
 
 
-def as_move(act: Act, driver: str) -> Move:
-    """Return the move that a message asks for, made by `driver`."""
+def as_move(act: Act, task: Task, driver: str) -> Move:
+    """Return the move of a task that a message asks for, made by `driver`; BadMessageError where it is none."""
     return Move(
         episode=act.episode,
         step=act.step,
-        action=act.code,
+        action=act.code(task.actions),
         driver=driver,
         input=act.input,
         key_down_ms=act.key_down_ms,

@@ -7,8 +7,8 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.play.lobby import UnknownSessionError
 from app.protection import viewer_policy
-from app.viewer3d.client_page import ClientPage
-from app.viewer3d.scene import ViewOptions
+from app.tasks.mars.viewer3d.client_page import ClientPage
+from app.tasks.mars.viewer3d.scene import ViewOptions
 from app.web.access import close, services_of, visible_session
 from app.web.sockets import UNKNOWN_SESSION
 

@@ -13,7 +13,7 @@ import pytest
 from websockets.asyncio.client import connect
 
 from app.simulate import occupancy_codes
-from app.viewer3d.viser_transport import PROTOCOL
+from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from marsexplorer import policies
 from tests.support.viewer3d import CAMERA
 

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from app.leaderboard import entries
-from app.play.policy_catalogue import PolicyCatalogue
+from app.tasks.mars.policies import PolicyCatalogue
 from tests.support.browser import NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.play import daily_terrain
+from app.tasks.mars.task import Mars
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
@@ -14,7 +14,7 @@ SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
 @pytest.fixture
 def small(monkeypatch):
     """A daily terrain of 7x9 cells."""
-    monkeypatch.setattr(daily_terrain, "CONFIG", EnvConfig.of("random", (7, 9)))
+    monkeypatch.setattr(Mars, "daily", EnvConfig.of("random", (7, 9)))
 
 
 def check_screen(page, name, found, themes=("dark",)):

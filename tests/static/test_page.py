@@ -12,6 +12,7 @@ from typing import get_args
 import pytest
 
 from app.play import messages
+from app.tasks.mars import messages as mars
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 
 ROOT = Path(__file__).parent.parent.parent
@@ -264,10 +265,10 @@ def fields(name):
 
 
 def test_the_page_and_the_server_name_the_same_messages():
-    for model in (messages.Frame, messages.Thought, messages.Expected, messages.Kept):
+    for model in (mars.Frame, mars.Thought, mars.Expected, messages.Kept):
         named = [field.alias or name for name, field in model.model_fields.items()]
         assert fields(model.__name__) == named
-    sent = (messages.Expected, messages.Thought, messages.Kept)
+    sent = (mars.Expected, mars.Thought, messages.Kept)
     assert listed("FROM_SERVER")[-3:] == [
         get_args(model.model_fields["kind"].annotation)[0] for model in sent
     ]

@@ -5,8 +5,8 @@ What a server does at its start it still does; what it would read from the disk 
 
 import gc
 
-from app.play.policy_catalogue import PolicyCatalogue
 from app.server import run
+from app.tasks.mars.policies import PolicyCatalogue
 
 __all__ = ["run"]
 

@@ -1,8 +1,6 @@
 """Daily attempts put into a store as the server does it."""
 
-from dataclasses import replace
-
-from app.play.daily_terrain import day_start_ms, seed_of, terrain_of_day
+from app.play.daily import day_start_ms, seed_of, terrain_of_day
 from app.storage.playground import daily_secret, keep_terrain
 from app.storage.store import DailyDay, Store
 from marsexplorer.config import EnvConfig
@@ -17,7 +15,7 @@ AFTER_MS = day_start_ms(DAY) + 86_400_000
 
 def small_terrain(store: Store, day: str = DAY):
     """Keep and return the terrain that a day has in this store, on a small board."""
-    terrain = replace(terrain_of_day(daily_secret(store), day), config=CONFIG)
+    terrain = terrain_of_day(daily_secret(store), day, CONFIG)
     keep_terrain(store, terrain)
     return terrain
 

@@ -176,7 +176,7 @@ def limits():
 @pytest.fixture(scope="session")
 def shipped_policies():
     """What a server without further policies offers: loading each policy once is most of what its start takes."""
-    from app.play.policy_catalogue import PolicyCatalogue
+    from app.tasks.mars.policies import PolicyCatalogue
 
     return PolicyCatalogue()
 

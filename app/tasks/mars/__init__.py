@@ -1,1 +1,1 @@
-"""MarsExplorer on a board: its episode as it is played and as it may be seen."""
+"""MarsExplorer on the playground: all that knows its grid."""

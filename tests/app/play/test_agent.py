@@ -7,11 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from app.play.agent import DecisionQueue
-from app.play.policy_catalogue import PolicyCatalogue
+from app.tasks.mars.policies import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import of_paper
+from marsexplorer.policies.network import batch
 from marsexplorer.policies.network.batch import shared_net
 from tests.support import policy_files
 from tests.support.servers import eventually
@@ -264,7 +265,7 @@ def test_policies_of_the_papers_algorithms_play_as_rivals_the_moves_that_they_ma
 
 def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_would_make_alone():
     async def ask(names):
-        decisions, calls = DecisionQueue(thread), []
+        decisions, calls = DecisionQueue(thread, batch), []
         boards = [
             (load(name), Episode.begin(EnvConfig(), seed=seed)) for seed, name in enumerate(names)
         ]
@@ -293,7 +294,7 @@ def test_boards_that_ask_at_once_are_decided_in_one_call_with_the_moves_they_wou
 
 def test_a_policy_that_fails_fails_its_own_board_alone():
     async def ask():
-        decisions = DecisionQueue(thread)
+        decisions = DecisionQueue(thread, batch)
         codes = Episode.begin(EnvConfig(), seed=1).codes.copy()
         asked = (decisions.act(load("ppo"), grid) for grid in (codes, codes[:0], codes))
         return await asyncio.gather(*asked, return_exceptions=True)

@@ -18,11 +18,12 @@ from app.play.attestation import (
 )
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import StepRow, Store
+from app.tasks.mars.task import KEYS
 from tests.support.recorded import add_session, open_episode
 
 STARTED = 1_790_000_000_000
 CODES = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
-CONDITIONS = Conditions(STARTED, key_map_of())
+CONDITIONS = Conditions(STARTED, key_map_of(KEYS))
 
 
 class Page:
@@ -97,7 +98,8 @@ def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code()
         1: "attested",
     }
     found = {
-        ms: played().level(Conditions(STARTED, key_map_of(), (STARTED + ms,))).level for ms in at
+        ms: played().level(Conditions(STARTED, key_map_of(KEYS), (STARTED + ms,))).level
+        for ms in at
     }
     assert found == at
 
@@ -124,7 +126,7 @@ def test_typing_ahead_is_no_lie():
     assert episode.level().level == "attested"
 
 
-BURSTS = Conditions(STARTED, key_map_of(), types_ahead=True)
+BURSTS = Conditions(STARTED, key_map_of(KEYS), types_ahead=True)
 """Of a board whose page keeps every press, however fast they come."""
 
 
@@ -213,7 +215,7 @@ def test_a_key_drives_where_the_participant_has_put_it_now_or_earlier():
         [{"keys": {"east": ["KeyL", "KeyD"]}}],
         [{"keys": {"east": ["KeyL"]}}, {"keys": {}}, {"modality": "touch"}],
     ):
-        assert episode.level(Conditions(STARTED, key_map_of(settings))).level == "attested"
+        assert episode.level(Conditions(STARTED, key_map_of(KEYS, settings))).level == "attested"
 
 
 def broken(what):

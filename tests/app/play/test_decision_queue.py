@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from app.play.agent import THREADS, DecisionQueue, SlowDecisionError
-from app.play.policy_catalogue import PolicyCatalogue
 from app.settings import Limits
+from app.tasks.mars.policies import PolicyCatalogue
+from marsexplorer.policies.network import batch
 from tests.support.servers import eventually
 
 BOARD = np.zeros((3, 4), np.uint8)
@@ -36,7 +37,7 @@ def decide(ask, **settings):
     """Run `ask(decisions)` with a queue of its own."""
 
     async def run():
-        return await ask(DecisionQueue(threads, **settings))
+        return await ask(DecisionQueue(threads, batch, **settings))
 
     with ThreadPoolExecutor(THREADS) as threads:
         return asyncio.run(run())

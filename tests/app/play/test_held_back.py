@@ -8,8 +8,7 @@ import msgspec
 import pytest
 
 from app.admin.live_boards import board_messages
-from app.play.messages import encode_frame
-from app.tasks.mars.view import View
+from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import eventually
@@ -26,7 +25,7 @@ def first_of(socket_path, *kinds, ask=None):
         with table.server.socket(table.link(socket_path), table.client, path=socket_path) as socket:
             if ask is not None:
                 socket.send(ask)
-            return [socket.receive(kind) for kind in kinds]
+            return [socket.receive(kind, 15) for kind in kinds]
 
     return read
 
@@ -157,7 +156,7 @@ def test_a_run_whose_move_was_not_recorded_is_made_again_and_goes_on(server):
     twin = Episode.begin(EnvConfig.of("random", SIZE), seed=5)
     for step, action in enumerate((2, 0)):
         twin.step(action)
-        assert act(step, ACTIONS[action]).text == encode_frame(episode, View(twin))
+        assert act(step, ACTIONS[action]).text == View(twin).frame(episode)
     frame = client.get(path).text
     server.execute("PRAGMA query_only = ON")
     assert [act(2, action).status_code for action in ("south", "north")] == [503, 503]
@@ -166,7 +165,7 @@ def test_a_run_whose_move_was_not_recorded_is_made_again_and_goes_on(server):
     server.execute("PRAGMA query_only = OFF")
     for step, action in enumerate((2, 0, 0), 2):
         twin.step(action)
-        assert act(step, ACTIONS[action]).text == encode_frame(episode, View(twin))
+        assert act(step, ACTIONS[action]).text == View(twin).frame(episode)
     assert twin.outcome == "out_of_bounds"
     kept = server.services.store.load_record(episode)
     assert kept.trajectory_hash == twin.record().trajectory_hash

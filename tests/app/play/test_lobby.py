@@ -6,11 +6,13 @@ import itertools
 import pytest
 
 from app.play.lobby import Lobby, UnknownSessionError
-from app.play.messages import ChangePace, NewEpisode, NewSession
-from app.play.policy_catalogue import PolicyCatalogue
+from app.play.messages import ChangePace
 from app.play.session import Move, RefusedError
 from app.play.sources import Sources
 from app.storage.store import Store, StoreError
+from app.tasks.mars.messages import NewEpisode, NewSession
+from app.tasks.mars.policies import PolicyCatalogue
+from app.tasks.mars.task import Mars
 
 DAY_MS = 86_400_000
 
@@ -27,7 +29,7 @@ def run_in_lobby(tmp_path, policies):
     def run(scenario, idle_s=600.0, **sources):
         async def whole():
             store = Store(tmp_path / "playground.db")
-            lobby = Lobby(store, policies, Sources(**sources), idle_s)
+            lobby = Lobby(store, Mars(policies), Sources(**sources), idle_s)
             sweeper = asyncio.create_task(lobby.sweep())
             try:
                 return await scenario(lobby)

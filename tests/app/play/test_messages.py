@@ -11,14 +11,12 @@ from app.play.messages import (
     BadMessageError,
     ChangePace,
     HistoryRequest,
-    NewSession,
-    encode_frame,
-    encode_history,
-    encode_thought,
+    describe_errors,
     parse_message,
 )
-from app.play.validation import describe_errors
-from marsexplorer.config import EnvConfig
+from app.tasks.mars.messages import NewSession, encode_thought
+from app.tasks.mars.run import View
+from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 
 ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
@@ -43,7 +41,7 @@ def test_an_act_and_a_request_for_history_are_understood():
         json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14})
     )
     assert isinstance(act, Act)
-    assert (act.code, act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
+    assert (act.code(ACTIONS), act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
     assert isinstance(parse_message('{"kind":"history"}'), HistoryRequest)
 
 
@@ -79,7 +77,7 @@ def test_an_act_and_a_request_for_history_are_understood():
 )
 def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, said):
     with pytest.raises(BadMessageError) as caught:
-        parse_message(text)
+        parse_message(text).code(ACTIONS)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
@@ -128,7 +126,7 @@ def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():
     terrain = np.zeros((5, 7), bool)
     terrain[0, 1] = terrain[1, 1] = True
     episode = Episode.begin(EnvConfig("random", 5, 7, sensor_radius=2), terrain=terrain)
-    frame = json.loads(encode_frame("e1", episode))
+    frame = json.loads(View(episode).frame("e1"))
     assert frame["grid"] == ["@#?????", ".#?????", ".??????", "???????", "???????"]
     assert (frame["episode"], frame["step"], frame["rows"], frame["cols"], frame["position"]) == (
         "e1",
@@ -139,10 +137,10 @@ def test_a_frame_shows_what_the_rover_has_discovered_row_by_row():
     )
     assert (frame["discovered"], frame["outcome"], frame["heading"]) == (5, None, "east")
     episode.step(2)
-    assert json.loads(encode_frame("e1", episode))["grid"][:2] == [".#?????", "@#?????"]
-    assert json.loads(encode_history("e1", episode))["positions"] == [[0, 0], [1, 0]]
+    assert json.loads(View(episode).frame("e1"))["grid"][:2] == [".#?????", "@#?????"]
+    assert json.loads(View(episode).history("e1"))["positions"] == [[0, 0], [1, 0]]
     episode.step(1)
-    frame = json.loads(encode_frame("e1", episode))
+    frame = json.loads(View(episode).frame("e1"))
     assert (frame["outcome"], frame["reward"], frame["return"]) == (
         "collided",
         -35.0,

@@ -11,13 +11,14 @@ import httpx
 import pytest
 
 from app.play.lobby import Lobby
-from app.play.messages import NewEpisode, NewSession
-from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources, now_ms
 from app.storage.playground import open_ranked
 from app.storage.store import Store
+from app.tasks.mars.messages import NewEpisode, NewSession
+from app.tasks.mars.policies import PolicyCatalogue
+from app.tasks.mars.task import Mars
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import unpack_terrain
 from marsexplorer.evaluation.episodes import play_episode
@@ -36,7 +37,7 @@ def in_lobby(tmp_path):
     def run(scenario, **sources):
         async def whole():
             with closing(Store(tmp_path / "play.db")) as store:
-                lobby = Lobby(store, PolicyCatalogue(), Sources(**sources), 600.0)
+                lobby = Lobby(store, Mars(PolicyCatalogue()), Sources(**sources), 600.0)
                 try:
                     await scenario(lobby)
                 finally:

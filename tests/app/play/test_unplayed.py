@@ -6,7 +6,6 @@ import sqlite3
 from contextlib import closing
 
 from app.play.lobby import Lobby
-from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.sources import Sources
 from app.settings import Limits
@@ -14,6 +13,8 @@ from app.storage import chain
 from app.storage.playground import delete_unplayed
 from app.storage.store import SessionRow, Store
 from app.study.verification import verify_database
+from app.tasks.mars.policies import PolicyCatalogue
+from app.tasks.mars.task import Mars
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -46,7 +47,7 @@ async def delete_later(path, hours):
     with closing(Store(path)) as store:
         lobby = Lobby(
             store,
-            PolicyCatalogue(),
+            Mars(PolicyCatalogue()),
             Sources(clock_ms=lambda: Sources().clock_ms() + int(hours * 3_600_000)),
             600.0,
         )

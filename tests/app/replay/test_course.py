@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.play.messages import CELL_CHARACTERS
-from app.replay.course import GhostError, course_of, play_ghost, preferred, sentence
+from app.tasks.mars.course import GhostError, course_of, play_ghost, preferred, sentence
+from app.tasks.mars.run import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_terrain

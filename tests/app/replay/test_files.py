@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.replay.course import course_of, play_ghost
 from app.replay.files import (
     GIF,
     MP4,
@@ -23,7 +22,8 @@ from app.replay.files import (
     offered,
 )
 from app.replay.page import ENTRY, modules
-from app.replay.pictures import (
+from app.tasks.mars.course import course_of, play_ghost
+from app.tasks.mars.pictures import (
     AMBER,
     NIGHT,
     PREVIEW,

@@ -5,7 +5,7 @@ from contextlib import closing
 
 import pytest
 
-from app.play.daily_terrain import commitment_of
+from app.play.daily import commitment_of
 from app.statistics.human_level import human_level
 from app.storage.erasure import forget
 from app.storage.export import export_table

@@ -9,7 +9,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.study.folder import Folder
-from app.viewer3d.viewer import PROTOCOL
+from app.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
 from tests.support.servers import PATIENCE_S, eventually, forged
 from tests.support.study import Person, freeze

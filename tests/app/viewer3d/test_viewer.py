@@ -14,11 +14,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.play.session import Channel
-from app.tasks.mars.view import View
-from app.viewer3d.models import dashes
-from app.viewer3d.scene import Scene, ViewOptions, fog, soil
-from app.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
-from app.viewer3d.viser_transport import PROTOCOL
+from app.tasks.mars.run import View
+from app.tasks.mars.viewer3d.models import dashes
+from app.tasks.mars.viewer3d.scene import Scene, ViewOptions, fog, soil
+from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
+from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import PATIENCE_S, eventually
@@ -520,7 +520,7 @@ def test_a_scene_that_fails_is_logged_and_closes_its_socket(server, board, monke
     def fail(*_):
         raise RuntimeError("the scene cannot be drawn")
 
-    monkeypatch.setattr("app.viewer3d.viewer.Scene.show", fail)
+    monkeypatch.setattr("app.tasks.mars.viewer3d.viewer.Scene.show", fail)
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         with pytest.raises(ConnectionClosed):

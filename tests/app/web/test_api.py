@@ -5,7 +5,8 @@ import re
 
 import pytest
 
-from app.play.messages import DRAWN_LEVELS, encode_frame
+from app.tasks.mars.messages import DRAWN_LEVELS
+from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -22,7 +23,7 @@ def play(client, session, frame, episode, policy):
         answer = client.post(f"/api/sessions/{session}/act", json=body)
         assert answer.status_code == 200
         episode.step(action)
-        assert answer.text == encode_frame(frame["episode"], episode)
+        assert answer.text == View(episode).frame(frame["episode"])
         frame = answer.json()
     return frame
 
@@ -43,7 +44,7 @@ def test_a_script_plays_a_whole_episode_and_every_frame_is_the_cores(server, lev
     episode = Episode.begin(
         EnvConfig.of(level, size if isinstance(size, int) else tuple(size)), seed=11
     )
-    assert json.loads(encode_frame(begun["frame"]["episode"], episode)) == begun["frame"]
+    assert json.loads(View(episode).frame(begun["frame"]["episode"])) == begun["frame"]
     last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
     assert last["outcome"] == episode.outcome == "explored"
     kept = client.get(f"/api/episodes/{last['episode']}").json()

@@ -7,12 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.play import daily_terrain
-from app.play.daily_boards import DailyBoards, DailyPlayedError
-from app.play.daily_terrain import day_start_ms, seed_of
+from app.play.daily import DailyBoards, DailyPlayedError, day_start_ms, seed_of
 from app.play.lobby import Lobby
-from app.play.messages import NewSession
-from app.play.policy_catalogue import PolicyCatalogue
 from app.play.ranked import PageBoards
 from app.play.session import Move
 from app.play.sources import Sources
@@ -21,6 +17,9 @@ from app.storage.playground import find_attempt, find_terrain
 from app.storage.reader import utc_day
 from app.storage.store import DAY_MS, Store
 from app.study.verification import verify_database
+from app.tasks.mars.messages import NewSession
+from app.tasks.mars.policies import PolicyCatalogue
+from app.tasks.mars.task import Mars
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import unpack_terrain
 from marsexplorer.policies import load
@@ -34,7 +33,7 @@ SMALL = EnvConfig.of("random", (7, 9))
 @pytest.fixture
 def small(monkeypatch):
     """Daily terrains of 7x9 cells, so that an attempt takes ten moves."""
-    monkeypatch.setattr(daily_terrain, "CONFIG", SMALL)
+    monkeypatch.setattr(Mars, "daily", SMALL)
 
 
 def at_noon(server):
@@ -221,7 +220,7 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
     now = [day_start_ms("2026-11-22") + DAY_MS // 2]
 
     async def scenario(store):
-        lobby = Lobby(store, PolicyCatalogue(), Sources(clock_ms=lambda: now[0]), 600.0)
+        lobby = Lobby(store, Mars(PolicyCatalogue()), Sources(clock_ms=lambda: now[0]), 600.0)
         daily, boards = DailyBoards(lobby), PageBoards(lobby, abandon_after_s=1800)
         mine, still = await daily.begin("me"), (await daily.begin("still"))[0]
         ranked, was_open = await boards.begin(NewSession(size=(7, 9)), "me")
@@ -264,7 +263,7 @@ def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
 
 
 def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, monkeypatch):
-    monkeypatch.setattr(daily_terrain, "CONFIG", EnvConfig.of("cave", (9, 12)))
+    monkeypatch.setattr(Mars, "daily", EnvConfig.of("cave", (9, 12)))
     server = at_noon(serve())
     page = server.page()
     frame = play_to_the_end(server, page, begin(page))

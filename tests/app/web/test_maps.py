@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.play.messages import encode_frame
 from app.storage.resimulation import simulate
+from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, MAP, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -27,13 +27,13 @@ def explore(client, begun):
     start = tuple(frame["position"])
     episode = Episode.begin(EnvConfig.of(MAP, WAREHOUSE.shape), terrain=WAREHOUSE, start=start)
     policy.reset(0)
-    assert json.loads(encode_frame(frame["episode"], episode)) == frame
+    assert json.loads(View(episode).frame(frame["episode"])) == frame
     while frame["outcome"] is None:
         action = policy.act(episode.codes.copy())
         episode.step(action)
         body = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[action]}
         answer = client.post(f"/api/sessions/{begun['session']}/act", json=body)
-        assert answer.text == encode_frame(frame["episode"], episode)
+        assert answer.text == View(episode).frame(frame["episode"])
         frame = answer.json()
     return frame
 

@@ -6,7 +6,7 @@ from contextlib import suppress
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.play.messages import encode_frame
+from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
@@ -53,7 +53,7 @@ def test_an_episode_over_the_socket_is_the_cores_frame_by_frame(server, board):
             socket.act(frame, ACTIONS[action], input="key")
             frame = socket.frame_after(frame["step"])
             episode.step(action)
-            assert frame == json.loads(encode_frame(frame["episode"], episode))
+            assert frame == json.loads(View(episode).frame(frame["episode"]))
         while (seen := watcher.receive("frame"))["outcome"] is None:
             pass
         assert seen == frame

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from app.replay.course import NEVER, Course, sentence
+from app.tasks.mars.course import NEVER, Course, sentence
 from marsexplorer.config import ACTIONS, OBSTACLE
 
 Colour = tuple[int, int, int]

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.play.policy_catalogue import PolicyOffer
-from marsexplorer.config import ACTIONS, FREE, ROVER, UNKNOWN, EnvConfig
+from app.tasks.mars.policies import PolicyOffer
+from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
 
@@ -56,6 +56,11 @@ class Course:
     known_since: NDArray[np.int32]
     outcome: str
     score: float
+
+    @property
+    def place(self) -> str:
+        """Where it was played, in words."""
+        return "a map" if self.config.level == MAP else f"level {self.config.level}"
 
     @property
     def moves(self) -> int:

@@ -20,8 +20,8 @@ import viser
 from numpy.typing import NDArray
 from PIL import Image
 
-from app.tasks.mars.view import View
-from app.viewer3d import models
+from app.tasks.mars.run import View
+from app.tasks.mars.viewer3d import models
 from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
 
 LARGE_SIDE = 30

@@ -9,7 +9,9 @@ import asyncio
 import json
 import logging
 import time
-from typing import Any
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
 from unittest import mock
 
 import numpy as np
@@ -17,11 +19,11 @@ import viser
 import viser.infra
 from starlette.websockets import WebSocket
 
-from app.play.paired_board import PairedBoardListener, paired_episode
 from app.play.session import Session
-from app.viewer3d.client_page import ClientPage
-from app.viewer3d.scene import DUST, Scene, ViewOptions
-from app.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
+from app.tasks.mars.run import View
+from app.tasks.mars.viewer3d.client_page import ClientPage
+from app.tasks.mars.viewer3d.scene import DUST, Scene, ViewOptions
+from app.tasks.mars.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
 
 TILT, FOV, FILLED = float(np.deg2rad(54)), float(np.deg2rad(30)), 0.97
 """Of the map: above the horizon, vertical angle of view (radians), and the share of the view that a board may fill."""
@@ -206,6 +208,73 @@ class Viewer:
             task.cancel()
 
 
+def mars_view(session: Session) -> View:
+    """Return what may be seen on a board of this task; TypeError on another task's."""
+    if not isinstance(session.shown, View):
+        raise TypeError(f"the 3-D view shows MarsExplorer, and {session.task.name} is played here")
+    return session.shown
+
+
+def player_board(session: Session) -> Session:
+    """Return the player's of the two boards: the session itself unless it is the second."""
+    return session.paired_with if session.is_second and session.paired_with is not None else session
+
+
+def paired_view(session: Session) -> View | None:
+    """Return the episode whose path is drawn under the board's own; None until the player's episode has ended.
+
+    None also where no board is paired, or where the two are on different terrains.
+    """
+    other = session.paired_with
+    if other is None or not player_board(session).shown.ended:
+        return None
+    here, there = session.current, other.current
+    return (
+        mars_view(other) if (here.config, here.terrain) == (there.config, there.terrain) else None
+    )
+
+
+class PairedBoardListener:
+    """Wakes whoever shows a board when the paired board moves, while that board's path is drawn; a context manager.
+
+    Call `update` before each drawing: the paired board may be another one by then. `wake` is called without arguments.
+    """
+
+    def __init__(self, session: Session, wake: Callable[[], None]) -> None:
+        self._session, self._wake = session, wake
+        self._listened_to: Session | None = None
+        self._remove: Callable[[], None] | None = None
+
+    def update(self) -> None:
+        """Listen to the board that is paired now, and to no other."""
+        if self._session.paired_with is self._listened_to:
+            return
+        self._stop()
+        self._listened_to = self._session.paired_with
+        if self._listened_to is not None:
+            self._remove = self._listened_to.channel.add_listener(self._on_change)
+
+    def _on_change(self) -> None:
+        if player_board(self._session).shown.ended:
+            self._wake()
+
+    def _stop(self) -> None:
+        if self._remove is not None:
+            self._remove()
+            self._remove = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop()
+
+
 async def keep_scene(client: viser.ClientHandle, session: Session, options: ViewOptions) -> None:
     """Keep one browser's scene up to date with the session's board, until cancelled."""
     scene: Scene | None = None
@@ -216,13 +285,13 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
     ):
         async for _ in subscriber:
             paired_board.update()
-            episode = session.shown
+            episode = mars_view(session)
             with client.atomic():
                 if scene is None:
                     scene = Scene(client.scene, episode, session.is_second, options)
                 steps = scene.steps
                 scene.show(episode)
-                scene.show_paired_path(paired_episode(session))
+                scene.show_paired_path(paired_view(session))
                 thought = thought_of(session) if options.shows_thoughts else {}
                 scene.show_thought(thought.get("probabilities"))
                 scene.show_goal(thought.get("goal"))

@@ -22,7 +22,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import ConnectionClosedOK
 
 from app.play.session import Session
-from app.viewer3d.scene import ViewOptions
+from app.tasks.mars.viewer3d.scene import ViewOptions
 
 PROTOCOL = f"viser-v{viser.__version__}"
 MAX_VIEWER_MESSAGE_BYTES = 64 * 1024

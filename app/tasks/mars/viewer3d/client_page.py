@@ -17,7 +17,7 @@ from pathlib import Path
 import viser
 
 from app.settings import STATIC
-from app.viewer3d.viser_transport import PROTOCOL
+from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 SCRIPTS = (STATIC / "viewer" / "board_socket.js", STATIC / "viewer" / "software_canvas.js")

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
+from app.tasks.mars.messages import encode_thought
 from marsexplorer import policies
 from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies import Policy
+from marsexplorer.policies import Policy, goal_of
 from marsexplorer.policies.files.imported import wrong_size
 from marsexplorer.policies.kernels.visibility import VisibilityMap
+
+
+@runtime_checkable
+class ReportsThought(Protocol):
+    """A policy that reports its probabilities and its value of the last observation that it decided on."""
+
+    def thought(self) -> tuple[NDArray[np.float32], float]:
+        """Return (probabilities float32[4], value)."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +45,7 @@ class PolicyCatalogue:
     """The policies on offer: those that load by name, and further ones from paths.
 
     Loading each once at the start finds a file that is no policy before anybody chooses it. One decision and one move of
-    each compile the kernels and the rules, and so does one answer of `ExpectedDiscoveries`. A building and a cave compile what
+    each compile the kernels and the rules, and so does one answer of `View.expected`. A building and a cave compile what
     draws them.
     """
 
@@ -75,3 +87,14 @@ class PolicyCatalogue:
     def load(self, name: str) -> Policy:
         """Return a new policy object: a policy remembers its episode, so each board needs its own."""
         return policies.load(self._offers[self.check(name)].source)
+
+    def thought(self, policy: Policy, episode_id: str, step: int) -> str:
+        """Return what the policy thought of the frame of `step`, as JSON text; "" where it says nothing."""
+        shares, value = policy.thought() if isinstance(policy, ReportsThought) else (None, nan)
+        probabilities = None if shares is None else shares.tolist()
+        return encode_thought(episode_id, step, probabilities, value, goal_of(policy))
+
+
+def check_file(path: Path) -> None:
+    """Read what a policy file says of itself; PolicyFileError or PolicyNotFoundError where there is none."""
+    policies.describe(str(path))

@@ -1,0 +1,269 @@
+"""The seam between the playground and what is played on it: a `Task` begins runs, a `Run` steps, a `View` is what may be seen.
+
+The playground knows environments by these interfaces alone; `app/tasks` has one package for each. A run is a pure function of
+configuration, instance and actions, so that an episode is stored as its cause and replayed from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+MAX_SEED = 2**53 - 1
+"""The largest seed of an instance: every whole number up to it is one in JSON and in JavaScript."""
+
+Configuration = Any
+"""What fixes an environment but for the instance: frozen, comparable, hashable; the task's own type."""
+
+Record = Any
+"""The cause of an episode with what it came to, as `Run.record` returns it; the task's own type."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure of an ended episode.
+
+    lowest, highest  its bounds, None where it has none
+    is_better        which direction is
+    """
+
+    name: str
+    unit: str
+    lowest: float | None
+    highest: float | None
+    is_better: Literal["higher", "lower"]
+
+
+class View(Protocol):
+    """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
+
+    @property
+    def steps(self) -> int:
+        """Return how many moves have been made."""
+
+    @property
+    def ended(self) -> bool:
+        """Return whether the episode has an outcome."""
+
+    @property
+    def outcome(self) -> str:
+        """Return the outcome in words, `running` while there is none."""
+
+    @property
+    def discovered(self) -> int:
+        """Return the count that is stored with each move."""
+
+    @property
+    def actions(self) -> bytes:
+        """Return the moves so far, one byte each."""
+
+    def observation(self) -> Any:
+        """Return what a policy is given: a copy of its own."""
+
+    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the public frame as JSON text; reward, return and score null where they are hidden."""
+
+    def history(self, episode_id: str) -> str:
+        """Return the path so far as JSON text."""
+
+    def expected(self, episode_id: str) -> str:
+        """Return what a look from each place should show, by what has been seen alone, as JSON text."""
+
+
+class Run(Protocol):
+    """One running episode."""
+
+    def step(self, action: int) -> float:
+        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
+
+    def abandon(self) -> None:
+        """Give up: the episode ends as one that was left."""
+
+    def observation(self) -> Any:
+        """Return what a policy is given of the run as it stands: a copy of its own."""
+
+    def view(self) -> View:
+        """Return what may be seen of the run as it stands."""
+
+    def record(self) -> Record:
+        """Return the cause, with what it came to: outcome, return and digest among it."""
+
+
+class WantedEpisode(Protocol):
+    """What somebody wants to play next, in the task's own words; what is left out stays as it was."""
+
+    @property
+    def leaves_terrain(self) -> bool:
+        """Return whether nothing is said of configuration and instance."""
+
+
+class WantedBoard(WantedEpisode, Protocol):
+    """What somebody wants to play on a new board.
+
+    player   "human" or a policy
+    rival    a policy to play the same instance beside
+    replays  the session whose ended episode a policy replays beside it
+    """
+
+    @property
+    def player(self) -> str:
+        """Return who plays."""
+
+    @property
+    def rival(self) -> str | None:
+        """Return the policy that plays beside, if any."""
+
+    @property
+    def replays(self) -> str | None:
+        """Return the id of the session that is replayed, if any."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What an episode is to begin on: the instance of a seed, of a seed still to be drawn, or a given one.
+
+    is_chosen  whether the instance was named beforehand, so that it never counts
+    given      a given instance, the task's own; then `seed` is None
+    """
+
+    config: Configuration
+    seed: int | None = None
+    given: Any = None
+
+    @property
+    def is_chosen(self) -> bool:
+        """Return whether it was named beforehand, so that it never counts."""
+        return self.seed is not None or self.given is not None
+
+
+class Cause(Protocol):
+    """What fixes a stored episode before its first move, as far as a task must know it; `Trial` is one."""
+
+    @property
+    def config(self) -> Configuration:
+        """Return the configuration."""
+
+    @property
+    def seed(self) -> int | None:
+        """Return the seed of the instance, None for a given one."""
+
+    @property
+    def terrain(self) -> bytes:
+        """Return the instance, packed."""
+
+    @property
+    def start(self) -> tuple[int, int]:
+        """Return where the episode starts."""
+
+
+class Policy(Protocol):
+    """Decides from observations alone, and remembers its episode."""
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+
+    def act(self, observation: Any) -> int:
+        """Return the action."""
+
+
+class Policies(Protocol):
+    """The policies of a task."""
+
+    def offers(self) -> Sequence[Any]:
+        """Return what may be chosen, each with `name` and `summary`."""
+
+    def check(self, name: str, *others: str) -> str:
+        """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
+
+    def check_size(self, names: Iterable[str], config: Configuration) -> None:
+        """Raise ValueError, naming the policy, unless every policy among the names plays this configuration."""
+
+    def load(self, name: str) -> Policy:
+        """Return a new policy object: a policy remembers its episode, so each board needs its own."""
+
+    def thought(self, policy: Any, episode_id: str, step: int) -> str:
+        """Return what a policy thought of the frame of `step`, as JSON text; "" where it says nothing."""
+
+
+class Decides(Protocol):
+    """How policies of a task are asked together."""
+
+    def act_many(
+        self, policies: Sequence[Any], observations: Sequence[Any]
+    ) -> Sequence[int | Exception]:
+        """Return every board's action, or what its policy raised: the others are decided all the same."""
+
+    def shared_net(self, policy: Any) -> object | None:
+        """Return what decides for the policy when it can decide for several at once, else None."""
+
+
+class Task(Protocol):
+    """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
+
+    @property
+    def name(self) -> str:
+        """Return its name."""
+
+    @property
+    def version(self) -> str:
+        """Return the version that a recorded episode replays with."""
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Return the names of the actions, by their codes."""
+
+    @property
+    def keys(self) -> Mapping[str, tuple[str, ...]]:
+        """Return the default keys: each action's (`event.code`), in the order of the actions."""
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Return the figures of an ended episode, the headline first."""
+
+    @property
+    def successes(self) -> frozenset[str]:
+        """Return the outcomes that are successes."""
+
+    @property
+    def daily(self) -> Configuration:
+        """Return what the daily instance is played on."""
+
+    @property
+    def policies(self) -> Policies:
+        """Return the policies on offer."""
+
+    @property
+    def decides(self) -> Decides:
+        """Return how its policies are asked together, on a thread."""
+
+    def first(self, wanted: Any) -> Choice:
+        """Return what a new board is to begin on; ValueError where it is not on offer."""
+
+    def next(self, was: Cause, wanted: Any) -> Choice:
+        """Return what a board's next episode is to begin on: what is left out stays as it was."""
+
+    def again(self, was: Cause) -> Choice:
+        """Return what an episode began on, to be played once more."""
+
+    def wanted_again(self, config: Configuration, wanted: Any, **rest: Any) -> WantedBoard:
+        """Return what begins an episode that is wanted, of a configuration, on a board of its own."""
+
+    def describe(self, was: Cause) -> dict[str, Any]:
+        """Return what a page is told of the configuration."""
+
+    def begin(self, choice: Choice) -> Run:
+        """Return a run at its start; ValueError before a seed is drawn."""
+
+    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+
+    def replay_record(self, record: Record) -> Run:
+        """Return the run of what `Run.record` returned; ValueError where the version is another one."""
+
+    def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
+        """Return the frames of a finished episode from its start to its end; of large ones only every so many."""

@@ -1,0 +1,214 @@
+"""What the server sends of MarsExplorer, and what begins an episode: as pydantic models, for the API's documentation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Annotated, Literal, Self
+
+import msgspec
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
+
+from app.play.messages import Message
+from marsexplorer.config import ALL_LEVELS, MAP, MAX_SEED, MIN_SIDE
+
+DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
+"""The levels whose terrains are drawn from seeds."""
+ActionName = Literal["north", "east", "south", "west"]
+_ENCODER = msgspec.json.Encoder()
+
+MAX_API_SIDE = 128
+"""Longest side of a board over the API (cells)."""
+
+
+def _check_side(name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    if value < MIN_SIDE:
+        raise ValueError(f"{name} must be at least {MIN_SIDE}, got {value}")
+    if value > MAX_API_SIDE:
+        raise ValueError(f"{name} must be at most {MAX_API_SIDE} over the API, got {value}")
+    return value
+
+
+def parse_size(value: object) -> tuple[int, int]:
+    """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
+    if isinstance(value, (list, tuple)):
+        if len(value) != 2:
+            raise ValueError(
+                f"size must be a whole number or [rows, cols], got {len(value)} values"
+            )
+        return _check_side("rows", value[0]), _check_side("cols", value[1])
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
+    side = _check_side("rows", value)
+    return side, side
+
+
+_SIDE_SCHEMA = {"type": "integer", "minimum": MIN_SIDE, "maximum": MAX_API_SIDE}
+_SIZE_SCHEMA = {
+    "title": "Size",
+    "description": "One side for a square board, or [rows, cols]; cells.",
+    "anyOf": [_SIDE_SCHEMA, {"type": "array", "items": _SIDE_SCHEMA, "minItems": 2, "maxItems": 2}],
+}
+Size = Annotated[tuple[int, int], BeforeValidator(parse_size), WithJsonSchema(_SIZE_SCHEMA)]
+
+
+def _check_level(value: str) -> str:
+    if value not in DRAWN_LEVELS:
+        raise ValueError(f"no level {value!r}; choose one of: {', '.join(DRAWN_LEVELS)}")
+    return value
+
+
+LevelName = Annotated[str, AfterValidator(_check_level)]
+Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
+
+
+class NewEpisode(Message):
+    """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
+
+    level: LevelName | None = Field(
+        default=None, description="a name from `GET /api/levels`", examples=["random"]
+    )
+    size: Size | None = Field(default=None, examples=[21])
+    seed: Seed | None = Field(
+        default=None, description="of the terrain; a chosen terrain never counts", examples=[7]
+    )
+    map: str | None = Field(
+        default=None,
+        max_length=200,
+        description="a name from `GET /api/maps`, instead of the three above",
+    )
+
+    @property
+    def leaves_terrain(self) -> bool:
+        """Return whether nothing is said of the terrain."""
+        return (self.level, self.size, self.seed, self.map) == (None, None, None, None)
+
+    @model_validator(mode="after")
+    def _map_stands_alone(self) -> Self:
+        if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
+            raise ValueError(
+                "a map has a size and a terrain of its own: leave out level, size and seed where map is given"
+            )
+        return self
+
+
+class NewSession(NewEpisode):
+    """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
+
+    player: str = Field(
+        default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
+    )
+    rival: str | None = Field(
+        default=None,
+        max_length=200,
+        description="a policy to play the same terrain beside",
+        examples=["frontier-cost"],
+    )
+    replays: str | None = Field(
+        default=None,
+        max_length=128,
+        description="the session whose ended episode a policy replays beside it",
+    )
+
+
+class Frame(BaseModel):
+    """Everything a board needs, and nothing that the rover has not discovered."""
+
+    kind: Literal["frame"]
+    episode: str
+    step: int
+    rows: int
+    cols: int
+    grid: list[str] = Field(
+        description="a string a row: `?` unknown, `.` free, `#` obstacle, `@` rover",
+        examples=[["@..#?", "...??"]],
+    )
+    position: tuple[int, int] = Field(description="[row, col], row 0 at the north edge")
+    discovered: int = Field(description="cells")
+    cells: int = Field(
+        description="that count: all, or on maps and levels with walls those that can be discovered"
+    )
+    coverage: float = Field(description="discovered / cells")
+    heading: ActionName
+    reward: float | None = Field(
+        description="of the last move (eq. 8); this and the next two null where a study hides them"
+    )
+    return_: float | None = Field(alias="return", description="sum of the rewards")
+    score: float | None = Field(description="normalized (section 3.2)")
+    outcome: Literal["explored", "collided", "out_of_bounds", "timed_out", "abandoned"] | None
+
+
+class History(BaseModel):
+    """The path so far; index 0 is the start."""
+
+    kind: Literal["history"]
+    episode: str
+    positions: list[tuple[int, int]]
+    discovered: list[int]
+
+
+class Thought(BaseModel):
+    """What a policy computed for the frame of `step`: from its observation alone, on its own board only.
+
+    Networks have probabilities and a value; rules have a goal.
+    """
+
+    kind: Literal["thought"]
+    episode: str
+    step: int
+    probabilities: tuple[float, float, float, float] | None = Field(
+        description="of north, east, south, west; null when it has none"
+    )
+    value: float | None = Field(
+        description="what it expects to earn from here on, in its own units; null when it has none"
+    )
+    goal: tuple[int, int] | None = Field(
+        description="the known free cell that its next move leads towards; null when it has none"
+    )
+
+
+class Expected(BaseModel):
+    """How many unknown cells a look from each cell should show, by the map of `step` alone, on a policy's own board."""
+
+    kind: Literal["expected"]
+    episode: str
+    step: int
+    cells: list[tuple[int, int, int]] = Field(
+        description="[row, col, unknown cells], of the cells with any"
+    )
+
+
+def encode_thought(
+    episode_id: str,
+    step: int,
+    probabilities: Sequence[float] | None,
+    value: float,
+    goal: tuple[int, int] | None = None,
+) -> str:
+    """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
+
+    "" where there are neither probabilities nor a goal, or a probability is no finite number: NaN is no JSON, and such a
+    thought says nothing.
+    """
+    if (probabilities is None and goal is None) or not all(map(isfinite, probabilities or ())):
+        return ""
+    thought = {
+        "kind": "thought",
+        "episode": episode_id,
+        "step": step,
+        "probabilities": None
+        if probabilities is None
+        else [round(float(share), 4) for share in probabilities],
+        "value": round(float(value), 3) if isfinite(value) else None,
+        "goal": None if goal is None else [int(goal[0]), int(goal[1])],
+    }
+    return _ENCODER.encode(thought).decode()

@@ -1,0 +1,149 @@
+"""An episode of MarsExplorer on a board: the run, and what may be seen of it as frames, paths and expected discoveries."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from marsexplorer.config import ACTIONS
+from marsexplorer.episode import Episode
+from marsexplorer.policies.kernels.visibility import VisibilityMap
+from marsexplorer.score import score
+
+CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
+"""Code of a cell -> its character in a frame's grid."""
+_ENCODER = msgspec.json.Encoder()
+
+
+class MarsRun:
+    """One running episode (`app.task.Run`)."""
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode = episode
+        self.step, self.abandon, self.record = episode.step, episode.abandon, episode.record
+
+    def observation(self) -> NDArray[np.uint8]:
+        """Return a copy of what is known: uint8[rows, cols]."""
+        return self._episode.codes.copy()
+
+    def view(self) -> View:
+        """Return what may be seen of the run as it stands."""
+        return View(self._episode)
+
+
+class View:
+    """An episode as it stands now, which stays as it is while the episode goes on; the terrain is not in it.
+
+    codes  uint8[rows, cols], what is known: UNKNOWN 0, FREE 1, ROVER 2, OBSTACLE 3
+    The other attributes are those of `marsexplorer.episode.Episode` (`app.task.View`).
+    """
+
+    def __init__(self, episode: Episode) -> None:
+        self._episode = episode
+        self.config = episode.config
+        self.codes = episode.codes.copy()
+        self.position, self.discovered, self.cells = (
+            episode.position,
+            episode.discovered,
+            episode.cells,
+        )
+        self.steps, self.outcome = episode.steps, episode.outcome
+        self.reward, self.total, self.ended = episode.reward, episode.total, episode.ended
+
+    def is_of_same_run(self, other: View) -> bool:
+        """Return whether the other view is one of the same episode, as it was or as it went on."""
+        return self._episode is other._episode
+
+    def observation(self) -> NDArray[np.uint8]:
+        """Return a copy of what is known: uint8[rows, cols]."""
+        return self.codes.copy()
+
+    @property
+    def coverage(self) -> float:
+        """Discovered cells over the cells that count, 0..1."""
+        return self.discovered / self.cells
+
+    @property
+    def score(self) -> float:
+        """The normalized score so far (section 3.2)."""
+        return score(self.config, self.total, self.cells)
+
+    @property
+    def heading(self) -> str:
+        """Direction of the last move in words, `east` before the first."""
+        return ACTIONS[self._episode.actions[self.steps - 1]] if self.steps else "east"
+
+    @property
+    def actions(self) -> bytes:
+        """The moves so far, a byte each, codes 0..3."""
+        return bytes(self._episode.actions[: self.steps])
+
+    @property
+    def path(self) -> list[tuple[int, int]]:
+        """(row, col) of the rover after 0, 1, 2, ... moves: a new list."""
+        return self._episode.path[: self.steps + 1]
+
+    @property
+    def discoveries(self) -> list[int]:
+        """Cells discovered after 0, 1, 2, ... moves: a new list."""
+        return list(self._episode.discoveries[: self.steps + 1])
+
+    def frame(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the frame as JSON text; reward, return and score null where they are hidden."""
+        rows, cols = self.codes.shape
+        row, col = self.position
+        frame = {
+            "kind": "frame",
+            "episode": episode_id,
+            "step": self.steps,
+            "rows": rows,
+            "cols": cols,
+            "grid": encode_grid(self.codes),
+            "position": [int(row), int(col)],
+            "discovered": int(self.discovered),
+            "cells": int(self.cells),
+            "coverage": float(self.coverage),
+            "heading": self.heading,
+            "reward": None if hides_scores else float(self.reward),
+            "return": None if hides_scores else float(self.total),
+            "score": None if hides_scores else float(self.score),
+            "outcome": self.outcome if self.ended else None,
+        }
+        return _ENCODER.encode(frame).decode()
+
+    def history(self, episode_id: str) -> str:
+        """Return the path so far as JSON text."""
+        history = {
+            "kind": "history",
+            "episode": episode_id,
+            "positions": [[int(row), int(col)] for row, col in self.path],
+            "discovered": [int(count) for count in self.discoveries],
+        }
+        return _ENCODER.encode(history).decode()
+
+    def expected(self, episode_id: str) -> str:
+        """Return how many unknown cells a look from each cell should show, as JSON text; unknown cells hide nothing."""
+        sight = _sight(self.codes.shape, self.config.sensor_radius)
+        visited = np.zeros(self.codes.shape, np.uint8)
+        visited[tuple(np.array(self.path).T)] = 1
+        new_cells = sight.expected_everywhere(self.codes, visited)
+        places = np.argwhere(new_cells)
+        cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
+        message = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": cells}
+        return json.dumps(message, separators=(",", ":"))
+
+
+def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
+    """Return what is known of a terrain, codes uint8[rows, cols], as the `grid` of a frame."""
+    rows, cols = codes.shape
+    cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
+    return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
+
+
+@lru_cache(maxsize=8)
+def _sight(shape: tuple[int, int], radius: int) -> VisibilityMap:
+    return VisibilityMap(shape, radius)
