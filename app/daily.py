@@ -22,7 +22,6 @@ from app.storage.store import DAY_MS
 from app.storage.trial import Trial
 from app.tasks.mars.policies import PolicyOffer
 from app.tasks.mars.terrains import cells_of_seed
-from marsexplorer import policies
 
 SHOWN = 10
 """Rows of the table of results."""
@@ -133,8 +132,7 @@ class DailyPolicies:
     """Figures of the shipped policies among those on offer; `path` is the file that keeps them."""
 
     def __init__(self, path: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
-        shipped = policies.names()
-        self._offers = [offer for offer in offers if offer.name in shipped]
+        self._offers = [offer for offer in offers if offer.is_shipped]
         self._offers.sort(
             key=lambda offer: _SLOW.index(offer.name) + 1 if offer.name in _SLOW else 0
         )

@@ -52,6 +52,11 @@ class Record:
             else self.config.n
         )
 
+    @property
+    def score(self) -> float:
+        """The normalized score (section 3.2)."""
+        return score(self.config, self.total, self.cells)
+
     def terrain_map(self) -> NDArray[np.bool_]:
         """Return the true map: bool[rows, cols], True where blocked."""
         return unpack_terrain(self.terrain, self.config)

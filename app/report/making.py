@@ -28,7 +28,7 @@ from app.study.invitations import Invitations
 from app.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.study.policy_files import FOLDER
 from app.study.protocol import StudyError
-from marsexplorer.config import EnvConfig
+from app.task import Configuration
 
 REPORT_FILES = {
     False: ("report.json", "report.html"),
@@ -120,7 +120,10 @@ def play_compared(
 
 
 def runs_of(
-    episodes: Sequence[PolicyEpisode], config: EnvConfig, terrains: int, names: Sequence[str] = ()
+    episodes: Sequence[PolicyEpisode],
+    config: Configuration,
+    terrains: int,
+    names: Sequence[str] = (),
 ) -> tuple[PolicyRun, ...]:
     """Return one run per policy from its episodes, which are replayed; `names` without an episode are empty runs."""
     found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
@@ -130,7 +133,7 @@ def runs_of(
 
 
 def _run(
-    name: str, config: EnvConfig, episodes: Mapping[int, PolicyEpisode], terrains: int
+    name: str, config: Configuration, episodes: Mapping[int, PolicyEpisode], terrains: int
 ) -> PolicyRun:
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
     summaries = {index: summary_of(each.replay(config)) for index, each in sorted(episodes.items())}

@@ -21,7 +21,7 @@ from app.storage.database import rows
 from app.storage.reader import JOINED, TRIAL, Reader, utc_day
 from app.storage.store import DAY_MS, Store
 from app.storage.trial import Trial, parse_config
-from marsexplorer.config import EnvConfig
+from app.task import Configuration
 
 _MOVES = """(SELECT coalesce(max(step) + 1, 0) FROM steps t WHERE t.episode_id = e.id) AS moves,
     (SELECT max(server_ms) FROM steps t WHERE t.episode_id = e.id) AS moved_ms"""
@@ -181,7 +181,7 @@ class DailyTerrain:
     commitment: str
     day: str
     key: bytes = field(repr=False)
-    config: EnvConfig
+    config: Configuration
 
 
 def daily_secret(store: Store) -> bytes:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from app.database_file.file import hold
 from app.storage.database import StoreError, open_read_only
 from app.storage.trial import Trial
+from app.task import Record
 from marsexplorer.config import ACTIONS
-from marsexplorer.episode import Record
 
 if TYPE_CHECKING:
     from sqlite_utils import Database

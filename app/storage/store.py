@@ -38,8 +38,7 @@ from app.storage.database import (
 )
 from app.storage.reader import JOINED, TRIAL, Reader
 from app.storage.trial import DailyDay, Trial
-from marsexplorer.episode import Record
-from marsexplorer.score import score
+from app.task import Record
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -282,7 +281,8 @@ class Store(Reader):
         LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
         WriteRefusedError while another program holds the lock for writing.
         """
-        if self.writes.is_started and not self.writes.is_own_thread:
+        is_writer = self.writes.is_own_thread
+        if not is_writer and self.writes.is_started:
             raise RuntimeError(
                 "while a server runs, its store is written on one thread alone: await Store.write"
             )
@@ -306,7 +306,7 @@ class Store(Reader):
             raise self._not_taken(error) from error
         finally:
             self._is_within = False
-        if not self.writes.is_started:
+        if not is_writer:
             self._commit()
 
     def _begin(self, is_first: bool, has_savepoint: bool) -> None:
@@ -496,9 +496,8 @@ class Store(Reader):
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing
-        points = score(record.config, record.total, record.cells)
         values = (
-            episode_id, at_ms, record.outcome, record.steps, record.discovered, record.total, points,
+            episode_id, at_ms, record.outcome, record.steps, record.discovered, record.total, record.score,
             record.trajectory_hash, record.core_version, attestation, reason,
         )  # fmt: skip
         if self._conn.execute(_CLOSE, values).rowcount != 1:

@@ -29,7 +29,7 @@ from app.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from app.study.plausibility import effort_labels, pause_share, plausibility_labels
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
-from marsexplorer.episode import Record
+from app.task import Record
 
 
 @dataclass(frozen=True)

@@ -32,13 +32,15 @@ class ReportsThought(Protocol):
 class PolicyOffer:
     """A policy that may be chosen: the name, one line about it, what `policies.load` takes, and the only board it plays.
 
-    size  (rows, cols); None for any
+    size        (rows, cols); None for any
+    is_shipped  whether it comes with the package, not from a file of the server's operator
     """
 
     name: str
     summary: str
     source: str
     size: tuple[int, int] | None
+    is_shipped: bool
 
 
 class PolicyCatalogue:
@@ -51,14 +53,15 @@ class PolicyCatalogue:
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:
         self._offers: dict[str, PolicyOffer] = {}
-        for source in (*policies.names(), *map(str, paths)):
+        shipped = policies.names()
+        for source in (*shipped, *map(str, paths)):
             policy = policies.load(source)
             policy.reset(0)
             size: tuple[int, int] | None = getattr(policy, "size", None)
             episode = Episode.begin(EnvConfig.of("random", size or 5), seed=0)
             episode.step(policy.act(episode.codes.copy()))
             self._offers[policy.name] = PolicyOffer(
-                policy.name, policies.describe(source), source, size
+                policy.name, policies.describe(source), source, size, policy.name in shipped
             )
         for level in (name for name in OTHER_LEVELS if name != MAP):
             Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)

@@ -25,7 +25,7 @@ def first_of(socket_path, *kinds, ask=None):
         with table.server.socket(table.link(socket_path), table.client, path=socket_path) as socket:
             if ask is not None:
                 socket.send(ask)
-            return [socket.receive(kind, 15) for kind in kinds]
+            return [socket.receive(kind) for kind in kinds]
 
     return read
 
