@@ -118,22 +118,6 @@ class WriteQueue:
             self._thread.join()
             self._thread = None
 
-    async def run(
-        self,
-        work: Callable[[], T],
-        notice: Notice | None = None,
-        then: Callable[[T], None] | None = None,
-    ) -> T:
-        """Return the result of `work()`, called on the thread of the writes, once what it wrote is committed.
-
-        notice  told one sentence when the wait has lasted NOTICE_S
-        then    called with the result on the event loop, right after the commit: also when whoever waits was cancelled
-
-        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
-        MAX_WAITING writes wait. StoreError when the commit failed.
-        """
-        return await self.put(work, notice, then)
-
     def put(
         self,
         work: Callable[[], T],
@@ -141,9 +125,14 @@ class WriteQueue:
         then: Callable[[T], None] | None = None,
         is_awaited: bool = True,
     ) -> asyncio.Future[T]:
-        """Put a write behind those that wait, and return its result to come: as `run`, which waits for it.
+        """Queue a write and return the result of `work()` to come: it is called on the thread of the writes, then committed.
 
+        notice      told one sentence when the wait has lasted NOTICE_S
+        then        called with the result on the event loop, right after the commit: also when whoever waits was cancelled
         is_awaited  whether somebody waits; else it may wait for another one for GATHERED_S
+
+        An error of `work` is passed on. WriteRefusedError after PATIENCE_S when the write has not begun, or at once while
+        MAX_WAITING writes wait. StoreError when the commit failed.
         """
         if self._thread is None:
             made = asyncio.get_running_loop().create_future()

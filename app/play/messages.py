@@ -69,15 +69,6 @@ class Act(Message):
         default=None, description="when the move was sent, client clock"
     )
 
-    def code(self, actions: Sequence[str]) -> int:
-        """Return the action's number among a task's actions; BadMessageError where it is none of them."""
-        if self.action not in actions:
-            *names, last = map(repr, actions)
-            raise BadMessageError(
-                f"action must be {', '.join(names)} or {last}, got {_shown(self.action)}"
-            )
-        return actions.index(self.action)
-
 
 class HistoryRequest(Message):
     """Asks for the path so far: a subscriber that has skipped a step sends it."""
@@ -179,6 +170,12 @@ def parse_message(text: str) -> FromPage:
         return _CLIENT.validate_json(text)
     except ValidationError as error:
         raise BadMessageError(describe_errors(error.errors(include_url=False))) from None
+
+
+def no_action(actions: Sequence[str], given: str) -> BadMessageError:
+    """Return the error of an act whose action is none of a task's."""
+    *names, last = map(repr, actions)
+    return BadMessageError(f"action must be {', '.join(names)} or {last}, got {_shown(given)}")
 
 
 def encode_error(detail: str) -> str:

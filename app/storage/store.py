@@ -223,9 +223,9 @@ class Store(Reader):
         """Return the result of `work()`, which may write and sees everything written before it, once that is committed.
 
         It runs on the thread of the writes: it must not touch what belongs to the event loop. `notice`, `then` and the errors
-        are those of `WriteQueue.run`.
+        are those of `WriteQueue.put`.
         """
-        return await self.writes.run(work, notice, then)
+        return await self.writes.put(work, notice, then)
 
     def put_write(self, work: Callable[[], T]) -> asyncio.Future[T]:
         """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it."""
@@ -281,8 +281,7 @@ class Store(Reader):
         LostDatabaseError when the file is no longer where it was opened: what is not in reach is not acknowledged.
         WriteRefusedError while another program holds the lock for writing.
         """
-        is_writer = self.writes.is_own_thread
-        if not is_writer and self.writes.is_started:
+        if self.writes.is_started and not self.writes.is_own_thread:
             raise RuntimeError(
                 "while a server runs, its store is written on one thread alone: await Store.write"
             )
@@ -306,7 +305,7 @@ class Store(Reader):
             raise self._not_taken(error) from error
         finally:
             self._is_within = False
-        if not is_writer:
+        if not self.writes.is_started:
             self._commit()
 
     def _begin(self, is_first: bool, has_savepoint: bool) -> None:

@@ -21,6 +21,7 @@ from app.play.messages import (
     Pace,
     encode_error,
     encode_refused,
+    no_action,
     parse_message,
 )
 from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
@@ -199,10 +200,12 @@ class PlaySocket:
 
 def as_move(act: Act, task: Task, driver: str) -> Move:
     """Return the move of a task that a message asks for, made by `driver`; BadMessageError where it is none."""
+    if act.action not in task.actions:
+        raise no_action(task.actions, act.action)
     return Move(
         episode=act.episode,
         step=act.step,
-        action=act.code(task.actions),
+        action=task.actions.index(act.action),
         driver=driver,
         input=act.input,
         key_down_ms=act.key_down_ms,

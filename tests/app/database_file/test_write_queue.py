@@ -448,7 +448,11 @@ def test_a_database_on_the_event_loop_is_warned_of_and_cannot_be_written_there(t
 def test_without_a_started_thread_a_write_is_made_at_once():
     followed = []
     queue = WriteQueue(lambda: None, lambda: None)
-    assert asyncio.run(queue.run(lambda: 7, then=followed.append)) == 7
+
+    async def scenario():
+        return await queue.put(lambda: 7, then=followed.append)
+
+    assert asyncio.run(scenario()) == 7
     assert followed == [7]
 
 
@@ -473,10 +477,10 @@ def test_a_write_that_is_asked_for_while_the_queue_ends_is_answered():
 
     async def scenario():
         queue.start()
-        assert await queue.run(lambda: "before") == "before"
+        assert await queue.put(lambda: "before") == "before"
         loop.queue = queue
         async with asyncio.timeout(10):
-            assert await queue.run(lambda: "meanwhile") == "meanwhile"
+            assert await queue.put(lambda: "meanwhile") == "meanwhile"
 
     try:
         loop.run_until_complete(scenario())

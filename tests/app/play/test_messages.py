@@ -16,7 +16,9 @@ from app.play.messages import (
 )
 from app.tasks.mars.messages import NewSession, encode_thought
 from app.tasks.mars.run import View
-from marsexplorer.config import ACTIONS, EnvConfig
+from app.tasks.mars.task import Mars
+from app.web.sockets import as_move
+from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
 ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
@@ -41,7 +43,12 @@ def test_an_act_and_a_request_for_history_are_understood():
         json.dumps({**ACT, "input": "key", "key_down_ms": 12.5, "key_up_ms": None, "client_ms": 14})
     )
     assert isinstance(act, Act)
-    assert (act.code(ACTIONS), act.input, act.key_down_ms, act.client_ms) == (1, "key", 12.5, 14)
+    assert (as_move(act, Mars, "script").action, act.input, act.key_down_ms, act.client_ms) == (
+        1,
+        "key",
+        12.5,
+        14,
+    )
     assert isinstance(parse_message('{"kind":"history"}'), HistoryRequest)
 
 
@@ -77,7 +84,7 @@ def test_an_act_and_a_request_for_history_are_understood():
 )
 def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, said):
     with pytest.raises(BadMessageError) as caught:
-        parse_message(text).code(ACTIONS)
+        as_move(parse_message(text), Mars, "script")
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
