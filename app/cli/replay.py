@@ -104,10 +104,9 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
     from app.tasks.mars.course import course_of, play_ghost, preferred
-    from marsexplorer.policies import names
 
     own = course_of(shown.name, shown.record)
-    chosen = ghost or preferred(names(), shown.name)
+    chosen = ghost or preferred(shown.name)
     if chosen is None or chosen == NO_GHOST:
         return [own]
     return [own, play_ghost(chosen, shown.record)]

@@ -17,15 +17,14 @@ from app.statistics.human_level import VolunteerFigures
 from app.statistics.summaries import (
     EpisodeSummary,
     coverage_curve,
-    summary_of,
+    summary_of_record,
     trial_summaries,
     visit_counts,
 )
 from app.storage.reader import Reader
 from app.storage.trial import Trial
+from app.task import Configuration
 from app.tasks.mars.policies import PolicyOffer
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import replay
 
 NOBODY_PLAYED = "Nobody has played this ranked yet."
 
@@ -140,7 +139,9 @@ class HumanSummaries:
         self._made: dict[str, tuple[str, dict[str, Any]]] = {}
         self._replays: dict[str, Replays] = {}
 
-    def pictures(self, reader: Reader, config: EnvConfig, human: dict[str, Any]) -> dict[str, Any]:
+    def pictures(
+        self, reader: Reader, config: Configuration, human: dict[str, Any]
+    ) -> dict[str, Any]:
         """Return {"curve", "visits", "trials"} of the people behind a figure of `human_level`; seconds, so in a thread."""
         state = json.dumps(human)
         if self._made.get(config.hash, ("",))[0] != state:
@@ -180,7 +181,9 @@ def _size(summary: EpisodeSummary | None) -> int:
     return OVERHEAD + (len(summary.path) if summary is not None else 0)
 
 
-def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -> dict[str, Any]:
+def _pictures(
+    reader: Reader, config: Configuration, known: Replays, now: Replays
+) -> dict[str, Any]:
     """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
     trials = [
         Trial.of(row) for row in reader.finished("human") if row["config_hash"] == config.hash
@@ -205,6 +208,6 @@ def _pictures(reader: Reader, config: EnvConfig, known: Replays, now: Replays) -
 def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:
     """Return an episode's summary; None for one of another core version: its totals count, its path cannot be drawn."""
     try:
-        return summary_of(replay(trial.record(reader.steps(trial.id))))
+        return summary_of_record(trial.record(reader.steps(trial.id)))
     except ValueError:
         return None

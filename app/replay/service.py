@@ -105,7 +105,7 @@ class Replays:
         episode = shown_episode(self._database, episode_id, asker)
         course = course_of(episode.asker_name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)
-        return Replay(episode, course, tuple(ghosts), preferred(ghosts, episode.name))
+        return Replay(episode, course, tuple(ghosts), preferred(episode.name, ghosts))
 
     async def _ghost(self, record: Record, name: str, owner: str) -> Course:
         if name not in self._offers:

@@ -21,7 +21,7 @@ from app.statistics.exclusion_sets import (
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
 from app.study.data import StudyData
-from marsexplorer.config import EnvConfig
+from app.task import Configuration
 
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
@@ -119,7 +119,7 @@ def why_no_interval(estimate: Estimate) -> str | None:
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
-def metric_bounds(config: EnvConfig, metric: MetricName) -> Interval:
+def metric_bounds(config: Configuration, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have.
 
     Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1; where

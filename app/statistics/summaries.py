@@ -18,7 +18,7 @@ from app.statistics.human_level import mean_interval
 from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, replay
+from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.table import Progress
 from marsexplorer.score import steps_to_target
@@ -56,6 +56,11 @@ def summary_of(episode: Episode) -> EpisodeSummary:
         path=np.array(episode.path, np.int16),
         cells=int(episode.cells),
     )
+
+
+def summary_of_record(record: Record) -> EpisodeSummary:
+    """Return what figures need of a record, replayed; ValueError where it is another core version's."""
+    return summary_of(replay(record))
 
 
 EpisodeGroup = Sequence[EpisodeSummary]
@@ -167,7 +172,7 @@ def _pictures(
         own = []
         for trial, record in trial_records(reader, cohort.ranked[person]):
             if trial.core_version == CORE_VERSION:
-                own.append(summary_of(replay(record)))
+                own.append(summary_of_record(record))
             advance()
         if own:
             groups.append(own)

@@ -26,7 +26,7 @@ from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.recruitment import Arrival, Recruitment, supervise
 from app.study.seeds import TUTORIAL_SEED
-from marsexplorer.config import CORE_VERSION
+from app.tasks.mars.task import Mars
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
@@ -96,12 +96,12 @@ class ParticipantProgress:
         self.study_store.note_closed(study.row())
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
-        if study.protocol.core_version != CORE_VERSION:
+        if study.protocol.core_version != Mars.version:
             _log.warning(
                 "study %s is for core version %s, this is %s",
                 name,
                 study.protocol.core_version,
-                CORE_VERSION,
+                Mars.version,
             )
             raise StageError(
                 f"the study {name!r} cannot be played on this server now; tell whoever invited you"

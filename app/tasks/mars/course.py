@@ -17,6 +17,7 @@ from app.tasks.mars.policies import PolicyOffer
 from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
+from marsexplorer.policies import names as shipped
 
 CHARACTERS = "?.@#"
 """Code of a cell -> its character, as in a frame's grid."""
@@ -144,8 +145,12 @@ def choices(offers: Sequence[PolicyOffer], config: EnvConfig) -> list[str]:
     return [offer.name for offer in offers if offer.size in (None, (config.rows, config.cols))]
 
 
-def preferred(names: Sequence[str], driver: str) -> str | None:
-    """Return the policy to show beside a driver; None where only the driver itself is on offer."""
+def preferred(driver: str, names: Sequence[str] | None = None) -> str | None:
+    """Return the policy to show beside a driver; None where only the driver itself is on offer.
+
+    names  of those on offer; None: the shipped ones
+    """
+    names = shipped() if names is None else names
     return next((name for name in (*PREFERRED, *names) if name in names and name != driver), None)
 
 

@@ -5,6 +5,7 @@ import pytest
 from app.jobs import Jobs
 from app.leaderboard import leaderboard
 from app.leaderboard.leaderboard import HumanSummaries, Leaderboard
+from app.statistics import summaries as replays
 from app.statistics.human_level import human_level
 from app.storage.store import Store
 from marsexplorer.config import EnvConfig
@@ -26,9 +27,9 @@ def store(tmp_path):
 @pytest.fixture
 def replayed(monkeypatch):
     """The configurations of the episodes that were replayed, in order."""
-    configs, replay = [], leaderboard.replay
+    configs, replay = [], replays.replay
     monkeypatch.setattr(
-        leaderboard, "replay", lambda record: configs.append(record.config) or replay(record)
+        replays, "replay", lambda record: configs.append(record.config) or replay(record)
     )
     return configs
 

@@ -87,9 +87,9 @@ def test_a_ghost_that_cannot_be_had_says_why(monkeypatch):
 
 def test_a_policy_is_compared_with_another_one():
     names = ["frontier-cost", "random", "ppo"]
-    assert [preferred(names, driver) for driver in ("A person", "ppo", "random")] == [
+    assert [preferred(driver, names) for driver in ("A person", "ppo", "random")] == [
         "ppo",
         "frontier-cost",
         "ppo",
     ]
-    assert preferred(["own"], "own") is None
+    assert preferred("own", ["own"]) is None
