@@ -15,7 +15,7 @@ PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long paper test-research check format docs bench audit sbom clean browser
+.PHONY: help play test test-long paper test-research check check-types check-rest format docs bench audit sbom clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -42,9 +42,14 @@ bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run 
 	$(BIN)/python -m pytest tests research -m bench -s -p no:cacheprovider --timeout 3600
 
 check: $(DEV) ## format, lint, types and layers
+	@$(MAKE) --no-print-directory --jobs 2 check-types check-rest
+
+check-types:
+	$(BIN)/mypy
+
+check-rest:
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
 	@sh tests/static/check_types.sh
 	$(BIN)/lint-imports
 
