@@ -343,7 +343,8 @@ class _Process:
         others.close()
 
     def is_alive(self) -> bool:
-        return self._process.poll() is None
+        # one that has no job says nothing: where there is something to read, it is the end
+        return self._process.poll() is None and not self._connection.poll()
 
     def run(self, job: _Job) -> Any:
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
