@@ -343,8 +343,7 @@ class _Process:
         others.close()
 
     def is_alive(self) -> bool:
-        # one that has no job says nothing: where there is something to read, it is the end
-        return self._process.poll() is None and not self._connection.poll()
+        return self._process.poll() is None
 
     def run(self, job: _Job) -> Any:
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s

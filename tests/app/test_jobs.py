@@ -26,9 +26,13 @@ def jobs():
 
 
 def runs(process):
-    """Whether a process runs that may be a zombie of somebody else."""
+    """Whether a process or a thread of it runs; it may be a zombie of somebody else.
+
+    Until the last thread has gone its files are open, and nobody can be told of its end.
+    """
     with suppress(OSError), Path(f"/proc/{process}/stat").open() as file:
-        return file.read().rpartition(") ")[2][0] != "Z"
+        is_zombie = file.read().rpartition(") ")[2][0] == "Z"
+        return not is_zombie or len([*Path(f"/proc/{process}/task").iterdir()]) > 1
     return False
 
 
