@@ -1,5 +1,8 @@
 """The seam between the playground and what is played on it: a `Task` begins runs, a `Run` steps, a `View` is what may be seen.
 
+`Rules` are what a stored episode of a task needs, wherever it is read: to be replayed, checked and measured. A `Task` is its
+rules with what a server offers of it.
+
 The playground knows environments by these interfaces alone; `app/tasks` has one package for each. A run is a pure function of
 configuration, instance and actions, so that an episode is stored as its cause and replayed from it.
 """
@@ -8,16 +11,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from functools import lru_cache
+from importlib import import_module
+from typing import Any, Literal, Protocol, cast
 
 MAX_SEED = 2**53 - 1
 """The largest seed of an instance: every whole number up to it is one in JSON and in JavaScript."""
 
 Configuration = Any
-"""What fixes an environment but for the instance: frozen, comparable, hashable; the task's own type."""
+"""What fixes an environment but for the instance: frozen, comparable, hashable; the task's own type.
+
+level      its kind in a word or two
+limit      moves after which an episode times out
+hash       SHA-256 (hex) of its canonical JSON
+to_dict()  the values that `Rules.configuration` takes
+"""
 
 Record = Any
-"""The cause of an episode with what it came to, as `Run.record` returns it; the task's own type."""
+"""The cause of an episode with what it came to, as `Run.record` returns it; the task's own type.
+
+config, seed, terrain, start, actions  as in a `Cause`, and the moves, one byte each
+outcome, total, score, steps, discovered, trajectory_hash, core_version  as the columns of those names
+"""
 
 
 @dataclass(frozen=True)
@@ -89,6 +104,15 @@ class Run(Protocol):
     def record(self) -> Record:
         """Return the cause, with what it came to: outcome, return and digest among it."""
 
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each move."""
+
+    def counts(self) -> Sequence[int]:
+        """Return the count that is stored with each move, that of the start first."""
+
+    def place(self, step: int) -> Mapping[str, Any]:
+        """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
+
 
 class WantedEpisode(Protocol):
     """What somebody wants to play next, in the task's own words; what is left out stays as it was."""
@@ -157,6 +181,80 @@ class Cause(Protocol):
         """Return where the episode starts."""
 
 
+class Rules(Protocol):
+    """What a stored episode of a task is read, replayed, checked and measured with: without policies and without a server."""
+
+    @property
+    def name(self) -> str:
+        """Return the task's name, as the column `task` of its episodes holds it."""
+
+    @property
+    def version(self) -> str:
+        """Return the version that a recorded episode replays with."""
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Return the names of the actions, by their codes."""
+
+    @property
+    def keys(self) -> Mapping[str, tuple[str, ...]]:
+        """Return the default keys: each action's (`event.code`), in the order of the actions."""
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Return the figures of an ended episode, the headline first."""
+
+    @property
+    def successes(self) -> frozenset[str]:
+        """Return the outcomes that are successes."""
+
+    def configuration(self, values: Mapping[str, Any]) -> Configuration:
+        """Return the configuration of plain values; ValueError or TypeError where they are none."""
+
+    def check_study(self, config: Configuration) -> None:
+        """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
+
+    def drawn(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
+        """Return the packed instance that a seed draws, and where an episode starts on it."""
+
+    def instance_hash(self, was: Cause) -> str:
+        """Return SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
+
+    def cells(self, was: Cause) -> int:
+        """Return how many things there are to discover on the instance; 0 where discovering is not what it is about."""
+
+    def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
+        """Return the cause of a finished episode, ready to be replayed.
+
+        came_to  outcome, total, steps, discovered, trajectory_hash and core_version as they are stored
+        """
+
+    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
+        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
+
+    def prepare(self) -> None:
+        """Make ready what the first run of a process would wait for; again and again it costs nothing."""
+
+    def replay_record(self, record: Record) -> Run:
+        """Return the run of what `record` returned; ValueError where the version is another one."""
+
+    def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
+        """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
+
+
+@lru_cache(maxsize=64)
+def rules_of(task: str) -> Rules:
+    """Return the rules of a task by its name, like `mars` or `gymnasium:FrozenLake-v1`; ValueError for none of ours."""
+    package, _, rest = task.partition(":")
+    if package not in PACKAGES:
+        raise ValueError(f"expected a task of {', '.join(PACKAGES)}, got {task!r}")
+    return cast(Rules, import_module(f"app.tasks.{package}.rules").rules(rest))
+
+
+PACKAGES = ("mars", "gymnasium")
+"""The packages of `app.tasks`. The module `rules` of each has a function `rules` of what follows the colon in a task's name."""
+
+
 class Policy(Protocol):
     """Decides from observations alone, and remembers its episode."""
 
@@ -202,32 +300,8 @@ class Decides(Protocol):
         """Return what decides for the policy when it can decide for several at once, else None."""
 
 
-class Task(Protocol):
+class Task(Rules, Protocol):
     """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
-
-    @property
-    def name(self) -> str:
-        """Return its name."""
-
-    @property
-    def version(self) -> str:
-        """Return the version that a recorded episode replays with."""
-
-    @property
-    def actions(self) -> tuple[str, ...]:
-        """Return the names of the actions, by their codes."""
-
-    @property
-    def keys(self) -> Mapping[str, tuple[str, ...]]:
-        """Return the default keys: each action's (`event.code`), in the order of the actions."""
-
-    @property
-    def metrics(self) -> tuple[Metric, ...]:
-        """Return the figures of an ended episode, the headline first."""
-
-    @property
-    def successes(self) -> frozenset[str]:
-        """Return the outcomes that are successes."""
 
     @property
     def daily(self) -> Configuration:
@@ -258,12 +332,3 @@ class Task(Protocol):
 
     def begin(self, choice: Choice) -> Run:
         """Return a run at its start; ValueError before a seed is drawn."""
-
-    def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
-        """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-
-    def replay_record(self, record: Record) -> Run:
-        """Return the run of what `Run.record` returned; ValueError where the version is another one."""
-
-    def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
-        """Return the frames of a finished episode from its start to its end; of large ones only every so many."""

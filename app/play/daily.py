@@ -115,7 +115,8 @@ class DailyBoards:
             )
 
     def _keep(self, day: str) -> DailyTerrain:
-        terrain = terrain_of_day(daily_secret(self._lobby.store), day, self._lobby.task.daily)
+        task = self._lobby.task
+        terrain = terrain_of_day(daily_secret(self._lobby.store), day, task.name, task.daily)
         keep_terrain(self._lobby.store, terrain)
         return terrain
 
@@ -124,10 +125,10 @@ START_SLACK_MS = 60_000
 """How long after midnight an attempt may start that was asked for before."""
 
 
-def terrain_of_day(secret: bytes, day: str, config: Configuration) -> DailyTerrain:
+def terrain_of_day(secret: bytes, day: str, task: str, config: Configuration) -> DailyTerrain:
     """Return the terrain that a day (UTC, "2026-11-22") has on the server with this secret, played on a configuration."""
     key = hmac.new(secret, day.encode(), hashlib.sha256).digest()
-    return DailyTerrain(commitment_of(key), day, key, config)
+    return DailyTerrain(commitment_of(key), day, key, task, config)
 
 
 def commitment_of(key: bytes) -> str:
@@ -181,6 +182,7 @@ def _check_cause(row: dict[str, Any]) -> Iterator[Finding]:
         return
     for what, stored, expected in (
         ("seed", row["seed"], seed),
+        ("task", row["task"], row["terrain_task"]),
         ("config", json.loads(row["config"]), json.loads(row["terrain_config"])),
         ("seed_chosen, assisted", (row["seed_chosen"], row["assisted"]), (0, 0)),
         ("day", row["day"], row["terrain_day"]),

@@ -295,6 +295,8 @@ class Lobby:
                     id=self.sources.episode_id(),
                     session_id=board.id,
                     number=board.number + 1,
+                    task=self.task.name,
+                    core_version=record.core_version,
                     config=record.config,
                     seed=seed,
                     seed_chosen=seed_chosen,

@@ -55,7 +55,8 @@ SELECT
   e.attestation,
   e.attestation_reason,
   p.script,
-  json_extract(e.config, '$.level') AS level,
+  e.task,
+  e.level,
   json_extract(e.config, '$.rows') AS rows,
   json_extract(e.config, '$.cols') AS cols,
   json_extract(e.config, '$.sensor_radius') AS sensor_radius,
@@ -75,7 +76,7 @@ SELECT
   1.0 * e.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
   e.total AS "return",
   e.score,
-  CASE e.outcome WHEN 'explored' THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99,
+  CASE WHEN e.outcome IN ('explored', 'succeeded') THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99,
   (SELECT group_concat(value, '; ') FROM json_each(i.labels)) AS labels,
   i.pause_share,
   e.trajectory_hash
@@ -189,7 +190,7 @@ SELECT
   1.0 * e.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
   e.total AS "return",
   e.score,
-  CASE e.outcome WHEN 'explored' THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99
+  CASE WHEN e.outcome IN ('explored', 'succeeded') THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99
 FROM episodes e
 JOIN study_episodes s ON s.episode_id = e.id
 JOIN participants p ON p.id = s.participant_id

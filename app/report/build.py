@@ -47,7 +47,6 @@ from app.statistics.terrain_leaks import leak_trend
 from app.storage.trial import Trial
 from app.study.data import StudyData
 from app.study.flow import participant_flow
-from app.tasks.mars.task import Mars
 from marsexplorer.evaluation.intervals import Floats
 
 ESTIMAND = (
@@ -88,7 +87,7 @@ def build(
         status="open" if data.closed_ms is None else "closed",
         made_at=_iso(time.time_ns() // 1_000_000),
         software_version=version("marsexplorer-playground"),
-        core_version=Mars.version,
+        core_version=data.protocol.rules.version,
         protocol_hash=data.protocol_hash,
         commitment=data.commitment,
         frozen_at=_iso(data.frozen_ms),

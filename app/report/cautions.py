@@ -13,7 +13,6 @@ from app.storage.trial import Trial
 from app.study.data import StudyData
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
-from app.tasks.mars.task import Mars
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport
@@ -156,9 +155,10 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
         found.append("The revealed secret is not the one that was committed to.")
-    if data.protocol.core_version != Mars.version:
+    version = data.protocol.rules.version
+    if data.protocol.core_version != version:
         found.append(
-            f"The protocol is for core version {data.protocol.core_version}; this report was made by version {Mars.version}."
+            f"The protocol is for core version {data.protocol.core_version}; this report was made by version {version}."
         )
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:

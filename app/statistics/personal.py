@@ -40,7 +40,7 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
     by_config: dict[EnvConfig, list[Trial]] = {}
     for trial in trials:
         by_config.setdefault(trial.config, []).append(trial)
-    volunteers = [(parse_config(row["config"]), row) for row in reader.totals("human")]
+    volunteers = [(parse_config(row["task"], row["config"]), row) for row in reader.totals("human")]
     found = [
         _figure(config, own, [row for of, row in volunteers if of == config])
         for config, own in by_config.items()

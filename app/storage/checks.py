@@ -60,6 +60,11 @@ def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[
     return kind, [row[0] for row in conn.execute(sql, (participant, ORDER_EVENT))]
 
 
+def tasks(conn: sqlite3.Connection) -> list[str]:
+    """Return the names of the tasks that episodes are of."""
+    return [str(row["task"]) for row in rows(conn, "SELECT DISTINCT task FROM episodes")]
+
+
 def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:
     """Return the ids of finished episodes, of one study or (None) of all, oldest first."""
     sql = f"SELECT id FROM episodes WHERE ended_ms IS NOT NULL{_within(study)} ORDER BY started_ms, id"

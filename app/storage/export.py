@@ -19,7 +19,6 @@ from app.storage.columns import TABLES, Column, ColumnType
 from app.storage.reader import Reader, Who, now_ms
 from app.storage.resimulation import simulate
 from app.storage.trial import Trial
-from marsexplorer.config import ACTIONS
 from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
@@ -139,6 +138,7 @@ def _rows_of(
     """Return what the export says of an episode, by column: one row, or one a step."""
     episode, findings = simulate(row, steps)
     trial = Trial.of(row)
+    actions = trial.rules.actions
     common = {
         "episode": trial.id,
         "player": _pseudonym(trial.owner_id, key),
@@ -155,25 +155,23 @@ def _rows_of(
                 "return": trial.total,
                 "steps_to_target": trial.steps_to_target,
                 "daily": trial.day,
-                "actions": " ".join(ACTIONS[step["action"]] for step in steps),
+                "actions": " ".join(actions[step["action"]] for step in steps),
             }
         ]
-    found = []
-    for step in steps:
-        after = step["step"] + 1
-        place = (
-            (*episode.path[after], episode.discoveries[after] / episode.cells)
-            if episode
-            else (None,) * 3
-        )
-        replayed = dict(zip(("row", "col", "coverage"), place, strict=True))
-        found.append({**step, **common, **replayed, "action": ACTIONS[step["action"]]})
-    return found
+    return [
+        {
+            **step,
+            **common,
+            **(episode.place(step["step"] + 1) if episode else {}),
+            "action": actions[step["action"]],
+        }
+        for step in steps
+    ]
 
 
 def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:
     out = io.StringIO()
-    lines = ([csv_cell(row[each.name], each.type) for each in columns] for row in found)
+    lines = ([csv_cell(row.get(each.name), each.type) for each in columns] for row in found)
     csv.writer(out, lineterminator="\n").writerows(lines)
     return out.getvalue().encode()
 

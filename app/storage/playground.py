@@ -168,10 +168,10 @@ _RESULTS = """SELECT a.episode_id, a.player_id, e.outcome, e.steps, e.discovered
     FROM daily_attempts a JOIN episodes e ON e.id = a.episode_id
     WHERE a.commitment = ?1 AND e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0
     AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
-_CAUSES = """SELECT a.episode_id, a.day, a.player_id, a.commitment, t.day AS terrain_day, t.key, t.config AS terrain_config,
-    e.seed, e.config, e.seed_chosen, e.assisted, e.started_ms, s.owner_id FROM daily_attempts a
-    JOIN daily_terrains t ON t.commitment = a.commitment JOIN episodes e ON e.id = a.episode_id
-    JOIN sessions s ON s.id = e.session_id ORDER BY a.day, a.episode_id"""
+_CAUSES = """SELECT a.episode_id, a.day, a.player_id, a.commitment, t.day AS terrain_day, t.key, t.task AS terrain_task,
+    t.config AS terrain_config, e.seed, e.task, e.config, e.seed_chosen, e.assisted, e.started_ms,
+    s.owner_id FROM daily_attempts a JOIN daily_terrains t ON t.commitment = a.commitment
+    JOIN episodes e ON e.id = a.episode_id JOIN sessions s ON s.id = e.session_id ORDER BY a.day, a.episode_id"""
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,7 @@ class DailyTerrain:
     commitment: str
     day: str
     key: bytes = field(repr=False)
+    task: str
     config: Configuration
 
 
@@ -199,8 +200,10 @@ def keep_terrain(store: Store, terrain: DailyTerrain) -> None:
     """Keep the terrain of a day, so that its key can be told when the day is over; a second time changes nothing."""
     config = json.dumps(terrain.config.to_dict(), sort_keys=True, separators=(",", ":"))
     with store.transaction():
-        values = (terrain.commitment, terrain.day, terrain.key.hex(), config)
-        store.connection.execute("INSERT OR IGNORE INTO daily_terrains VALUES (?, ?, ?, ?)", values)
+        values = (terrain.commitment, terrain.day, terrain.key.hex(), terrain.task, config)
+        store.connection.execute(
+            "INSERT OR IGNORE INTO daily_terrains VALUES (?, ?, ?, ?, ?)", values
+        )
 
 
 def find_terrain(reader: Reader, day: str) -> DailyTerrain | None:
@@ -240,5 +243,6 @@ def _terrain_of(row: dict[str, Any]) -> DailyTerrain:
         row["commitment"],
         row["day"],
         bytes.fromhex(row["key"]),
-        parse_config(row["config"]),
+        row["task"],
+        parse_config(row["task"], row["config"]),
     )

@@ -17,7 +17,6 @@ from app.database_file.file import hold
 from app.storage.database import StoreError, open_read_only
 from app.storage.trial import Trial
 from app.task import Record
-from marsexplorer.config import ACTIONS
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -112,7 +111,8 @@ class Reader:
 
     def totals(self, who: Who = "all") -> list[dict[str, Any]]:
         """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
-        sql = f"SELECT owner_id, config, outcome, steps, score FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
+        columns = "owner_id, task, config, outcome, steps, score"
+        sql = f"SELECT {columns} FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
         return list(self._db.query(sql))
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
@@ -153,8 +153,9 @@ class Reader:
         sql = f"{self._select_own} AND e.id = ? AND ({self._daily} OR s.owner_id = ?)"
         for row in list(self._db.query(sql, [episode_id, viewer])):
             steps = self.steps(episode_id)
-            moves = [_move(step) for step in steps]
-            return {**_described(Trial.of(row), steps), "moves": moves}
+            trial = Trial.of(row)
+            moves = [_move(step, trial.rules.actions) for step in steps]
+            return {**_described(trial, steps), "moves": moves}
         return None
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
@@ -185,7 +186,7 @@ class Reader:
         )
 
 
-def _move(step: dict[str, Any]) -> dict[str, Any]:
+def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:
     names = (
         "step",
         "reward",
@@ -197,24 +198,24 @@ def _move(step: dict[str, Any]) -> dict[str, Any]:
         "input",
         "driver",
     )
-    return {"action": ACTIONS[step["action"]], **{name: step[name] for name in names}}
+    return {"action": actions[step["action"]], **{name: step[name] for name in names}}
 
 
 def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
     """Return an episode for the API."""
-    config = trial.config
+    config = trial.config.to_dict()
     plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
              "started_ms", "ended_ms", "outcome", "steps", "discovered", "score", "attestation", "attestation_reason",
              "coverage", "steps_to_target", "trajectory_hash")  # fmt: skip
     return {
         "episode": trial.id,
-        "level": config.level,
-        "rows": config.rows,
-        "cols": config.cols,
-        "config": config.to_dict(),
+        "task": trial.task,
+        "level": trial.config.level,
+        **{side: config[side] for side in ("rows", "cols") if side in config},
+        "config": config,
         "daily": trial.day,
         "start": list(trial.start),
         **{name: getattr(trial, name) for name in plain},
         "return": trial.total,
-        "actions": [ACTIONS[step["action"]] for step in steps],
+        "actions": [trial.rules.actions[step["action"]] for step in steps],
     }

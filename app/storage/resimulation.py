@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from app.storage.trial import Trial
-from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, replay
-from marsexplorer.terrain import generate
+from app.task import Run
 
 
 @dataclass(frozen=True)
@@ -41,7 +36,7 @@ def _short(value: Any) -> str:
 
 def simulate(
     row: dict[str, Any], steps: Sequence[dict[str, Any]]
-) -> tuple[Episode | None, list[Finding]]:
+) -> tuple[Run | None, list[Finding]]:
     """Return a finished episode simulated again, None where it cannot be, and what differs from its rows.
 
     row, steps  as `Reader.finished` and `Reader.steps` give them
@@ -54,18 +49,16 @@ def simulate(
 Found = tuple[str, Any, Any]
 
 
-def _simulated(
-    row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]
-) -> Episode | None:
+def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Found]) -> Run | None:
     try:
         trial = Trial.of(row)
     except (ValueError, TypeError) as error:
         found.append(("config", row["config"], f"no configuration: {error}"))
         return None
-    config = trial.config
+    version = trial.rules.version
     found += _of_config(row, trial)
-    if row["core_version"] != CORE_VERSION:
-        elsewhere = f"{CORE_VERSION} here: only the release that made it can simulate it"
+    if row["core_version"] != version:
+        elsewhere = f"{version} here: only the release that made it can simulate it"
         found.append(("core_version", row["core_version"], elsewhere))
         return None
     numbers = [step["step"] for step in steps]
@@ -73,8 +66,8 @@ def _simulated(
         found.append(("steps", numbers, "0, 1, 2, ... without a gap"))
     try:
         record = trial.record(steps)
-        found += _of_seed(row, config)
-        episode = replay(record)
+        found += _of_seed(row, trial)
+        episode = trial.rules.replay_record(record)
     except (ValueError, TypeError, RuntimeError) as error:
         found.append(("cause", "something that cannot be played", str(error)))
         return None
@@ -96,40 +89,27 @@ def _of_config(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
             yield name, row[name], value
 
 
-def _of_seed(row: dict[str, Any], config: EnvConfig) -> Iterator[Found]:
-    if row["seed"] is None:
+def _of_seed(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
+    if trial.seed is None:
         return
-    terrain = drawn(config, row["seed"])
+    terrain, start = trial.rules.drawn(trial.config, trial.seed)
     if row["terrain"] != terrain:
         yield "terrain", row["terrain"].hex(), f"{terrain.hex()} from seed {row['seed']}"
-    if (row["start_row"], row["start_col"]) != (0, 0):
-        yield "start", (row["start_row"], row["start_col"]), (0, 0)
+    if trial.start != start:
+        yield "start", trial.start, start
 
 
-@lru_cache(maxsize=1024)
-def drawn(config: EnvConfig, seed: int) -> bytes:
-    """Return the packed terrain of a seed."""
-    return np.packbits(generate(config, seed)).tobytes()
-
-
-def _of_totals(row: dict[str, Any], episode: Episode) -> Iterator[Found]:
+def _of_totals(row: dict[str, Any], episode: Run) -> Iterator[Found]:
     made = episode.record()
-    expected = {
-        name: getattr(made, name)
-        for name in ("outcome", "steps", "discovered", "total", "trajectory_hash")
-    }
-    for name, value in {**expected, "score": episode.score}.items():
-        if row[name] != value:
-            yield name, row[name], value
+    for name in ("outcome", "steps", "discovered", "total", "trajectory_hash", "score"):
+        if row[name] != getattr(made, name):
+            yield name, row[name], getattr(made, name)
 
 
-def _of_steps(steps: list[dict[str, Any]], episode: Episode) -> Iterator[Found]:
-    for number, (step, reward) in enumerate(zip(steps, episode.rewards, strict=True)):
+def _of_steps(steps: list[dict[str, Any]], episode: Run) -> Iterator[Found]:
+    counts = episode.counts()
+    for number, (step, reward) in enumerate(zip(steps, episode.rewards(), strict=True)):
         if step["reward"] != reward:
             yield f"reward of step {number}", step["reward"], reward
-        if step["discovered"] != episode.discoveries[number + 1]:
-            yield (
-                f"discovered of step {number}",
-                step["discovered"],
-                episode.discoveries[number + 1],
-            )
+        if step["discovered"] != counts[number + 1]:
+            yield f"discovered of step {number}", step["discovered"], counts[number + 1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -10,10 +9,7 @@ from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 from app.storage.columns import TABLES
-from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.episode import Record, unpack_terrain
-from marsexplorer.score import steps_to_target
-from marsexplorer.world import cells_that_count
+from app.task import Configuration, Record, Rules, rules_of
 
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
@@ -38,8 +34,8 @@ class DailyDay(NamedTuple):
 class Trial:
     """An episode, open or finished, with what it belongs to. Its columns are those of `columns.txt`.
 
+    task         whose rules it was played under, and `core_version` theirs
     driver       "human", "script" or "policy:NAME"
-    core_version  of the rules that it was played under
     owner_id     the player on whose page it ran, where that was asked for
     counts       for the figure of the playground's volunteers, where that was asked for
     daily        of a player's attempt at a daily terrain, else None
@@ -58,7 +54,9 @@ class Trial:
     id: str
     session_id: str
     number: int
-    config: EnvConfig
+    task: str
+    core_version: str
+    config: Configuration
     seed: int | None = field(repr=False)
     seed_chosen: bool
     terrain: bytes = field(repr=False)
@@ -67,7 +65,6 @@ class Trial:
     driver: str
     assisted: bool
     started_ms: int
-    core_version: str = CORE_VERSION
     terrain_met_before: bool = False
     ended_ms: int | None = None
     outcome: str | None = None
@@ -104,7 +101,7 @@ class Trial:
         if row.get("daily_day") is not None:
             given["daily"] = DailyDay(row["daily_day"], row["daily_commitment"])
         start = (row["start_row"], row["start_col"])
-        return cls(**{**given, "config": parse_config(row["config"]), "start": start})
+        return cls(**{**given, "config": parse_config(row["task"], row["config"]), "start": start})
 
     def row(self) -> dict[str, Any]:
         """Return what the table `episodes` holds of it, by column."""
@@ -128,39 +125,40 @@ class Trial:
     @property
     def config_hash(self) -> str:
         """SHA-256 (hex) of the configuration's canonical JSON."""
-        return self.config.hash
+        return str(self.config.hash)
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of its task."""
+        return rules_of(self.task)
 
     @property
     def terrain_hash(self) -> str:
-        """SHA-256 (hex) of the shape and the packed bits: the same for two seeds that draw the same terrain."""
-        shape = f"{self.config.rows}x{self.config.cols}:".encode()
-        return hashlib.sha256(shape + self.terrain).hexdigest()
+        """SHA-256 (hex) of the instance: the same for two seeds that draw the same one."""
+        return self.rules.instance_hash(self)
 
     @property
     def cells(self) -> int:
-        """How many cells coverage refers to: all, or those that can be discovered."""
-        if not self.config.discoverable_only:
-            return self.config.n
-        return _cells(self.config, self.terrain, self.start)
+        """How many cells coverage refers to; 0 where discovering is not what the task is about."""
+        return self.rules.cells(self)
 
     @property
     def coverage(self) -> float | None:
         """The share of these cells that was discovered, 0..1."""
-        return None if self.discovered is None else self.discovered / self.cells
+        return self.discovered / self.cells if self.discovered is not None and self.cells else None
 
     @property
     def steps_to_target(self) -> int | None:
-        """Moves to 99 %, `max_steps` for any ending but `explored`."""
+        """Moves of an episode that succeeded; the most that there may be for any other ending."""
         if self.outcome is None or self.steps is None:
             return None
-        return steps_to_target(self.config, self.outcome, self.steps)
+        return self.steps if self.outcome in self.rules.successes else int(self.config.limit)
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
-        names = ("config", "seed", "terrain", "start", "outcome", "total", "steps", "discovered", "trajectory_hash",
-                 "core_version")  # fmt: skip
+        names = ("outcome", "total", "steps", "discovered", "trajectory_hash", "core_version")
         actions = bytes(step["action"] for step in steps)
-        return Record(actions=actions, **{name: getattr(self, name) for name in names})
+        return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
 
 
 _FIELDS = {each.name for each in fields(Trial)}
@@ -168,11 +166,6 @@ _COLUMNS = TABLES["episodes"].names()
 
 
 @lru_cache(maxsize=256)
-def parse_config(text: str) -> EnvConfig:
-    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none."""
-    return EnvConfig(**json.loads(text))
-
-
-@lru_cache(maxsize=1024)
-def _cells(config: EnvConfig, terrain: bytes, start: tuple[int, int]) -> int:
-    return cells_that_count(config, unpack_terrain(terrain, config), start)
+def parse_config(task: str, text: str) -> Configuration:
+    """Return the configuration that a column holds as JSON; ValueError or TypeError where it is none of the task's."""
+    return rules_of(task).configuration(json.loads(text))

@@ -15,7 +15,6 @@ from app.storage.study_rows import Participant
 from app.storage.trial import Trial
 from app.study.folder import Study
 from app.study.progress import StageError
-from app.tasks.mars.task import frames
 from marsexplorer.episode import Episode, Record
 from marsexplorer.policies import load
 from marsexplorer.score import steps_to_target
@@ -84,6 +83,7 @@ class Debriefs:
                 f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
             )
         record = await self._store.read(lambda: self._store.load_record(own.id))
+        frames = study.protocol.rules.frames
         mine = await asyncio.to_thread(frames, record, own.id)
         its = await asyncio.to_thread(
             frames, runs[own.terrain_index], f"policy-{own.terrain_index}"

@@ -38,7 +38,6 @@ from app.study.protocol import (
 )
 from app.study.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, seed
 from app.study.templates import fill
-from marsexplorer.config import CORE_VERSION
 
 __all__ = ["Folder", "Study", "StudyError"]
 
@@ -183,9 +182,10 @@ class Folder:
         path = self.path(name)
         template = self._template(name)
         protocol = fill(template)  # every field set from now on
-        if protocol.core_version != CORE_VERSION:
+        rules = protocol.rules
+        if protocol.core_version != rules.version:
             raise StudyError(
-                f"the protocol is for core version {protocol.core_version}, this is version {CORE_VERSION}: "
+                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
                 "write the new one into protocol.json, or install the release that has the old one"
             )
         protocol = protocol.model_copy(
@@ -201,7 +201,7 @@ class Folder:
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
-            "core_version": CORE_VERSION, "software_version": version("marsexplorer-playground"),
+            "core_version": rules.version, "software_version": version("marsexplorer-playground"),
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
         return self.study(name)
@@ -312,12 +312,10 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
 
 def _check_terrains(study: Study, advance: Advance) -> None:
     """Draw every terrain; StudyError when one cannot be solved."""
-    from marsexplorer.terrain import generate
-
     seeds = [TUTORIAL_SEED, *study.seeds()]
     for number, each in enumerate(seeds, 1):
         try:
-            generate(study.protocol.env_config, each)
+            study.protocol.rules.drawn(study.protocol.env_config, each)
         except ValueError as error:
             raise StudyError(
                 "the level and size have terrains that cannot be solved: choose another level or size"

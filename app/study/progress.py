@@ -26,7 +26,6 @@ from app.study.participation import CLOSED_MESSAGE, Participations, StageError
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.recruitment import Arrival, Recruitment, supervise
 from app.study.seeds import TUTORIAL_SEED
-from app.tasks.mars.task import Mars
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
@@ -96,12 +95,12 @@ class ParticipantProgress:
         self.study_store.note_closed(study.row())
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
-        if study.protocol.core_version != Mars.version:
+        if study.protocol.core_version != study.protocol.rules.version:
             _log.warning(
                 "study %s is for core version %s, this is %s",
                 name,
                 study.protocol.core_version,
-                Mars.version,
+                study.protocol.rules.version,
             )
             raise StageError(
                 f"the study {name!r} cannot be played on this server now; tell whoever invited you"

@@ -17,6 +17,7 @@ from pydantic import (
     Field,
     StrictBool,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -24,8 +25,7 @@ from pydantic import (
 from app.play.messages import describe_errors
 from app.storage.trial import Attestation
 from app.study.texts import CONSENT, questions
-from app.tasks.mars.messages import MAX_API_SIDE
-from marsexplorer.config import CORE_VERSION, EnvConfig
+from app.task import Configuration, Rules, rules_of
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
@@ -97,7 +97,8 @@ class Question(_Part):
 class Protocol(_Part):
     """A study's protocol.
 
-    config               of every episode, `EnvConfig.to_dict()`; a side at most 128 cells
+    task                 what is played: mars, or gymnasium:ID
+    config               of every episode, as the task's configuration says it
     core_version         of the rules it was made for
     warm_up, ranked      episodes a participant plays that do not count, and that do
     players              participants planned
@@ -121,8 +122,9 @@ class Protocol(_Part):
     format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
     name: str = Field(pattern=f"^{NAME}$")
     title: Line
+    task: str = "mars"
     config: dict[str, Any]
-    core_version: str = CORE_VERSION
+    core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
     warm_up: int = Field(default=15, ge=0, le=500)
     ranked: int = Field(default=30, ge=1, le=500)
     players: int = Field(default=10, ge=1, le=100_000)
@@ -148,23 +150,24 @@ class Protocol(_Part):
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 
+    @field_validator("task")
+    @classmethod
+    def _task_is_ours(cls, given: str) -> str:
+        return rules_of(given).name
+
     @field_validator("config")
     @classmethod
-    def _config_is_one(cls, given: dict[str, Any]) -> dict[str, Any]:
+    def _config_is_one(cls, given: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if "task" not in info.data:
+            return given  # what is wrong with the task has been said
+        rules = rules_of(info.data["task"])
         try:
-            config = EnvConfig(**given)
+            config = rules.configuration(given)
         except TypeError as error:
             raise ValueError(f"config: {error}") from error
-        if config.discoverable_only:
-            raise ValueError(
-                f"a study's terrains are of the levels of the paper, of which all cells count; got {config.level!r}, "
-                "where those count that can be discovered"
-            )
-        if max(config.rows, config.cols) > MAX_API_SIDE:
-            raise ValueError(
-                f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}"
-            )
-        return config.to_dict()
+        rules.check_study(config)
+        values: dict[str, Any] = config.to_dict()
+        return values
 
     @field_validator("policy_hashes")
     @classmethod
@@ -192,12 +195,17 @@ class Protocol(_Part):
         return self
 
     @property
-    def env_config(self) -> EnvConfig:
+    def rules(self) -> Rules:
+        """The rules of the task."""
+        return rules_of(self.task)
+
+    @property
+    def env_config(self) -> Configuration:
         """The configuration of every episode."""
-        return EnvConfig(**self.config)
+        return self.rules.configuration(self.config)
 
 
-def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
+def default_protocol(name: str, config: Configuration, **rest: Any) -> Protocol:
     """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
 
     Its texts are templates: `app.study.templates.fill` gives what participants read.
@@ -214,7 +222,7 @@ def default_protocol(name: str, config: EnvConfig, **rest: Any) -> Protocol:
     return parse_protocol({**parts, **assumed, **rest})
 
 
-def assumed_sds(config: EnvConfig) -> tuple[float, float]:
+def assumed_sds(config: Configuration) -> tuple[float, float]:
     """Return the standard deviations (players, episodes) of steps to 99 % that a new study assumes, for its number of cells.
 
     They are no measurement of people, of whom none has played yet: synthetic players of the population `mixed`

@@ -12,6 +12,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -40,8 +41,7 @@ from app.storage.study_rows import StudyRow
 from app.study import seeds
 from app.study.folder import Advance, Folder
 from app.study.protocol import Protocol, StudyError, canonical_json, parse_protocol
-from app.tasks.mars.run import compile_rules
-from app.tasks.mars.task import KEYS
+from app.task import rules_of
 
 PARALLEL_FROM = 4_000
 """The number of episodes from which several processes are faster than one."""
@@ -110,7 +110,9 @@ def verify_moment(
     study: str | None = None,
 ) -> Verification:
     """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
-    compile_rules()  # which is no part of the rate
+    for task in checks.tasks(conn):
+        with suppress(ValueError):  # found with the episodes that name it
+            rules_of(task).prepare()  # which is no part of the rate
     began = time.monotonic()
     findings: list[Finding] = []
     moves = done = 0
@@ -326,7 +328,7 @@ def check_attestation(
             )
         return
     given = input_of(conn, row["id"])
-    derive = partial(_derive_level, row["started_ms"], steps, given)
+    derive = partial(_derive_level, row["task"], row["started_ms"], steps, given)
     if stored == ("declared", None) and row["control"] == "bearer":
         return
     found = derive(row["ended_ms"])
@@ -335,6 +337,7 @@ def check_attestation(
 
 
 def _derive_level(
+    task: str,
     started_ms: int,
     steps: list[dict[str, Any]],
     given: InputOf,
@@ -352,7 +355,7 @@ def _derive_level(
         ]
         conditions = Conditions(
             started_ms,
-            key_map_of(KEYS, settings),
+            key_map_of(rules_of(task).keys, settings),
             tuple(given.supervised_ms),
             not given.is_studys,
         )

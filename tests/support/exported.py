@@ -5,7 +5,7 @@ import io
 import json
 
 TEXTS = {
-    "episode", "player", "driver", "level", "config_hash", "terrain", "core_version", "outcome", "actions",
+    "episode", "player", "driver", "task", "level", "config_hash", "terrain", "core_version", "outcome", "actions",
     "trajectory_hash", "attestation", "attestation_reason", "daily", "action", "input",
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ from app.report.model import PolicyRun
 from app.storage.trial import Trial
 from app.study.data import Person, StudyData
 from app.study.protocol import default_protocol, protocol_hash
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import CORE_VERSION, EnvConfig
 
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 FROZEN_MS = 1_790_000_000_000
@@ -40,7 +40,8 @@ def trial(who, index, score=0.9, steps=20, **rest):
     """Return a finished ranked episode of a person; `rest` replaces fields."""
     given = {
         "participant": who.id, "kind": who.kind, "phase": "ranked", "trial": index, "terrain_index": index,
-        "id": f"{who.id}-{index}", "session_id": who.id, "number": index, "config": CONFIG, "seed_chosen": False,
+        "id": f"{who.id}-{index}", "session_id": who.id, "number": index,
+        "task": "mars", "core_version": CORE_VERSION, "config": CONFIG, "seed_chosen": False,
         "terrain": b"", "start": (0, 0), "policy_seed": 0, "assisted": False, "driver": who.kind, "outcome": "explored",
         "steps": steps, "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS,
         "ended_ms": FROZEN_MS + 30_000, "trajectory_hash": "0" * 64, "seed": 1000 + index,

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 
 from app.storage.store import Resumable, SessionRow, StepRow, Store, Trial
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 
 SMALL = EnvConfig("random", 5, 7, sensor_radius=2)
@@ -45,7 +45,8 @@ def open_episode(
         **rest,
     }
     row = Trial(
-        id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, config=config, seed=seed,
+        id=f"recorded-episode-{next(_numbers)}", session_id=session, number=number, task="mars", core_version=CORE_VERSION,
+        config=config, seed=seed,
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
     )  # fmt: skip
     store.open_episode(row)

@@ -11,9 +11,9 @@ from app.storage.store import SessionRow, StepRow, Store, Trial
 from app.storage.studies import StudyStore
 from app.storage.study_rows import Participant
 from app.study.folder import Folder
-from app.study.protocol import default_protocol
+from app.study.protocol import canonical, default_protocol
 from app.study.seeds import TUTORIAL_SEED
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 
 _fields = itertools.count()
@@ -52,7 +52,7 @@ class StudyRecorder:
         self.clock = BEGAN
         self.random = random.Random(next(_fields))
         self.store.secret()
-        protocol = json.dumps(study.protocol.model_dump(mode="json"))
+        protocol = canonical(study.protocol).decode()
         revealed = None if study.is_open else study.secret.hex()
         values = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
         if self.insert("studies", study.name, protocol, *values):
@@ -135,7 +135,8 @@ class StudyRecorder:
         ident = f"episode-{self.token()[:12]}"
         self.store.open_episode(
             Trial(
-                id=ident, session_id=session, number=number, config=config, seed=seed, seed_chosen=False,
+                id=ident, session_id=session, number=number, task="mars", core_version=CORE_VERSION,
+        config=config, seed=seed, seed_chosen=False,
                 terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
                 started_ms=self.tick(),
             )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -29,6 +31,20 @@ class MarsRun:
     def observation(self) -> NDArray[np.uint8]:
         """Return a copy of what is known: uint8[rows, cols]."""
         return self._episode.codes.copy()
+
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each move."""
+        return self._episode.rewards
+
+    def counts(self) -> Sequence[int]:
+        """Return the cells discovered after 0, 1, 2, ... moves."""
+        return self._episode.discoveries
+
+    def place(self, step: int) -> dict[str, Any]:
+        """Return row, column and coverage after so many moves."""
+        row, col = self._episode.path[step]
+        discovered = self._episode.discoveries[step]
+        return {"row": row, "col": col, "coverage": discovered / self._episode.cells}
 
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""

@@ -18,7 +18,7 @@ from app.play.attestation import (
 )
 from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import StepRow, Store
-from app.tasks.mars.task import KEYS
+from app.tasks.mars.rules import KEYS
 from tests.support.recorded import add_session, open_episode
 
 STARTED = 1_790_000_000_000
