@@ -43,6 +43,7 @@ from app.study.debrief import Debriefs
 from app.study.folder import Folder
 from app.study.participation import Participations
 from app.study.progress import ParticipantProgress
+from app.task import Task, rules_of
 from app.tasks.mars.policies import PolicyCatalogue, check_file
 from app.tasks.mars.task import Mars
 from app.tasks.mars.terrains import MapCatalogue
@@ -110,7 +111,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         policies = prepared.policies
         if policies is None:
             policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
-        offered = policies, prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
+        maps = prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
+        offered = policies, maps
         with _opened(settings, prepared.store, metrics) as store:
             made = _services(settings, store, offered, prepared.sources or Sources(), password)
             async with _threads_of(store), aclosing(made) as services:
@@ -207,12 +209,13 @@ def _services(
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    policies, maps = offered
+    task = _task(settings.task, *offered)
+    policies, maps = task.policies, offered[1]
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
         store,
-        Mars(policies, maps),
+        task,
         sources,
         settings.idle_s,
         of_session,
@@ -243,6 +246,15 @@ def _services(
         if password is None
         else AdminServices(password, progress, settings.studies, health, jobs),
     )
+
+
+def _task(name: str, policies: PolicyCatalogue, maps: MapCatalogue) -> Task:
+    """Return the task with a name; ValueError where there is none."""
+    if (rules := rules_of(name)).name == Mars.name:
+        return Mars(policies, maps)
+    from app.tasks.gymnasium.task import GymnasiumTask
+
+    return GymnasiumTask(rules.title)
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
@@ -338,6 +350,7 @@ def run(settings: Settings) -> None:
             for path in settings.policies:
                 check_file(path)
             maps = MapCatalogue.read(settings.maps, settings.cell_m)
+            rules_of(settings.task).actions  # noqa: B018  # what is missing or no task says so now
         print(
             "compiling the rules and loading the policies (some seconds on the first start)",
             flush=True,

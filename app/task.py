@@ -10,7 +10,7 @@ configuration, instance and actions, so that an episode is stored as its cause a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import import_module
 from typing import Any, Literal, Protocol, cast
@@ -193,6 +193,14 @@ class Rules(Protocol):
         """Return the version that a recorded episode replays with."""
 
     @property
+    def title(self) -> str:
+        """Return what a page calls it."""
+
+    @property
+    def assets(self) -> str:
+        """Return the folder of `static/task` that draws it."""
+
+    @property
     def actions(self) -> tuple[str, ...]:
         """Return the names of the actions, by their codes."""
 
@@ -240,6 +248,18 @@ class Rules(Protocol):
 
     def frames(self, record: Record, episode_id: str) -> list[dict[str, Any]]:
         """Return the frames of a finished episode from its start to its end; of large ones only every so many."""
+
+
+def describe(rules: Rules) -> dict[str, Any]:
+    """Return what a page is told of a task: how it is called, drawn, moved and measured."""
+    return {
+        "name": rules.name.partition(":")[0],
+        "title": rules.title,
+        "assets": rules.assets,
+        "actions": list(rules.actions),
+        "keys": {action: list(keys) for action, keys in rules.keys.items()},
+        "metrics": [asdict(metric) for metric in rules.metrics],
+    }
 
 
 @lru_cache(maxsize=64)

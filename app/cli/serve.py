@@ -25,6 +25,11 @@ from app.cli.console import PATH, check_more, settings_of
     help="SQLite file to record in; made when absent.  [default: see below]",
 )
 @click.option(
+    "--task",
+    metavar="ID",
+    help="Play another environment, like FrozenLake-v1.  [default: MarsExplorer]",
+)
+@click.option(
     "--studies",
     type=PATH,
     help="Folder of studies to offer.  [default: studies, beside the default database]",
@@ -123,6 +128,9 @@ def serve(
 
     A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
 
+    --task ID serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
+    picture. It comes with: pip install 'marsexplorer-playground[gymnasium]'
+
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
 
@@ -144,6 +152,7 @@ def serve(
       marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
       marsexplorer serve --host 0.0.0.0 --policy mine.onnx
       marsexplorer serve --paper                          ppo-paper, ppo-works, a2c-works, rainbow-works, sac-works too
+      marsexplorer serve --task FrozenLake-v1 --database lake.db
       marsexplorer serve --map office.yaml --map garage.yaml
     """
     from marsexplorer.policies.files.card import of_paper
@@ -151,6 +160,8 @@ def serve(
     check_more(more, policies)
     of_the_paper = of_paper().values() if given.pop("paper") else ()
     flags = {name: value for name, value in given.items() if value is not None}
+    if (task := flags.get("task", "mars")) != "mars":
+        flags["task"] = f"gymnasium:{task.removeprefix('gymnasium:')}"
     if trusted_proxies:
         flags["trusted_proxies"] = trusted_proxies
     if maps:

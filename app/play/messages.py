@@ -19,6 +19,8 @@ from pydantic import (
     model_validator,
 )
 
+from app.task import MAX_SEED
+
 MAX_MESSAGE_BYTES = 64 * 1024
 """Longest message or body that is accepted."""
 MAX_EVENTS_PER_MESSAGE = 200
@@ -67,6 +69,42 @@ class Act(Message):
     )
     client_ms: Milliseconds | None = Field(
         default=None, description="when the move was sent, client clock"
+    )
+
+
+class NewEpisode(Message):
+    """The next episode; without a seed the server draws a fresh one. A task may ask for more (`app.tasks`)."""
+
+    seed: int | None = Field(
+        default=None,
+        ge=0,
+        le=MAX_SEED,
+        description="of the instance; a chosen one never counts",
+        examples=[7],
+    )
+
+    @property
+    def leaves_terrain(self) -> bool:
+        """Return whether nothing is said of what is played."""
+        return self.seed is None
+
+
+class NewBoard(NewEpisode):
+    """A board of one's own: all fields optional, for a human without a rival by default."""
+
+    player: str = Field(
+        default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
+    )
+    rival: str | None = Field(
+        default=None,
+        max_length=200,
+        description="a policy to play the same terrain beside",
+        examples=["frontier-cost"],
+    )
+    replays: str | None = Field(
+        default=None,
+        max_length=128,
+        description="the session whose ended episode a policy replays beside it",
     )
 
 

@@ -18,7 +18,7 @@ from app.play.lobby import Lobby
 from app.play.session import Session
 from app.storage.playground import newest_episode, watchable_session
 from app.storage.store import Resumable
-from app.task import Run
+from app.task import Run, describe
 
 LOOK_S = 2.0
 """Seconds between two looks for a board that is not in memory."""
@@ -81,6 +81,7 @@ class Spectators:
         return {
             "episode": episode_id,
             "player": found.session.driver_name if driver.startswith("policy:") else driver,
+            "task": describe(task),
             **{each: about[each] for each in about if each != "map"},
             "frame": json.loads(shown.frame(episode_id)),
             "history": json.loads(shown.history(episode_id)),

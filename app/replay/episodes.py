@@ -19,6 +19,10 @@ class UnknownReplayError(LookupError):
     """There is no episode with this id of which the asker may see a replay."""
 
 
+class NoCourseError(UnknownReplayError):
+    """The episode is shown by its frames alone, which `/watch` plays: its task draws no course."""
+
+
 @dataclass(frozen=True)
 class Asker:
     """Who asks for a replay, and when: before a day is over, its daily episodes are their own players' alone.
@@ -38,11 +42,13 @@ STRANGER = Asker()
 class ShownEpisode:
     """An ended episode that the asker may see: its id, its cause, and who drove in words.
 
+    task        what was played
     name        for everybody
     asker_name  for the asker: "You" where it was they
     """
 
     id: str
+    task: str
     record: Record
     name: str
     asker_name: str
@@ -58,14 +64,16 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
         closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader,
         reader.snapshot(),
     ):
-        if reader.episode(episode_id, asker.player_id) is None:
+        found = reader.episode(episode_id, asker.player_id)
+        if found is None:
             raise UnknownReplayError(
                 f"no finished episode {episode_id!r} that can be replayed: check the link"
             )
         name, own_name = (
             _name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id)
         )
-        return ShownEpisode(episode_id, reader.load_record(episode_id), name, own_name)
+        record = reader.load_record(episode_id)
+        return ShownEpisode(episode_id, found["task"], record, name, own_name)
 
 
 def _name(driver: str) -> str:

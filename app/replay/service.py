@@ -13,9 +13,15 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from app.jobs import Jobs
-from app.replay.episodes import Asker, ShownEpisode, UnknownReplayError, shown_episode
+from app.replay.episodes import (
+    Asker,
+    NoCourseError,
+    ShownEpisode,
+    UnknownReplayError,
+    shown_episode,
+)
 from app.replay.files import Format, file_of
-from app.task import Record
+from app.task import Record, rules_of
 from app.tasks.mars.course import Course, GhostError, choices, course_of, play_ghost, preferred
 from app.tasks.mars.policies import PolicyOffer
 
@@ -103,6 +109,8 @@ class Replays:
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
+        if rules_of(episode.task).assets != "mars":
+            raise NoCourseError(f"episode {episode_id!r} is shown at /watch/{episode_id}")
         course = course_of(episode.asker_name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)
         return Replay(episode, course, tuple(ghosts), preferred(episode.name, ghosts))

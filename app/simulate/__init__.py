@@ -42,7 +42,12 @@ JOIN_EVERY_MS = 500.0
 MOVES_BEFORE_LEAVING = 3
 """Moves in the ranked episode in which a participant leaves."""
 
-KEY_CODES = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
+KEY_CODES = {
+    **dict.fromkeys(("north", "up"), "ArrowUp"),
+    **dict.fromkeys(("east", "right"), "ArrowRight"),
+    **dict.fromkeys(("south", "down"), "ArrowDown"),
+    **dict.fromkeys(("west", "left"), "ArrowLeft"),
+}
 
 
 class RefusedError(Exception):

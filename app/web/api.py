@@ -18,6 +18,7 @@ from app.play.messages import (
 )
 from app.play.session import SCRIPT, RefusedError, Session
 from app.protection import has_own_origin
+from app.task import describe
 from app.tasks.mars.messages import Frame, History, NewEpisode, NewSession
 from app.tasks.mars.terrains import levels_on_offer
 from app.web.access import (
@@ -69,6 +70,7 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     return {
         "session": session.id,
         "player": session.row.driver_name,
+        "task": describe(lobby.task),
         **lobby.task.describe(session.current),
         "daily": None if session.current.daily is None else session.current.daily.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),

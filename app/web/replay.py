@@ -11,7 +11,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from app.protection import SHARED, is_secure
-from app.replay.episodes import UnknownReplayError
+from app.replay.episodes import NoCourseError, UnknownReplayError
 from app.replay.files import MEDIA_TYPES, Format, VideoMissingError, offered
 from app.replay.page import Addresses, render
 from app.storage.playground import watchable_session
@@ -104,6 +104,8 @@ async def replay_page(request: Request, episode_id: str) -> Response:
         with _replay_errors():
             replay = await services_of(request).replays.replay(episode_id, asker)
     except HTTPException as error:
+        if isinstance(error.__cause__, NoCourseError):
+            return RedirectResponse(f"../watch/{episode_id}", 303)
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
         watchable = await store.read(

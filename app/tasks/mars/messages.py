@@ -16,8 +16,8 @@ from pydantic import (
     model_validator,
 )
 
-from app.play.messages import Message
-from marsexplorer.config import ALL_LEVELS, MAP, MAX_SEED, MIN_SIDE
+from app.play import messages
+from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
 """The levels whose terrains are drawn from seeds."""
@@ -68,23 +68,19 @@ def _check_level(value: str) -> str:
 
 
 LevelName = Annotated[str, AfterValidator(_check_level)]
-Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 
 
-class NewEpisode(Message):
+class NewEpisode(messages.NewEpisode):
     """The next episode; what is left out stays as it was, and without a seed the server draws a fresh one."""
 
     level: LevelName | None = Field(
         default=None, description="a name from `GET /api/levels`", examples=["random"]
     )
     size: Size | None = Field(default=None, examples=[21])
-    seed: Seed | None = Field(
-        default=None, description="of the terrain; a chosen terrain never counts", examples=[7]
-    )
     map: str | None = Field(
         default=None,
         max_length=200,
-        description="a name from `GET /api/maps`, instead of the three above",
+        description="a name from `GET /api/maps`, instead of level, size and seed",
     )
 
     @property
@@ -101,23 +97,8 @@ class NewEpisode(Message):
         return self
 
 
-class NewSession(NewEpisode):
+class NewSession(NewEpisode, messages.NewBoard):
     """A board of one's own: all fields optional, `random` at 21x21 for a human without a rival by default."""
-
-    player: str = Field(
-        default="human", max_length=200, description='"human" or a name from `GET /api/policies`'
-    )
-    rival: str | None = Field(
-        default=None,
-        max_length=200,
-        description="a policy to play the same terrain beside",
-        examples=["frontier-cost"],
-    )
-    replays: str | None = Field(
-        default=None,
-        max_length=128,
-        description="the session whose ended episode a policy replays beside it",
-    )
 
 
 class Frame(BaseModel):

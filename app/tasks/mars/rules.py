@@ -38,6 +38,8 @@ class MarsRules:
     """MarsExplorer's part in reading what is stored (`app.task.Rules`)."""
 
     name: ClassVar[str] = "mars"
+    title: ClassVar[str] = "MarsExplorer"
+    assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS

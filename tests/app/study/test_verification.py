@@ -372,7 +372,8 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
     conn.row_factory = sqlite3.Row
 
     def is_right(level, reason=None):
-        row = {"id": ident, "task": "mars", "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
+        row = {"id": ident, "task": "mars",
+               "driver": "human", "attestation": level, "attestation_reason": reason, "control": "cookie",
                "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
         return not list(check_attestation(conn, row, typed.moves))
 

@@ -1,0 +1,86 @@
+"""A Gymnasium environment as a task of the playground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from app.play.messages import NewBoard, NewEpisode
+from app.task import Cause, Choice, Configuration, Policy
+from app.tasks.gymnasium.rules import GymnasiumConfig, GymnasiumRules, GymnasiumRun
+
+
+class NoPolicies:
+    """The policies of an environment that brings none (`app.task.Policies`, `app.task.Decides`)."""
+
+    def offers(self) -> Sequence[Any]:
+        """Return nothing."""
+        return ()
+
+    def check(self, name: str, *others: str) -> str:
+        """Raise ValueError."""
+        raise ValueError(f"no policy {name!r}: nobody but people plays this environment here")
+
+    def check_size(self, names: Iterable[str], config: Configuration) -> None:
+        """Do nothing: there is no policy that could be too small."""
+
+    def load(self, name: str) -> Policy:
+        """Raise ValueError."""
+        raise ValueError(f"no policy {name!r}")
+
+    def thought(self, policy: Any, episode_id: str, step: int) -> str:
+        """Return that nothing is said."""
+        return ""
+
+    def act_many(
+        self, policies: Sequence[Any], observations: Sequence[Any]
+    ) -> Sequence[int | Exception]:
+        """Return what is said of policies that cannot be loaded."""
+        return [ValueError("there is no policy") for _ in policies]
+
+    def shared_net(self, policy: Any) -> object | None:
+        """Return None."""
+        return None
+
+
+class GymnasiumTask(GymnasiumRules):
+    """The environment with an id, as a server offers it (`app.task.Task`)."""
+
+    def __init__(self, level: str) -> None:
+        super().__init__(level)
+        self.policies = self.decides = NoPolicies()
+        self.default.make().close()  # what it needs is missed at the start, not by the first player
+
+    @property
+    def daily(self) -> GymnasiumConfig:
+        """What the daily instance is played on."""
+        return self.default
+
+    def first(self, wanted: NewEpisode) -> Choice:
+        """Return what a new board is to begin on; ValueError for what only MarsExplorer has."""
+        for name in ("level", "size", "map"):
+            if getattr(wanted, name, None) is not None:
+                raise ValueError(f"{self.title} has no {name}; a seed alone chooses what is played")
+        return Choice(self.default, wanted.seed)
+
+    def next(self, was: Cause, wanted: NewEpisode) -> Choice:
+        """Return what a board's next episode is to begin on."""
+        return Choice(was.config, self.first(wanted).seed)
+
+    def again(self, was: Cause) -> Choice:
+        """Return what an episode began on, to be played once more."""
+        return Choice(was.config, was.seed)
+
+    def wanted_again(self, config: GymnasiumConfig, wanted: NewEpisode, **rest: Any) -> NewBoard:
+        """Return what begins an episode that is wanted on a board of its own."""
+        return NewBoard(seed=wanted.seed, **rest)
+
+    def describe(self, was: Cause) -> dict[str, Any]:
+        """Return `level`, `map` and `size` as a page knows them of every task: the id, and nothing."""
+        return {"level": self.level, "map": None, "size": None}
+
+    def begin(self, choice: Choice) -> GymnasiumRun:
+        """Return a run at its start; ValueError before a seed is drawn."""
+        if choice.seed is None:
+            raise ValueError("an episode begins on a seed")
+        return GymnasiumRun(choice.config, choice.seed)

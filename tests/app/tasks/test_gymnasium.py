@@ -1,0 +1,194 @@
+"""FrozenLake as a task: played by keys, killed, gone on with, verified, exported and shown again, on a real server."""
+
+import base64
+import csv
+import io
+import sqlite3
+from contextlib import closing
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.cli.main import main
+from app.settings import Settings
+from app.study.verification import verify_database
+from app.task import Choice, describe, rules_of
+from app.tasks.gymnasium.task import GymnasiumTask
+
+LAKE = "gymnasium:FrozenLake-v1"
+DOWN, RIGHT = "down", "right"
+
+
+@pytest.fixture
+def lake(serve):
+    return serve(task=LAKE)
+
+
+def begin(server, client, **body):
+    begun = client.post("/api/sessions", json=body)
+    assert begun.status_code == 201, begun.text
+    return begun.json()
+
+
+def play(server, client, begun, moves=("down", "right", "left")):
+    """Play by keys until the end; the moves again and again."""
+    frames = []
+    with server.socket(begun["session"], client) as socket:
+        frames.append(socket.receive("frame"))
+        while frames[-1]["outcome"] is None:
+            socket.act(frames[-1], moves[frames[-1]["step"] % len(moves)], input="key")
+            frames.append(socket.frame_after(frames[-1]["step"]))
+    return frames
+
+
+def pixels(frame):
+    """The picture of a frame: uint8[height, width, 3]."""
+    kind, data = frame["picture"].split(",")
+    assert kind == "data:image/png;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
+
+
+def test_a_page_is_told_how_it_is_called_drawn_moved_and_measured(lake):
+    about = begin(lake, lake.page())["task"]
+    assert about == describe(rules_of(LAKE))
+    assert (about["name"], about["title"], about["assets"]) == (
+        "gymnasium",
+        "FrozenLake-v1",
+        "picture",
+    )
+    assert about["actions"] == ["left", "down", "right", "up"] == list(about["keys"])
+    assert about["metrics"][0]["name"] == "return"
+
+
+def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path):
+    client = lake.page()
+    begun = begin(lake, client)
+    frames = play(lake, client, begun)
+    last = frames[-1]
+    assert last["outcome"] in ("succeeded", "failed", "timed_out")
+    assert (
+        last["return"] == last["score"] == last["headline"] == float(last["outcome"] == "succeeded")
+    )
+    assert pixels(frames[0]).shape == (256, 256, 3)
+    assert any((pixels(one) != pixels(two)).any() for one, two in pairwise(frames))
+    found = client.get(f"/api/episodes/{last['episode']}").json()
+    assert (found["task"], found["level"]) == (LAKE, "FrozenLake-v1")
+    assert (found["attestation"], found["outcome"]) == ("attested", last["outcome"])
+    assert set(found["actions"]) <= {"left", "down", "right", "up"}
+    again = client.get(f"/api/watch/{last['episode']}").json()
+    assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
+    answer = client.get(f"/replay/{last['episode']}", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"../watch/{last['episode']}")
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_nothing_else_can_be_asked_for(lake):
+    client = lake.page()
+    for body, said in (
+        ({"level": "random"}, "has no level"),
+        ({"size": 21}, "has no size"),
+        ({"player": "ppo"}, "no policy 'ppo'"),
+        ({"rival": "ppo"}, "no policy 'ppo'"),
+    ):
+        answer = client.post("/api/sessions", json=body)
+        assert (answer.status_code, said in answer.text) == (422, True), answer.text
+    begun = begin(lake, client)
+    with lake.socket(begun["session"], client) as socket:
+        socket.act(socket.receive("frame"), "north")
+        assert "action must be 'left', 'down', 'right' or 'up'" in socket.receive("error")["detail"]
+
+
+def test_a_killed_server_goes_on_where_it_stood(spawn, tmp_path):
+    server = spawn(task=LAKE)
+    client = server.client()
+    begun = begin(server, client, seed=3)
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for action in (DOWN, RIGHT):
+            if frame["outcome"] is None:
+                socket.act(frame, action)
+                frame = socket.frame_after(frame["step"])
+        server.kill()
+    server = spawn(task=LAKE)
+    again = server.client(cookies=dict(client.cookies))
+    assert again.get(f"/api/sessions/{begun['session']}").json() == frame
+    server.kill()
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ("UPDATE steps SET action = 3 - action WHERE step = 0", "trajectory_hash"),
+        ("UPDATE steps SET reward = reward + 1 WHERE step = 0", "reward of step 0"),
+        ("UPDATE episodes SET seed = seed + 1", "terrain_hash"),
+        ("UPDATE episodes SET score = score + 1", "score"),
+        ("UPDATE episodes SET task = 'gymnasium:FrozenLake8x8-v1'", "config"),
+        ("UPDATE episodes SET task = 'chess'", "config"),
+    ],
+)
+def test_what_was_changed_is_found(lake, tmp_path, change, what):
+    client = lake.page()
+    play(lake, client, begin(lake, client, seed=5))
+    lake.stop()
+    with closing(sqlite3.connect(tmp_path / "playground.db", isolation_level=None)) as conn:
+        conn.execute(change)
+    findings = verify_database(tmp_path / "playground.db").findings
+    assert any(what in each.what for each in findings), [str(each) for each in findings]
+
+
+def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
+    client = lake.page()
+    frames = play(lake, client, begin(lake, client))
+    lake.stop()
+    with pytest.raises(SystemExit) as left:
+        main(
+            [
+                "export",
+                "--database",
+                str(tmp_path / "playground.db"),
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
+    assert not left.value.code
+    (row,) = csv.DictReader((tmp_path / "out/episodes.csv").read_text().splitlines())
+    assert (row["task"], row["level"], row["verified"]) == (LAKE, "FrozenLake-v1", "true")
+    assert (row["rows"], row["coverage"], row["outcome"]) == ("", "", frames[-1]["outcome"])
+    steps = list(csv.DictReader((tmp_path / "out/steps.csv").read_text().splitlines()))
+    assert " ".join(step["action"] for step in steps) == row["actions"]
+
+
+def test_a_run_is_a_function_of_configuration_seed_and_actions():
+    task = GymnasiumTask("FrozenLake-v1")
+    moves = bytes(np.random.default_rng(0).integers(0, 4, 40))
+    one = task.begin(Choice(task.default, 7))
+    made = [one.step(move) for move in moves if one.outcome == "running"]
+    record = one.record()
+    again = task.replay_record(record)
+    assert again.record() == record
+    assert again.rewards() == made
+    other = task.configuration({"kwargs": {"is_slippery": False}})
+    assert other.hash != task.default.hash
+    assert task.configuration(other.to_dict()) == other
+    with pytest.raises(ValueError, match="was played under gymnasium 0"):
+        task.replay_record(type(record)(**{**record.__dict__, "core_version": "gymnasium 0"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("gymnasium:NoSuch-v0", "knows no environment"),
+        ("chess", "expected a task of mars, gymnasium"),
+        ("mars:x", "has no variants"),
+        ("gymnasium:Pendulum-v1", "discrete actions"),
+    ],
+)
+def test_what_is_no_task_is_said_at_the_start(tmp_path, capsys, name, said):
+    from app.server import ServerError, run
+
+    with pytest.raises(ServerError, match=said):
+        run(Settings(database=tmp_path / "play.db", port=0, task=name))
+    assert not (tmp_path / "play.db").exists()
