@@ -219,6 +219,38 @@ class Rules(Protocol):
     def configuration(self, values: Mapping[str, Any]) -> Configuration:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
 
+    def environment(self, config: Configuration) -> Any:
+        """Return the Gymnasium environment of a configuration, newly made."""
+
+    def observations(self, record: Record) -> Sequence[Any]:
+        """Return what was seen before each move and after the last."""
+
+    def returns(self, config: Configuration) -> tuple[float, float] | None:
+        """Return the lowest and the highest return that a data set may be scored against; None where they are not known."""
+
+    @property
+    def has_courses(self) -> bool:
+        """Return whether an episode's moves can be drawn, priced and compared with policies', beyond its frames."""
+
+    def study(self, config: Configuration) -> Mapping[str, Any]:
+        """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads, and
+        `opening`, the first paragraph of the consent text."""
+
+    def placeholders(self, config: Configuration) -> Mapping[str, Any]:
+        """Return what a study's texts may name in braces of a configuration: name -> what it becomes."""
+
+    def where(self, config: Configuration) -> str:
+        """Return what was played, in words of a sentence."""
+
+    def minutes(self, config: Configuration) -> float:
+        """Return how long a person takes for an episode, roughly."""
+
+    def bounds(self, config: Configuration) -> tuple[float, float]:
+        """Return the lowest and the highest mean of the headline metric that a player can have."""
+
+    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+        """Return the labels that a finished episode's course gives it, by the counts stored with its moves."""
+
     def check_study(self, config: Configuration) -> None:
         """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from app.settings import Settings
     from app.study.folder import Folder
+    from app.task import Configuration
     from marsexplorer.config import EnvConfig
 
 T = TypeVar("T")
@@ -177,6 +178,21 @@ def folder_of(studies: Path | None) -> Folder:
 def pins_file() -> Path:
     """Return the file of pinned signing keys: MARS_SIGNERS, or known_signers.json in the user's configuration folder."""
     return settings_of().signers or Path(click.get_app_dir("marsexplorer")) / "known_signers.json"
+
+
+def task_name(given: str) -> str:
+    """Return the name of a task as it is recorded: an id of Gymnasium's needs no prefix."""
+    return given if given == "mars" or ":" in given else f"gymnasium:{given}"
+
+
+def default_config(task: str) -> Configuration:
+    """Return what a task plays where nothing else is asked for; BadParameter where there is none."""
+    from app.task import rules_of
+
+    try:
+        return rules_of(task).configuration({})
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
 
 
 def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:

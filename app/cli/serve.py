@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from app.cli.console import PATH, check_more, settings_of
+from app.cli.console import PATH, check_more, settings_of, task_name
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -160,8 +160,8 @@ def serve(
     check_more(more, policies)
     of_the_paper = of_paper().values() if given.pop("paper") else ()
     flags = {name: value for name, value in given.items() if value is not None}
-    if (task := flags.get("task", "mars")) != "mars":
-        flags["task"] = f"gymnasium:{task.removeprefix('gymnasium:')}"
+    if "task" in flags:
+        flags["task"] = task_name(flags["task"])
     if trusted_proxies:
         flags["trusted_proxies"] = trusted_proxies
     if maps:

@@ -91,7 +91,9 @@ def analyse_known(
     progress: ProgressBar,
     known: KnownMoves,
 ) -> dict[str, MoveAnalysis]:
-    """Return what `analyse_moves` does, from agreements that are known."""
+    """Return what `analyse_moves` does, from agreements that are known; nothing where episodes have no courses."""
+    if not data.protocol.rules.has_courses:
+        return {}
     found = {}
     for cohort in scripts_of(data) if synthetic else [people_of(data)]:
         regret = None

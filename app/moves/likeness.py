@@ -44,8 +44,10 @@ def episode_agreements(
     """Return the agreement of every finished ranked episode with each policy (names or paths; `random` is left out).
 
     Episodes of another core version cannot be replayed and are left out. progress: (episodes compared, in all). Errors are
-    those of `policies.load`.
+    those of `policies.load`. Nothing where episodes have no courses.
     """
+    if not data.protocol.rules.has_courses:
+        return {}
     radius = data.protocol.env_config.sensor_radius
     source = data.policy_files.source
     loaded = {

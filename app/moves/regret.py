@@ -22,6 +22,7 @@ from app.storage.trial import Trial
 from app.study.data import StudyData, trial_records
 from app.study.policy_files import REGRET_POLICY
 from app.study.protocol import StudyError
+from app.task import Configuration
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.episodes import play_terrain
@@ -92,9 +93,9 @@ def forget_regrets(database: Path) -> None:
     shutil.rmtree(regret_cache(database), ignore_errors=True)
 
 
-def has_regret(config: EnvConfig) -> bool:
+def has_regret(config: Configuration) -> bool:
     """Return whether boards of this configuration have regrets."""
-    return config.n <= MAX_CELLS and not config.discoverable_only
+    return isinstance(config, EnvConfig) and config.n <= MAX_CELLS and not config.discoverable_only
 
 
 def study_estimator(data: StudyData, cache: Path | None) -> RegretEstimator:

@@ -77,10 +77,10 @@ class ReleaseHeader:
         counted = ", ".join(
             f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED_IN_SUMMARY
         )
-        where = f"level {config.level} at {config.rows}x{config.cols}"
+        where = self.protocol.rules.where(config)
         return (
-            f"Recordings of the MarsExplorer study {self.study}: {counted}, on {where}. Every participant met the same "
-            f"{self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
+            f"Recordings of the {self.protocol.rules.title} study {self.study}: {counted}, on {where}. "
+            f"Every participant met the same {self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
         )
 
     def to_dict(self) -> dict[str, Any]:

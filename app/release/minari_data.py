@@ -13,14 +13,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
-import marsexplorer  # noqa: F401  # registers the environment
 from app.release.errors import library
 from app.release.tables import TableRow
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
+from app.task import Configuration, Record, Run, rules_of
 
 EPISODES_PER_WRITE = 64
 _METADATA = (
@@ -42,14 +39,14 @@ class MinariWriter:
         library("h5py")
         self._root, self._study, self._version = root, study, version
         self._about = f"{title} Data licence: {licence}. Its environment comes with: pip install marsexplorer-playground"
-        self._waiting: dict[str, list[tuple[TableRow, Episode]]] = {}
+        self._waiting: dict[str, list[tuple[TableRow, Run]]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
         self.without_moves = 0
 
-    def add(self, row: TableRow, episode: Episode) -> None:
+    def add(self, row: TableRow, episode: Run) -> None:
         """Add one episode; Minari cannot keep one without a move, so such an episode is only counted."""
-        if not episode.actions:
+        if not episode.rewards():
             self.without_moves += 1
             return
         waiting = self._waiting.setdefault(row["driver"], [])
@@ -71,55 +68,42 @@ class MinariWriter:
         if driver in self._made:
             self._made[driver].update_episodes(buffers)
         else:
-            self._made[driver] = self._create(driver, waiting[0][1].config, buffers)
+            self._made[driver] = self._create(
+                driver, waiting[0][0]["task"], waiting[0][1].record().config, buffers
+            )
         numbers = range(first, first + len(waiting))
         self._made[driver].update_episode_metadata([_metadata(row) for row, _ in waiting], numbers)
         self.episodes[driver] = first + len(waiting)
         waiting.clear()
 
-    def _create(self, driver: str, config: EnvConfig, buffers: list[Any]) -> Any:
-        env = gymnasium.make("MarsExplorer-v0", **environment(config), disable_env_checker=True)
+    def _create(self, driver: str, task: str, config: Configuration, buffers: list[Any]) -> Any:
+        rules = rules_of(task)
+        low, high = rules.returns(config) or (None, None)
         with _datasets_in(self._root):
             return self._minari.create_dataset_from_buffers(
                 dataset_id=dataset_id(self._study, driver, self._version),
                 buffer=buffers,
-                env=env,
+                env=rules.environment(config),
                 algorithm_name=driver,
                 author="the study's participants, under pseudonyms",
                 description=self._about,
                 requirements=["marsexplorer-playground"],
-                ref_min_score=float(-config.r_invalid),
-                ref_max_score=float(config.r_bonus + config.n),
+                ref_min_score=low,
+                ref_max_score=high,
                 data_format="hdf5",
                 jpeg_encoding=False,
             ).storage
 
 
-def environment(config: EnvConfig) -> dict[str, Any]:
-    """Return what `gymnasium.make` takes to give the episodes' environment."""
-    size = (config.rows, config.cols)
-    rest = {name: getattr(config, name) for name in ("sensor_radius", "beta", "max_steps")}
-    return {"level": config.level, "size": size, **rest, "observation": "uint8"}
-
-
-def observations(episode: Episode) -> list[np.ndarray]:
-    """Return what was seen before each move and after the last: uint8[rows, cols]."""
-    again = Episode.begin(episode.config, terrain=episode.terrain, start=episode.start)
-    found = [again.codes.copy()]
-    for action in episode.actions:
-        again.step(action)
-        found.append(again.codes.copy())
-    return found
-
-
-def _buffer(minari: Any, row: TableRow, episode: Episode) -> Any:
-    moves = len(episode.actions)
-    terminated = row["outcome"] in ("explored", "collided", "out_of_bounds")
+def _buffer(minari: Any, row: TableRow, episode: Run) -> Any:
+    record: Record = episode.record()
+    moves = len(record.actions)
+    terminated = row["outcome"] not in ("timed_out", "abandoned")
     return minari.data_collector.EpisodeBuffer(
         seed=row["seed"],
-        observations=np.stack(observations(episode)),
-        actions=np.frombuffer(bytes(episode.actions), np.uint8).astype(np.int64),
-        rewards=np.array(episode.rewards, np.float64),
+        observations=np.stack(rules_of(row["task"]).observations(record)),
+        actions=np.frombuffer(record.actions, np.uint8).astype(np.int64),
+        rewards=np.array(episode.rewards(), np.float64),
         terminations=np.array([False] * (moves - 1) + [terminated]),
         truncations=np.array([False] * (moves - 1) + [not terminated]),
         infos=None,

@@ -17,7 +17,7 @@ from app.storage.columns import BUNDLE_TABLES, bundle_table
 from app.storage.database import rows, stream
 from app.storage.export import csv_cell
 from app.storage.trial import Trial
-from marsexplorer.episode import Episode, replay
+from app.task import Run
 
 QUERIES = Path(__file__).with_name("queries.sql")
 TableRow = dict[str, Any]
@@ -48,14 +48,15 @@ def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
         yield {column.name: row[column.name] for column in columns}
 
 
-def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Episode]]:
+def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:
     """Yield every episode of a release's database, oldest first: its row of the table of episodes, and its replay."""
     for header in select(conn, "episodes"):
         (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
         steps = rows(
             conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", header["episode"]
         )
-        yield header, replay(Trial.of(row).record(steps))
+        trial = Trial.of(row)
+        yield header, trial.rules.replay_record(trial.record(steps))
 
 
 def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:

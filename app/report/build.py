@@ -215,7 +215,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
 def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> PlayerRow:
     trials = cohort.ranked[person]
     score, steps = (float(player_means(cohort.table([person], metric))[0]) for metric in METRICS)
-    explored = sum(trial.outcome == "explored" for trial in trials)
+    explored = sum(trial.succeeded for trial in trials)
     return PlayerRow(
         name=f"P{number:02d}",
         episodes=len(trials),

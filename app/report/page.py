@@ -6,10 +6,11 @@ The templates in `templates/` escape everything but the style and the charts.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -25,6 +26,7 @@ from app.report.tables import (
     second_analysis_tables,
 )
 from app.statistics.study_figures import why_no_interval
+from app.task import rules_of
 
 FOLDER = Path(__file__).parent
 
@@ -45,6 +47,13 @@ class Section:
         return any(estimate is not None and why_no_interval(estimate) is None for estimate in found)
 
 
+def _where(protocol: Mapping[str, Any]) -> str:
+    """Return what was played, beginning a sentence."""
+    rules = rules_of(protocol["task"])
+    text = rules.where(rules.configuration(protocol["config"]))
+    return text[0].upper() + text[1:]
+
+
 def render(report: Report) -> str:
     """Return the page."""
     return (
@@ -52,6 +61,7 @@ def render(report: Report) -> str:
         .get_template("page.html.j2")
         .render(
             report=report,
+            where=_where(report.protocol),
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),

@@ -22,11 +22,14 @@ from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import headline_interval
 from app.statistics.study_figures import metric_bounds
 from app.storage.reader import Reader
-from marsexplorer.config import EnvConfig
+from app.task import rules_of
 from marsexplorer.evaluation.intervals import t_interval
-from marsexplorer.score import steps_to_target
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
+
+
+_Played = tuple[str, str]
+"""A task and one of its configurations, as JSON."""
 
 
 class VolunteerFigures:
@@ -38,14 +41,14 @@ class VolunteerFigures:
     """
 
     def __init__(self) -> None:
-        self._made: dict[str, tuple[bytes, dict[str, Any]]] = {}
+        self._made: dict[_Played, tuple[bytes, dict[str, Any]]] = {}
         self._making = threading.Lock()
 
     def human_level(self, store: Reader) -> dict[str, Any]:
         """Return what the function `human_level` returns; the figures are shared, so do not change them."""
-        by_config: dict[str, list[dict[str, Any]]] = {}
+        by_config: dict[_Played, list[dict[str, Any]]] = {}
         for row in store.totals("human"):
-            by_config.setdefault(row["config"], []).append(row)
+            by_config.setdefault((row["task"], row["config"]), []).append(row)
         with self._making:
             self._made = {
                 config: self._made_from(config, played) for config, played in by_config.items()
@@ -56,11 +59,13 @@ class VolunteerFigures:
             )
         return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
-    def _made_from(self, config: str, played: list[dict[str, Any]]) -> tuple[bytes, dict[str, Any]]:
+    def _made_from(
+        self, config: _Played, played: list[dict[str, Any]]
+    ) -> tuple[bytes, dict[str, Any]]:
         """Return the hash of a configuration's counted episodes with their figure."""
         state = hashlib.sha256(repr([tuple(row.values()) for row in played]).encode()).digest()
         made = self._made.get(config)
-        return made if made is not None and made[0] == state else (state, _figure(config, played))
+        return made if made is not None and made[0] == state else (state, _figure(*config, played))
 
 
 def human_level(store: Reader) -> dict[str, Any]:
@@ -77,46 +82,47 @@ def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
     return {"mean": mean, "low": float(low), "high": float(high)}
 
 
-def _figure(config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
-    config = EnvConfig(**json.loads(config_json))
+def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
+    rules = rules_of(task)
+    config = rules.configuration(json.loads(config_json))
+    values = config.to_dict()
     scores: dict[str, list[float]] = {}
     steps: dict[str, list[float]] = {}
     explored: dict[str, list[bool]] = {}
     for row in played:
         scores.setdefault(row["owner_id"], []).append(row["score"])
         steps.setdefault(row["owner_id"], []).append(
-            steps_to_target(config, row["outcome"], row["steps"])
+            row["steps"] if row["outcome"] in rules.successes else config.limit
         )
-        explored.setdefault(row["owner_id"], []).append(row["outcome"] == "explored")
+        explored.setdefault(row["owner_id"], []).append(row["outcome"] in rules.successes)
     failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
     is_guaranteed = len(scores) > 1 and bool(
         is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64))
     )
     return {
+        "task": task,
         "level": config.level,
-        "rows": config.rows,
-        "cols": config.cols,
+        "where": rules.where(config),
+        **{side: values[side] for side in ("rows", "cols") if side in values},
         "config_hash": config.hash,
-        "config": config.to_dict(),
+        "config": values,
         "population": "volunteers",
         "headline": "guaranteed" if is_guaranteed else "printed",
         "players": len(scores),
         "episodes": len(played),
         "abandoned": sum(row["outcome"] == "abandoned" for row in played),
-        "score": _interval_of(scores, config, "score", is_guaranteed),
-        "steps": _interval_of(steps, config, "steps", is_guaranteed),
+        "score": _interval_of(scores, metric_bounds(rules, config, "score"), is_guaranteed),
+        "steps": _interval_of(steps, metric_bounds(rules, config, "steps"), is_guaranteed),
         "completed": _mean([_mean(own) for own in explored.values()]),
     }
 
 
 def _interval_of(
-    values: dict[str, list[float]], config: EnvConfig, metric: MetricName, is_guaranteed: bool
+    values: dict[str, list[float]], bounds: tuple[float, float], is_guaranteed: bool
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
     means = np.array([_mean(own) for own in values.values()], np.float64)
-    low, high = headline_interval(
-        means, metric_bounds(config, metric), is_guaranteed=is_guaranteed
-    ) or (None, None)
+    low, high = headline_interval(means, bounds, is_guaranteed=is_guaranteed) or (None, None)
     return {"mean": float(means.mean()), "low": low, "high": high}
 
 
@@ -128,7 +134,7 @@ def _sentence(figure: dict[str, Any]) -> str:
     """Return a figure in plain words."""
     who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
-    where = f"level {figure['level']}, {figure['rows']} x {figure['cols']}"
+    where = figure["where"]
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
     steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure, 'steps', '.1f')}"
     figures = f"{score}, {steps}, {figure['completed']:.0%} completed."

@@ -18,7 +18,7 @@ import scipy
 
 from app.statistics.learning import LEVEL
 from app.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
-from app.study.protocol import Protocol, assumed_sds
+from app.study.protocol import Protocol
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
 
 WANTED_POWER = 0.8
@@ -87,7 +87,8 @@ def plan_study(protocol: Protocol) -> StudyPlan:
 
 def planned_sds(protocol: Protocol) -> tuple[float, float]:
     """Return the assumed standard deviations (players, episodes), those of a new study where the protocol names none."""
-    players, episodes = assumed_sds(protocol.env_config)
+    known = protocol.rules.study(protocol.env_config)
+    players, episodes = known["assumed_player_sd"], known["assumed_episode_sd"]
     return protocol.assumed_player_sd or players, protocol.assumed_episode_sd or episodes
 
 

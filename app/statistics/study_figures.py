@@ -21,7 +21,7 @@ from app.statistics.exclusion_sets import (
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
 from app.study.data import StudyData
-from app.task import Configuration
+from app.task import Configuration, Rules
 
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
@@ -119,16 +119,9 @@ def why_no_interval(estimate: Estimate) -> str | None:
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
-def metric_bounds(config: Configuration, metric: MetricName) -> Interval:
-    """Return the lowest and the highest mean that a player can have.
-
-    Steps to 99 % lie in 1..max_steps. The score lies between a limit of fruitless moves that ends in a collision, and 1; where
-    only what can be discovered counts, that may be a single cell.
-    """
-    if metric == "steps":
-        return 1.0, float(config.limit)
-    cells = 1 if config.discoverable_only else config.n
-    return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
+def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
+    """Return the lowest and the highest mean that a player can have; steps lie in 1..limit."""
+    return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
 
 
 def _figure(
@@ -146,17 +139,16 @@ def _figure(
             steps=None,
             completed=None,
         )
-    config = data.protocol.env_config
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
-        [sum(trial.outcome != "explored" for trial in cohort.ranked[person]) for person in ids],
+        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids],
         np.float64,
     )
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     score, steps = (
         estimate(
             player_means(cohort.table(ids, metric)),
-            metric_bounds(config, metric),
+            metric_bounds(data.protocol.rules, data.protocol.env_config, metric),
             is_guaranteed,
         )
         for metric in METRICS

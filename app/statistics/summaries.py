@@ -149,8 +149,11 @@ def summarize_groups(
 ) -> dict[str, dict[str, Any]]:
     """Return {"curve", "visits"} by group's name, over the ranked episodes of everybody (a player weighs once).
 
-    Episodes of another core version cannot be replayed and are left out. progress: (episodes replayed, in all)
+    Nothing where episodes have no courses. Those of another core version cannot be replayed and are left out.
+    progress: (episodes replayed, in all)
     """
+    if not data.protocol.rules.has_courses:
+        return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     total = sum(len(trials) for cohort in cohorts for trials in cohort.ranked.values())
     done = 0

@@ -148,11 +148,16 @@ class Trial:
         return self.discovered / self.cells if self.discovered is not None and self.cells else None
 
     @property
+    def succeeded(self) -> bool:
+        """Whether it ended in an outcome that is a success."""
+        return self.outcome in self.rules.successes
+
+    @property
     def steps_to_target(self) -> int | None:
         """Moves of an episode that succeeded; the most that there may be for any other ending."""
         if self.outcome is None or self.steps is None:
             return None
-        return self.steps if self.outcome in self.rules.successes else int(self.config.limit)
+        return self.steps if self.succeeded else int(self.config.limit)
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""

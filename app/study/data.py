@@ -26,7 +26,7 @@ from app.storage.studies import (
 )
 from app.storage.trial import ParticipantKind, Trial
 from app.study.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
-from app.study.plausibility import effort_labels, pause_share, plausibility_labels
+from app.study.plausibility import pause_share, plausibility_labels
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.task import Record
@@ -211,5 +211,5 @@ def _with_input(reader: Reader, trial: Trial) -> Trial:
     moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
     labels = plausibility_labels(moves, inputs)
     if trial.ended_ms is not None:
-        labels += effort_labels(trial.config, moves, trial.cells)
+        labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
     return replace(trial, pause_share=pause_share(moves, inputs), labels=labels)

@@ -116,12 +116,12 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 
 def _play(study: Study, phase: Shown) -> list[Record]:
     """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
-    config, runs = study.protocol.env_config, list[Record]()
+    config, runs, name = study.protocol.env_config, list[Record](), study.protocol.debrief_policy
+    if name is None:
+        return runs
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
-        policy = load(
-            study.policy_files.source(study.protocol.debrief_policy), config.sensor_radius
-        )
+        policy = load(study.policy_files.source(name), config.sensor_radius)
     except (LookupError, ValueError, OSError) as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []

@@ -293,14 +293,17 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
     """
     from marsexplorer.policies import PolicyNotFoundError, load
 
-    for policy in {*protocol.policies, protocol.debrief_policy}:
+    shown = protocol.debrief_policy
+    named = {*protocol.policies, *([shown] if shown is not None else [])}
+    for policy in named:
         try:
             load(policy)
         except (PolicyNotFoundError, ValueError, OSError) as error:
             raise StudyError(
                 f"the protocol's policy {policy!r} cannot be loaded: {error}"
             ) from error
-    found = record_files({*protocol.policies, protocol.debrief_policy, REGRET_POLICY}, folder)
+    priced = {REGRET_POLICY} if protocol.rules.has_courses else set()
+    found = record_files({*named, *priced}, folder)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
             raise StudyError(

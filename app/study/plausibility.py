@@ -12,8 +12,7 @@ from itertools import pairwise
 from statistics import quantiles
 from typing import Any
 
-from marsexplorer.config import EnvConfig
-from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
+from marsexplorer.evaluation.effort import QUANTILE, SHORTEST
 
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed."""
@@ -55,15 +54,6 @@ def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
         and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
     }
     return tuple(name for name in LABELS if found.get(name))
-
-
-def effort_labels(config: EnvConfig, moves: Rows, cells: int | None = None) -> tuple[str, ...]:
-    """Return the labels that a finished episode's course gives it: `no effort` or none.
-
-    moves  rows with `discovered`, the cells known after each move, of `cells` that count (None: all)
-    """
-    lacks_effort = makes_no_effort(config, [row["discovered"] for row in moves], cells)
-    return ("no effort",) if lacks_effort else ()
 
 
 def intervals(presses: Rows) -> list[float]:

@@ -60,7 +60,9 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
 
 
 def compared_policies(protocol: Protocol) -> list[str]:
-    """Return the policies of the report: those of the protocol, and `random` as the zero."""
+    """Return the policies of the report: those of the protocol, and `random` as the zero; none where a task has none."""
+    if not protocol.rules.has_courses:
+        return list(protocol.policies)
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 

@@ -95,6 +95,11 @@ class ParticipantProgress:
         self.study_store.note_closed(study.row())
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
+        if study.protocol.task != self.lobby.task.name:
+            raise StageError(
+                f"the study {name!r} is of {study.protocol.task}, and this server plays {self.lobby.task.name}: "
+                "whoever invited you must start it with --task"
+            )
         if study.protocol.core_version != study.protocol.rules.version:
             _log.warning(
                 "study %s is for core version %s, this is %s",

@@ -24,14 +24,11 @@ from pydantic import (
 
 from app.play.messages import describe_errors
 from app.storage.trial import Attestation
-from app.study.texts import CONSENT, questions
+from app.study.texts import consent
 from app.task import Configuration, Rules, rules_of
 
 NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
-
-ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
-"""Steps to 99 % on 441 cells (`assumed_sds`)."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
 ExclusionRules = dict[
@@ -108,7 +105,7 @@ class Protocol(_Part):
     return_url           where a participant goes from the last page; `{code}` becomes the completion code
     completion_code      the same for all; None: one drawn for each participant
     policies             compared in the report, on exactly the ranked terrains
-    debrief_policy       compared with the participant on the warm-up terrains
+    debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
     policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them (`app.study.policy_files`)
     exclusion            further figures of the report by name, with who enters them
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
@@ -138,7 +135,7 @@ class Protocol(_Part):
     return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
     completion_code: str | None = Field(default=None, min_length=1, max_length=100)
     policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
-    debrief_policy: Line = "ppo"
+    debrief_policy: Line | None = "ppo"
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
     equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
@@ -205,32 +202,24 @@ class Protocol(_Part):
         return self.rules.configuration(self.config)
 
 
-def default_protocol(name: str, config: Configuration, **rest: Any) -> Protocol:
+def default_protocol(name: str, config: Configuration, task: str = "mars", **rest: Any) -> Protocol:
     """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
 
     Its texts are templates: `app.study.templates.fill` gives what participants read.
     """
+    known = dict(rules_of(task).study(config))
+    text = consent(known.pop("opening"), bool(known["questions"]))
+    title = str(known["title"]).replace("{name}", name)
+    named = {} if task == "mars" else {"task": task}
     parts = {
         "name": name,
-        "title": f"How well do people explore Mars? ({name})",
+        **named,
         "config": config.to_dict(),
-        "consent": {"text": CONSENT},
-        "questions": questions(),
+        **known,
+        "title": title,
+        "consent": {"text": text},
     }
-    player_sd, episode_sd = assumed_sds(config)
-    assumed = {"assumed_player_sd": player_sd, "assumed_episode_sd": episode_sd}
-    return parse_protocol({**parts, **assumed, **rest})
-
-
-def assumed_sds(config: Configuration) -> tuple[float, float]:
-    """Return the standard deviations (players, episodes) of steps to 99 % that a new study assumes, for its number of cells.
-
-    They are no measurement of people, of whom none has played yet: synthetic players of the population `mixed`
-    (`research.methods.simulated_players`) give them on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by
-    cells.
-    """
-    scale = config.n / 441
-    return round(ASSUMED_PLAYER_SD * scale, 1), round(ASSUMED_EPISODE_SD * scale, 1)
+    return parse_protocol({**parts, **rest})
 
 
 def parse_protocol(data: Mapping[str, Any]) -> Protocol:

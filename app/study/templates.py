@@ -75,6 +75,7 @@ def fill(protocol: Protocol) -> Protocol:
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
     """Return what each placeholder becomes in this protocol."""
     config = protocol.env_config
+    minutes = protocol.rules.minutes(config) * (protocol.warm_up + protocol.ranked)
     values: dict[str, Any] = {
         "name": protocol.name,
         "warm_up": protocol.warm_up,
@@ -82,15 +83,11 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "episodes": protocol.warm_up + protocol.ranked,
         "break_every": protocol.break_every,
         "pause_after": f"{protocol.pause_after_s:g}",
-        "minutes": 5
-        + 5 * max(1, round(config.n / 441 * (protocol.warm_up + protocol.ranked) * 0.75 / 5)),
+        "minutes": 5 + 5 * max(1, round(minutes / 5)),
         "questions": len(protocol.questions),
         "players": protocol.players,
         "licence": protocol.data_licence,
-        "coverage": f"{100 * config.beta:g} %",
-        "lidar_radius": config.sensor_radius,
-        "rows": config.rows,
-        "cols": config.cols,
+        **protocol.rules.placeholders(config),
         "max_steps": config.limit,
     }
     return {name: str(value) for name, value in values.items()}

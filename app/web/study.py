@@ -21,6 +21,7 @@ from app.study.progress import NotJoinedError, ParticipantProgress, StageError, 
 from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.study.recruitment import Arrival, supervised_until_ms
 from app.study.templates import placeholder_values
+from app.task import describe
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 from app.web.results import regret_of
@@ -91,10 +92,7 @@ class ParticipantSettings(Message):
 
     modality: Literal["keyboard", "touch"] | None = None
     palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
-    keys: (
-        dict[Literal["north", "east", "south", "west"], list[Annotated[str, Field(max_length=64)]]]
-        | None
-    ) = None
+    keys: dict[str, list[Annotated[str, Field(max_length=64)]]] | None = None
 
     @field_validator("keys")
     @classmethod
@@ -148,6 +146,7 @@ async def participant_state(
     return {
         "study": study.name,
         "title": protocol.title,
+        "task": describe(protocol.rules),
         "participant": participant_label(participant.id),
         "stage": participant.stage,
         "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
@@ -162,7 +161,7 @@ async def participant_state(
         "tutorial": {"done": "tutorial" in ended},
         "break_due": break_due(study, participant, trials),
         "pause_after_s": protocol.pause_after_s,
-        "rules": {name: values[name] for name in RULES},
+        "rules": {name: values[name] for name in RULES if name in values},
         "session": participant.session_id,
         "about": None if session is None else await session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
@@ -234,6 +233,7 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
         study = progress.study(name)
     await progress.note_if_closed(study)
     protocol, config = study.protocol, study.protocol.env_config
+    values = config.to_dict()
     return {
         "name": name,
         "title": protocol.title,
@@ -241,10 +241,10 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
         "protocol_hash": study.protocol_hash,
         "commitment": study.commitment,
         "secret": None if study.is_open else study.secret.hex(),
+        "task": describe(protocol.rules),
         "level": config.level,
-        "rows": config.rows,
-        "cols": config.cols,
-        "config": config.to_dict(),
+        **{side: values[side] for side in ("rows", "cols") if side in values},
+        "config": values,
         "warm_up": protocol.warm_up,
         "ranked": protocol.ranked,
         "players": protocol.players,
@@ -349,6 +349,9 @@ async def settings(
 ) -> dict[str, Any]:
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
+        actions = progress.study(name).protocol.rules.actions
+        if strange := [each for each in chosen.keys or {} if each not in actions]:
+            raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {strange[0]!r}")
         changed = chosen.model_dump(exclude_none=True)
         await progress.lobby.store.write(lambda: progress.set_settings(name, player, changed))
     return await _present_state(request, name)

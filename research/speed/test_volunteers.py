@@ -10,6 +10,7 @@ from app.statistics.human_level import VolunteerFigures, human_level
 from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds
 from app.storage.store import Store
+from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 
@@ -45,7 +46,7 @@ def every_interval(store):
         [row["steps"] if row["outcome"] == "explored" else CONFIG.limit for row in rows], np.float64
     )
     return [
-        estimate(values, metric_bounds(CONFIG, name))
+        estimate(values, metric_bounds(rules_of("mars"), CONFIG, name))
         for name, values in (("score", scores), ("steps", steps))
     ]
 

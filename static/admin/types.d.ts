@@ -34,7 +34,7 @@ declare namespace Admin {
   };
   type Study = {
     name: string, title: string, status: "open" | "closed", frozen_ms: number, closed_ms: number | null, level: string,
-    rows: number, cols: number, max_steps: number, planned: number, warm_up: number, ranked: number, stages: Stage[],
+    where: string, max_steps: number, planned: number, warm_up: number, ranked: number, stages: Stage[],
     participants: Participant[], figure: Figure | null,
     labels: {label: string, episodes: number, participants: string[]}[],
     exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open",

@@ -30,7 +30,7 @@ export function withoutInvitation(href) {
 export function createStudyApi(request, name) {
   const path = `studies/${encodeURIComponent(name)}`;
   return {
-    /** @returns {Promise<{status: "open" | "closed", rows: number, cols: number}>} */
+    /** @returns {Promise<{status: "open" | "closed", task: {name: string}}>} */
     show: () => request(path),
     /** @param {Record<string, string>} outside_ids @param {string | null} invitation
      * @returns {Promise<Study.Participant>} */

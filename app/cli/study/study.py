@@ -18,6 +18,7 @@ from app.cli.console import (
     PATH,
     STUDIES,
     SizeType,
+    default_config,
     env_config_of,
     failures,
     folder_of,
@@ -25,6 +26,7 @@ from app.cli.console import (
     progress,
     settings_of,
     study_errors,
+    task_name,
     write_file,
 )
 
@@ -56,6 +58,11 @@ def study() -> None:
 @study.command(short_help="Begin a study: write its protocol as a draft.")
 @click.argument("name")
 @click.option("--title", help="What participants read at the top.")
+@click.option(
+    "--task",
+    metavar="ID",
+    help="Another environment, like FrozenLake-v1; the server needs --task too.  [default: MarsExplorer]",
+)
 @click.option(
     "--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2."
 )
@@ -102,7 +109,12 @@ def study() -> None:
 )
 @STUDIES
 def new(
-    name: str, level: str, size: int | tuple[int, int], studies: Path | None, **given: Any
+    name: str,
+    task: str | None,
+    level: str,
+    size: int | tuple[int, int],
+    studies: Path | None,
+    **given: Any,
 ) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
 
@@ -114,15 +126,17 @@ def new(
     Examples:
       marsexplorer study new pilot
       marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
+      marsexplorer study new lake --task FrozenLake-v1
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
     from app.study.protocol import default_protocol
 
-    config = env_config_of(level, size)
+    name_of_task = "mars" if task is None else task_name(task)
+    config = env_config_of(level, size) if task is None else default_config(name_of_task)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
         folder_of(studies).path(name)
-        protocol = _with_reachable_effects(default_protocol(name, config, **rest))
+        protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
         path = folder_of(studies).create(protocol)
     _echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")

@@ -9,6 +9,7 @@ import base64
 import hashlib
 import io
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -246,6 +247,61 @@ class GymnasiumRules:
         if not isinstance(limit, int) or not 0 < limit <= 100_000:
             raise ValueError(f"max_steps must be a whole number from 1 to 100000, got {limit!r}")
         return GymnasiumConfig(self.level, _canonical(given["kwargs"]), limit)
+
+    def environment(self, config: GymnasiumConfig) -> Any:
+        """Return a new environment."""
+        return config.make()
+
+    def observations(self, record: GymnasiumRecord) -> list[Any]:
+        """Return what was seen before each move and after the last."""
+        run = GymnasiumRun(record.config, record.seed)
+        found = [run.observation()]
+        for action in record.actions:
+            run.step(action)
+            found.append(run.observation())
+        return found
+
+    def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
+        """Return 0 and 1 where the environment pays a success alone, else None."""
+        return (0.0, 1.0) if self.level in CHOICES else None
+
+    has_courses: ClassVar[bool] = False
+
+    def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
+        """Return texts of a new study, and that it compares with no policy.
+
+        The assumed spread of the moves of an episode is a tenth and a fifth of its limit: there is nothing to know it from.
+        """
+        return {
+            "title": f"How well do people play {self.title}? ({{name}})",
+            "opening": f"You are invited to take part in a study of how well people play {self.title}. You play it with the "
+            "keyboard or by touch, in your browser.",
+            "questions": (),
+            "policies": (),
+            "debrief_policy": None,
+            "assumed_player_sd": config.limit / 10,
+            "assumed_episode_sd": config.limit / 5,
+        }
+
+    def placeholders(self, config: GymnasiumConfig) -> Mapping[str, Any]:
+        """Return what texts may name of the environment."""
+        return {"title": self.title}
+
+    def where(self, config: GymnasiumConfig) -> str:
+        """Return the environment's id, with its arguments where there are some."""
+        return config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
+
+    def minutes(self, config: GymnasiumConfig) -> float:
+        """Return how long a person takes for an episode: half a second a move, and never more than two minutes."""
+        return min(2.0, config.limit / 120)
+
+    def bounds(self, config: GymnasiumConfig) -> tuple[float, float]:
+        """Return the bounds of a mean return: 0 and 1 where the environment pays a success alone, else none."""
+        return (0.0, 1.0) if self.level in CHOICES else (-math.inf, math.inf)
+
+    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+        """Return nothing: what no effort looks like is not known."""
+        return ()
 
     def check_study(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where the environment cannot be made."""

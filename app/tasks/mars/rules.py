@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
+import marsexplorer  # noqa: F401  # registers the environment
 from app.task import Cause, Metric
 from app.tasks.mars.messages import MAX_API_SIDE
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
+from marsexplorer.evaluation.effort import makes_no_effort
 from marsexplorer.terrain import generate
 from marsexplorer.world import cells_that_count
 
@@ -30,6 +34,13 @@ METRICS = (
     Metric("coverage", "share of the cells that count", 0.0, 1.0, "higher"),
     Metric("steps to 99 %", "moves", 0.0, None, "lower"),
 )
+ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
+"""Steps to 99 % on 441 cells (`MarsRules.study`)."""
+OPENING = (
+    "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
+    "cells around itself. You drive the rover with the keyboard or by touch, in your browser."
+)
+"""What a participant reads first."""
 MAX_REPLAY_CELLS = 2_000_000
 """Most cells in the frames of one replay: beyond it some frames are left out."""
 
@@ -49,6 +60,73 @@ class MarsRules:
     def configuration(self, values: Mapping[str, Any]) -> EnvConfig:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
         return EnvConfig(**values)
+
+    def environment(self, config: EnvConfig) -> Any:
+        """Return the environment whose observations are uint8[rows, cols]."""
+        size = (config.rows, config.cols)
+        rest = {name: getattr(config, name) for name in ("sensor_radius", "beta", "max_steps")}
+        given = {"level": config.level, "size": size, **rest, "observation": "uint8"}
+        return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
+
+    def observations(self, record: Record) -> list[NDArray[np.uint8]]:
+        """Return what was seen before each move and after the last: uint8[rows, cols]."""
+        again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+        found = [again.codes.copy()]
+        for action in record.actions:
+            again.step(action)
+            found.append(again.codes.copy())
+        return found
+
+    def returns(self, config: EnvConfig) -> tuple[float, float]:
+        """Return that of an invalid first move, and the theoretical maximum."""
+        return float(-config.r_invalid), float(config.r_bonus + config.n)
+
+    has_courses: ClassVar[bool] = True
+
+    def study(self, config: EnvConfig) -> Mapping[str, Any]:
+        """Return texts, policies and the spread of steps that a new study assumes.
+
+        The spread is no measurement of people, of whom none has played yet: synthetic players of the population `mixed`
+        (`research.methods.simulated_players`) give it on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by
+        cells.
+        """
+        scale = config.n / 441
+        return {
+            "title": "How well do people explore Mars? ({name})",
+            "opening": OPENING,
+            "questions": _questions(),
+            "assumed_player_sd": round(ASSUMED_PLAYER_SD * scale, 1),
+            "assumed_episode_sd": round(ASSUMED_EPISODE_SD * scale, 1),
+        }
+
+    def placeholders(self, config: EnvConfig) -> Mapping[str, Any]:
+        """Return what texts may name of a configuration."""
+        return {
+            "coverage": f"{100 * config.beta:g} %",
+            "lidar_radius": config.sensor_radius,
+            "rows": config.rows,
+            "cols": config.cols,
+        }
+
+    def where(self, config: EnvConfig) -> str:
+        """Return level and size in words."""
+        return f"level {config.level}, {config.rows} x {config.cols}"
+
+    def minutes(self, config: EnvConfig) -> float:
+        """Return how long a person takes for an episode: three quarters of a minute on 441 cells."""
+        return config.n / 441 * 0.75
+
+    def bounds(self, config: EnvConfig) -> tuple[float, float]:
+        """Return the bounds of a mean score: a limit of fruitless moves that ends in a collision, and 1.
+
+        Where only what can be discovered counts, that may be a single cell.
+        """
+        cells = 1 if config.discoverable_only else config.n
+        return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
+
+    def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
+        """Return `no effort` or nothing; counts are the cells known after each move."""
+        return ("no effort",) if makes_no_effort(was.config, counts, self.cells(was)) else ()
 
     def check_study(self, config: EnvConfig) -> None:
         """Raise ValueError unless all cells count and the board fits the page."""
@@ -132,3 +210,39 @@ def _drawn(config: EnvConfig, seed: int) -> bytes:
 @lru_cache(maxsize=1024)
 def _cells(config: EnvConfig, terrain: bytes, start: tuple[int, int]) -> int:
     return cells_that_count(config, unpack_terrain(terrain, config), start)
+
+
+def _questions() -> list[dict[str, Any]]:
+    """Return three questions about the rules, as `protocol.Question` has them."""
+    return [
+        {
+            "question": "What ends a round at once?",
+            "choices": [
+                "Driving into an obstacle or off the edge",
+                "Waiting for a minute",
+                "Crossing my own track",
+            ],
+            "answer": 0,
+            "why": "Not quite: there is no clock, and your own track is free ground. An obstacle or the edge ends a round.",
+        },
+        {
+            "question": "When is a round complete?",
+            "choices": [
+                "When the rover has driven over every cell",
+                "When {coverage} of all cells have been discovered",
+                "When the rover is back where it began",
+            ],
+            "answer": 1,
+            "why": "Not quite: the rover need not drive everywhere; {coverage} seen by its lidar are enough.",
+        },
+        {
+            "question": "Which of two complete rounds scores higher?",
+            "choices": [
+                "The one with more moves",
+                "The one with fewer moves",
+                "Both score the same",
+            ],
+            "answer": 1,
+            "why": "Not quite: every move costs a little, so of two complete rounds the one with fewer moves scores higher.",
+        },
+    ]

@@ -11,6 +11,7 @@ from app.report.model import SYNTHETIC
 from app.report.page import render
 from app.statistics.intervals import printed_interval
 from app.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.score import score
@@ -311,7 +312,7 @@ def test_everything_is_json_without_a_number_that_is_none(data):
 
 def test_the_worst_and_the_best_episode_lie_within_the_bounds():
     config = EnvConfig("random", 7, 9, sensor_radius=3)
-    low, high = metric_bounds(config, "score")
+    low, high = metric_bounds(rules_of("mars"), config, "score")
     episode = Episode.begin(config, terrain=np.zeros((7, 9), bool))
     for move in range(config.limit - 1):
         if not episode.ended:
@@ -320,7 +321,7 @@ def test_the_worst_and_the_best_episode_lie_within_the_bounds():
         episode.step(0)  # off the grid, after as many fruitless moves as there are
     assert low <= episode.score < 0.1
     assert high == 1
-    assert metric_bounds(config, "steps") == (1, config.limit)
+    assert metric_bounds(rules_of("mars"), config, "steps") == (1, config.limit)
 
 
 def test_the_checklist_is_filled_and_says_what_is_missing(data):
@@ -430,6 +431,8 @@ def test_the_worst_score_of_a_small_building_lies_within_the_bounds():
     for _ in range(config.limit):
         if not episode.ended:
             episode.step(0)
-    low, _ = metric_bounds(config, "score")
+    low, _ = metric_bounds(rules_of("mars"), config, "score")
     worst = score(config, -config.r_invalid - 0.5 * (config.limit - 1), episode.cells)
-    assert low <= worst < metric_bounds(EnvConfig.of("random", (7, 9)), "score")[0]
+    assert (
+        low <= worst < metric_bounds(rules_of("mars"), EnvConfig.of("random", (7, 9)), "score")[0]
+    )

@@ -9,6 +9,7 @@ from app.report.page import render
 from app.statistics.headline import HEADLINE_RULE, is_a_few_players
 from app.statistics.intervals import guaranteed_interval, printed_interval
 from app.statistics.study_figures import metric_bounds
+from app.task import rules_of
 from tests.support.made_studies import CONFIG, played, study, trial
 
 
@@ -64,7 +65,7 @@ def test_the_guaranteed_interval_is_the_headline_where_failures_are_one_players(
     found = report.groups[0].figure
     assert found.score.headline == found.steps.headline == "guaranteed"
     means = np.array([player.score for player in report.groups[0].players])
-    low, high = guaranteed_interval(means, metric_bounds(CONFIG, "score"))
+    low, high = guaranteed_interval(means, metric_bounds(rules_of("mars"), CONFIG, "score"))
     assert found.score.interval == (float(low), float(high))
     assert f"guaranteed 95 % interval {low:.3f}" in report.sentence
     assert any(

@@ -11,6 +11,7 @@ from app.statistics.human_level import NOBODY_PLAYED, VolunteerFigures, human_le
 from app.statistics.intervals import estimate
 from app.statistics.study_figures import metric_bounds
 from app.storage.store import Store
+from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
 
@@ -55,7 +56,7 @@ def test_each_player_weighs_the_same_however_much_they_played(store):
     }
     (figure,) = human_level(store)["figures"]
     means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
-    interval = estimate(np.array(means), metric_bounds(SMALL, "score")).interval
+    interval = estimate(np.array(means), metric_bounds(rules_of("mars"), SMALL, "score")).interval
     assert (figure["players"], figure["episodes"], figure["population"]) == (3, 6, "volunteers")
     assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
     assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
@@ -73,7 +74,11 @@ def test_the_figures_are_those_of_the_whole_estimate_to_the_last_digit(store, fa
     assert figure["headline"] == headline
     for name, values in (("score", scores), ("steps", steps)):
         means = np.array([math.fsum(own) / len(own) for own in values.values()])
-        whole = estimate(means, metric_bounds(SMALL, name), is_guaranteed=headline == "guaranteed")
+        whole = estimate(
+            means,
+            metric_bounds(rules_of("mars"), SMALL, name),
+            is_guaranteed=headline == "guaranteed",
+        )
         assert tuple(figure[name].values()) == (whole.mean, *whole.interval)
 
 
@@ -82,7 +87,9 @@ def made(monkeypatch):
     """How many episodes each figure was made from, in the order of making."""
     counts, make = [], module._figure
     monkeypatch.setattr(
-        module, "_figure", lambda config, played: counts.append(len(played)) or make(config, played)
+        module,
+        "_figure",
+        lambda task, config, played: counts.append(len(played)) or make(task, config, played),
     )
     return counts
 

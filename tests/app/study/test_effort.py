@@ -1,8 +1,10 @@
 """The effort check: random movers are labelled, people who explore are not."""
 
+from types import SimpleNamespace
+
 from app.storage.reader import Reader
 from app.study.data import load
-from app.study.plausibility import effort_labels
+from app.tasks.mars.rules import MarsRules
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.effort import SHORTEST, makes_no_effort, random_mean_known
@@ -51,8 +53,8 @@ def test_the_bound_is_the_same_each_time_and_rises():
 
 
 def test_a_random_movers_course_is_labelled():
-    moves = [{"discovered": known} for known in course_of("random", 7 * 10**12)]
-    assert effort_labels(CONFIG, moves) == ("no effort",)
+    trial = SimpleNamespace(config=CONFIG, terrain=b"", start=(0, 0))
+    assert MarsRules().labels(trial, course_of("random", 7 * 10**12)) == ("no effort",)
 
 
 def test_a_studys_episodes_are_labelled(tmp_path):

@@ -1,0 +1,85 @@
+"""A study of FrozenLake by its own commands: two participants, a report, a release that verifies and is derived again."""
+
+import json
+import random
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.simulate import Participant
+from app.study.verification import verify_database
+from app.task import rules_of
+
+LAKE = "gymnasium:FrozenLake-v1"
+
+
+class Wanderer:
+    """Chooses any action, again the same with the same seed."""
+
+    def __init__(self, seed):
+        self._dice = random.Random(seed)
+
+    def reset(self):
+        pass
+
+    def choose(self, frame):
+        return self._dice.choice(rules_of(LAKE).actions)
+
+
+def run(*args):
+    """Run a command and return its exit code."""
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    return left.value.code or 0
+
+
+@pytest.fixture
+def played(serve, tmp_path):
+    """The database and the folder of studies, once two people have played and the study is closed."""
+    studies = ("--studies", tmp_path / "studies")
+    sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open")
+    assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
+    assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
+    server = serve(task=LAKE)
+    for number in range(2):
+        person = Participant(server.page(), "lake", Wanderer(number), server.clock, number)
+        person.call("join")
+        while person.me()["stage"] != "complete":
+            person.take_step()
+    server.stop()
+    database = ("--database", tmp_path / "playground.db")
+    assert run("study", "close", "lake", "--yes", *studies, *database) == 0
+    return studies, database
+
+
+def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
+    studies, database = played
+    assert verify_database(database[1]).findings == ()
+    page, numbers = tmp_path / "report.html", tmp_path / "report.json"
+    files = ("--html", page, "--json", numbers)
+    assert run("report", "--study", "lake", *studies, *database, *files) == 0
+    report = json.loads(numbers.read_text())
+    (group,) = report["groups"]
+    with closing(sqlite3.connect(database[1])) as conn:
+        scores = conn.execute(
+            "SELECT avg(score) FROM episodes e JOIN study_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'"
+        ).fetchone()
+    figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
+    assert figure["score"]["mean"] == pytest.approx(scores[0])
+    assert (figure["players"], figure["episodes"]) == (2, 8)
+    assert run("release", "--study", "lake", *studies, *database, "--out", tmp_path / "bundle") == 0
+    assert run("verify", "--dataset", tmp_path / "bundle") == 0
+    assert run("reproduce", tmp_path / "bundle") == 0
+    assert ", 0 differ" in capsys.readouterr().out
+
+
+def test_a_server_of_another_task_says_what_to_do(serve, tmp_path):
+    studies = ("--studies", tmp_path / "studies")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
+    assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
+    answer = serve().page().post("/api/studies/lake/join")
+    assert answer.status_code == 409
+    assert f"is of {LAKE}, and this server plays mars" in answer.json()["detail"]
