@@ -50,6 +50,23 @@ class Metric:
     is_better: Literal["higher", "lower"]
 
 
+@dataclass(frozen=True)
+class Words:
+    """What reports call the two figures of a finished episode, and how it ended.
+
+    score   the headline metric
+    steps   moves of a success, the limit for any other ending
+    reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
+    definition      of both figures, a sentence or two
+    """
+
+    score: str
+    steps: str
+    reached: str
+    short: str
+    definition: str
+
+
 class View(Protocol):
     """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
 
@@ -229,6 +246,10 @@ class Rules(Protocol):
         """Return the lowest and the highest return that a data set may be scored against; None where they are not known."""
 
     @property
+    def words(self) -> Words:
+        """Return what reports call its figures."""
+
+    @property
     def has_courses(self) -> bool:
         """Return whether an episode's moves can be drawn, priced and compared with policies', beyond its frames."""
 
@@ -241,6 +262,9 @@ class Rules(Protocol):
 
     def where(self, config: Configuration) -> str:
         """Return what was played, in words of a sentence."""
+
+    def design(self, config: Configuration) -> str:
+        """Return what a preregistration says of a configuration, whole sentences."""
 
     def minutes(self, config: Configuration) -> float:
         """Return how long a person takes for an episode, roughly."""

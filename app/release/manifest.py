@@ -79,8 +79,8 @@ class ReleaseHeader:
         )
         where = self.protocol.rules.where(config)
         return (
-            f"Recordings of the {self.protocol.rules.title} study {self.study}: {counted}, on {where}. "
-            f"Every participant met the same {self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
+            f"Recordings of the {self.protocol.rules.title} study {self.study}: {counted}, on {where}. Every participant met "
+            f"the same {self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -125,6 +125,7 @@ def _group(
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
     return GroupReport(
         name=cohort.name,
+        words=data.protocol.rules.words,
         kind=cohort.kind,
         joined=len(cohort.people),
         started=len(
@@ -294,9 +295,9 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
     if data.closed_ms is None:
         return data.progress_sentence()
     if group.figure.players:
-        return figure_sentence(group.figure)
+        return figure_sentence(group.figure, group.words)
     if group.figures[0].players:
-        return f"Nobody finished the study. Of those who began: {figure_sentence(group.figures[0])}"
+        return f"Nobody finished the study. Of those who began: {figure_sentence(group.figures[0], group.words)}"
     return NO_HUMAN_FIGURE
 
 
@@ -321,11 +322,11 @@ def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> F
         labelled=sum(bool(trial.labels) for trial in ranked),
         median_minutes=median(map(_minutes, ranked)) if ranked else None,
         policies=tuple(run.name for run in runs),
-        leak=people.leak.sentence if people.leak else "",
+        leak=people.leak.sentence(people.words) if people.leak else "",
         started=people.started,
         excluded=people.started - people.figure.players,
         sets="; ".join(
-            f"{figure.name}: {figure_sentence(figure)}"
+            f"{figure.name}: {figure_sentence(figure, people.words)}"
             for figure in people.figures
             if figure.players
         ),

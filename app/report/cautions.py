@@ -13,6 +13,7 @@ from app.storage.trial import Trial
 from app.study.data import StudyData
 from app.study.protocol import protocol_hash
 from app.study.seeds import commitment, seed
+from app.task import Words
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport
@@ -34,7 +35,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if figure.players < LEAST_PLAYERS:
         few = "1 player is" if figure.players == 1 else f"{figure.players} players are"
         found.append(f"{few} few: their spread, and with it every interval, is poorly known.")
-    found += _about_skewness(figure.score, figure.steps)
+    found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
             "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies "
@@ -53,8 +54,8 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _about_skewness(score: Estimate, steps: Estimate) -> Iterable[str]:
-    for name, estimate in (("score", score), ("steps to 99 %", steps)):
+def _about_skewness(score: Estimate, steps: Estimate, words: Words) -> Iterable[str]:
+    for name, estimate in (("score", score), (words.steps, steps)):
         if estimate.players > 1 and estimate.sd == 0:
             yield f"All players have the same mean {name}: the sample has no spread, so its interval says nothing."
         elif (
@@ -71,7 +72,7 @@ def _about_failures(group: GroupReport) -> str:
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
-    seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended short of 99 %"
+    seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]

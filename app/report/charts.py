@@ -144,7 +144,10 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
 
 def _players(canvas: Canvas, group: GroupReport) -> None:
     for axes, name, title in zip(
-        canvas.subplots(1, 2), ("score", "steps"), ("Score", "Steps to 99 %"), strict=True
+        canvas.subplots(1, 2),
+        ("score", "steps"),
+        ("Score", group.words.steps.capitalize()),
+        strict=True,
     ):
         values = sorted(getattr(player, name) for player in group.players if player.in_primary)
         heights = _stacked(values)
@@ -236,7 +239,7 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
                 linewidth=0.8,
                 markerfacecolor="none",
             )
-        axes.set_title({"score": "Score", "steps": "Steps to 99 %"}[metric.name])
+        axes.set_title({"score": "Score", "steps": group.words.steps.capitalize()}[metric.name])
     axes.set_xlabel(
         "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
     )

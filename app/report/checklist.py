@@ -206,7 +206,7 @@ def _recruitment(facts: Facts) -> Iterator[Item]:
     yield _missing("2.3.2", "Recruitment exclusion rate", "whom recruitment turned away")
     yield _missing("2.4", "Author baseliners", "whether members of the team took part")
     unseen = (
-        "Ranked terrains come from a secret, and the server shows nobody more than their own rover has discovered until "
+        "Ranked terrains come from a secret, and the server shows nobody more than their own moves have earned until "
         "the study closes. Whether somebody learnt of a terrain in another way is not known. "
     )
     yield Item(
@@ -300,6 +300,7 @@ def _execution(facts: Facts) -> Iterator[Item]:
 
 
 def _analysis(facts: Facts) -> Iterator[Item]:
+    words = facts.protocol.rules.words
     compared = bool(facts.policies and facts.players)
     answer = "Yes" if compared else "No"
     yield Item(
@@ -333,7 +334,7 @@ def _analysis(facts: Facts) -> Iterator[Item]:
         "4.3",
         "Evaluation metric equivalence",
         "Yes",
-        "Normalized score and steps to 99 % for both.",
+        f"{words.score[0].upper()}{words.score[1:]} and {words.steps} for both.",
         "software",
     )
     yield Item(

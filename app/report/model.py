@@ -18,6 +18,7 @@ from app.statistics.spread import VarianceComponents
 from app.statistics.study_figures import StudyFigure
 from app.statistics.terrain_leaks import LeakTrend
 from app.study.flow import ParticipantFlow
+from app.task import Words
 from marsexplorer.evaluation.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
@@ -64,6 +65,7 @@ class PlayerRow:
 class GroupReport:
     """The people of a study, or one kind of script.
 
+    words       what the task calls its figures
     joined, started, finished   participants who joined, began a ranked episode, ended all of them
     stages      participants by stage
     left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
@@ -81,6 +83,7 @@ class GroupReport:
 
     name: str
     kind: str
+    words: Words
     joined: int
     started: int
     finished: int

@@ -62,6 +62,7 @@ def render(report: Report) -> str:
         .render(
             report=report,
             where=_where(report.protocol),
+            words=rules_of(report.protocol["task"]).words,
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),

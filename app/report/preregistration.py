@@ -17,6 +17,7 @@ from app.statistics.headline import HEADLINE_RULE
 from app.statistics.planning import plan_study
 from app.study.folder import Study
 from app.study.plausibility import LABELS
+from app.study.policy_episodes import compared_policies
 from app.study.protocol import Protocol
 
 RECRUITMENT = {
@@ -53,13 +54,15 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         protocol=protocol,
         config=protocol.env_config,
         study=study,
+        words=protocol.rules.words,
+        design=protocol.rules.design(protocol.env_config),
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
         sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
         labels=LABELS,
         rule=HEADLINE_RULE,
-        policies=list(dict.fromkeys((*protocol.policies, "random"))),
+        policies=compared_policies(protocol),
         plan=plan_study(protocol),
         software=version("marsexplorer-playground"),
     )

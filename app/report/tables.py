@@ -16,6 +16,7 @@ from app.statistics.formatting import NONE, interval, number, p_value, percent
 from app.statistics.mixed_model import MixedModel
 from app.statistics.study_figures import StudyFigure, why_no_interval
 from app.storage.trial import Attestation
+from app.task import rules_of
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,6 @@ LEVELS_IN_WORDS: dict[Attestation, str] = {
     "attested": "every move fits a key or touch of its own that came before it",
     "supervised": "attested, and the operator had typed their code",
 }
-METRIC_NAMES = {"score": "Normalized score", "steps": "Steps to 99 %"}
 DIGITS = {"score": 4, "steps": 1}
 SPREAD = (
     "ICC",
@@ -245,13 +245,19 @@ def _coverage_row(cell: Cell) -> tuple[str, ...]:
     )
 
 
+def _heading(group: GroupReport, metric: str) -> str:
+    """Return what the task calls a metric, beginning a line."""
+    name: str = getattr(group.words, metric)
+    return name[0].upper() + name[1:]
+
+
 def _by_metric(
     caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> PageTable:
     """Return a table with a column for each metric of the group; no rows where the group has no metrics."""
     rows = list(zip(names, *columns, strict=True)) if columns else []
     return PageTable(
-        caption, ("quantity", *(METRIC_NAMES[metric.name] for metric in group.metrics)), rows
+        caption, ("quantity", *(_heading(group, metric.name) for metric in group.metrics)), rows
     )
 
 
@@ -282,8 +288,8 @@ def _exclusion_sets(group: GroupReport) -> PageTable:
             "players",
             "episodes",
             "score (95 % interval)",
-            "steps to 99 % (95 % interval)",
-            "reached 99 %",
+            f"{group.words.steps} (95 % interval)",
+            group.words.reached,
         ),
         rows=[_exclusion_set_row(group, figure) for figure in group.figures],
     )
@@ -345,8 +351,8 @@ def _players(group: GroupReport) -> PageTable:
             "player",
             "episodes",
             "score",
-            "steps to 99 %",
-            "short of 99 %",
+            group.words.steps,
+            group.words.short,
             "in the primary set",
         ),
         rows=[
@@ -368,7 +374,8 @@ def _policies(report: Report) -> PageTable:
     for policy in report.policies:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
         rows.append((policy.name, number(policy.score, 4), number(policy.steps, 1), *counts))
-    heads = ("policy", "score", "steps to 99 %", "reached 99 %", "collisions")
+    words = rules_of(report.protocol["task"]).words
+    heads = ("policy", "score", words.steps, words.reached, "collisions")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 
 
@@ -400,7 +407,7 @@ def _comparison(group: GroupReport, metric: str) -> PageTable:
         "ratio",
         "normalized",
     )
-    return PageTable(f"{METRIC_NAMES[metric]}: policies minus {group.name}", heads, rows)
+    return PageTable(f"{_heading(group, metric)}: policies minus {group.name}", heads, rows)
 
 
 def _learning_column(metric: Metric) -> tuple[str, ...]:
@@ -433,12 +440,13 @@ def second_analysis_tables(group: GroupReport) -> tuple[PageTable, ...]:
     models = [metric.mixed_model for metric in group.metrics]
     if not models:
         return ()
-    heads = ("quantity", *(METRIC_NAMES[model.metric] for model in models))
+    headings = {model.metric: _heading(group, model.metric) for model in models}
+    heads = ("quantity", *headings.values())
     rows = list(zip(MIXED_MODEL, *map(_model_column, models), strict=True))
     figures = PageTable(
         "Second analysis: mixed model, players and terrains crossed, fitted by REML", heads, rows
     )
-    return (figures, *(table for table in [_difficulties(models)] if table.rows))
+    return (figures, *(table for table in [_difficulties(models, headings)] if table.rows))
 
 
 def _model_column(model: MixedModel) -> tuple[str, ...]:
@@ -448,7 +456,7 @@ def _model_column(model: MixedModel) -> tuple[str, ...]:
     return (number(model.mean, digits), interval(model.interval, digits), *slope, *sds, model.note)
 
 
-def _difficulties(models: list[MixedModel]) -> PageTable:
+def _difficulties(models: list[MixedModel], headings: dict[str, str]) -> PageTable:
     """Return a row for each terrain that a model has a difficulty of."""
     cells: dict[int, dict[str, str]] = {}
     for model in models:
@@ -458,7 +466,7 @@ def _difficulties(models: list[MixedModel]) -> PageTable:
             cells.setdefault(each.terrain, {})[model.metric] = cell
     return PageTable(
         caption="What each ranked terrain adds to everybody's figure, with its 95 % interval",
-        heads=("terrain", *(METRIC_NAMES[model.metric] for model in models)),
+        heads=("terrain", *headings.values()),
         rows=[
             (str(terrain), *(cells[terrain].get(model.metric, NONE) for model in models))
             for terrain in sorted(cells)

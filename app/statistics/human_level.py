@@ -136,7 +136,7 @@ def _sentence(figure: dict[str, Any]) -> str:
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
     where = figure["where"]
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
-    steps = f"{figure['steps']['mean']:.1f} steps to 99 %{_interval(figure, 'steps', '.1f')}"
+    steps = f"{figure['steps']['mean']:.1f} {rules_of(figure['task']).words.steps}{_interval(figure, 'steps', '.1f')}"
     figures = f"{score}, {steps}, {figure['completed']:.0%} completed."
     text = f"Volunteers on this playground, self-selected: {where} ({who}{abandoned}): {figures}"
     return text if figure["players"] > 1 else f"{text} One player gives no interval."

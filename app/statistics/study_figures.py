@@ -21,7 +21,7 @@ from app.statistics.exclusion_sets import (
 from app.statistics.headline import is_a_few_players
 from app.statistics.intervals import Estimate, Interval, estimate
 from app.study.data import StudyData
-from app.task import Configuration, Rules
+from app.task import Configuration, Rules, Words
 
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
@@ -84,10 +84,11 @@ def live_figure(data: StudyData) -> dict[str, Any]:
 def _said(data: StudyData, figure: StudyFigure) -> str:
     if data.closed_ms is None:
         return data.progress_sentence()
-    return figure_sentence(figure) if figure.players else NO_HUMAN_FIGURE
+    words = data.protocol.rules.words
+    return figure_sentence(figure, words) if figure.players else NO_HUMAN_FIGURE
 
 
-def figure_sentence(figure: StudyFigure) -> str:
+def figure_sentence(figure: StudyFigure, words: Words) -> str:
     """Return a figure that has at least one player as a sentence."""
     assert figure.score is not None
     assert figure.steps is not None
@@ -97,7 +98,7 @@ def figure_sentence(figure: StudyFigure) -> str:
     reasons, said = [], []
     for found, text, form in (
         (figure.score, f"mean score {figure.score.mean:.3f}", ".3f"),
-        (figure.steps, f"{figure.steps.mean:.1f} steps to 99 %", ".1f"),
+        (figure.steps, f"{figure.steps.mean:.1f} {words.steps}", ".1f"),
     ):
         reasons.append(why_no_interval(found))
         if reasons[-1] is None and found.interval is not None:

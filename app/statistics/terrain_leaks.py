@@ -15,6 +15,7 @@ import scipy
 
 from app.statistics.intervals import Interval
 from app.storage.trial import Trial
+from app.task import Words
 from marsexplorer.evaluation.intervals import t_quantile
 
 FEWEST_PLAYERS = 5
@@ -38,8 +39,7 @@ class LeakTrend:
     interval: Interval | None = None
     p_value: float | None = None
 
-    @property
-    def sentence(self) -> str:
+    def sentence(self, words: Words) -> str:
         """What was found, in words."""
         if self.slope is None or self.interval is None or self.p_value is None:
             return "Whether ranked terrains leaked between participants was not tested: too few people, or nobody came later."
@@ -50,7 +50,7 @@ class LeakTrend:
             else "No sign that ranked terrains leaked between participants"
         )
         return (
-            f"{verdict}: {self.slope:+.2f} steps to 99 % for each earlier finisher of a terrain (95 % interval {low:+.2f} to "
+            f"{verdict}: {self.slope:+.2f} {words.steps} for each earlier finisher of a terrain (95 % interval {low:+.2f} to "
             f"{high:+.2f}, p = {self.p_value:.3f}, {self.players} players, up to {self.most} earlier finishers)."
         )
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from app.statistics.planning import StudyPlan
     from app.study.invitations import Use
     from app.study.protocol import Protocol
+    from app.task import Words
 
 
 @click.group(short_help="Plan, freeze and close a study of how well people play.")
@@ -172,7 +173,7 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
-        _echo_plan(plan)
+        _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     click.echo(
@@ -568,7 +569,7 @@ def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
     return plan
 
 
-def _echo_plan(plan: StudyPlan) -> None:
+def _echo_plan(plan: StudyPlan, words: Words) -> None:
     """Print the width of the interval and the power of each planned comparison."""
     assumed = (
         "those of a new study, since the protocol names none"
@@ -580,7 +581,7 @@ def _echo_plan(plan: StudyPlan) -> None:
     )
     if plan.half_width is not None:
         click.echo(
-            f"mean steps to 99 %: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
+            f"mean {words.steps}: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
         )
     for each in plan.comparisons:
         more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"

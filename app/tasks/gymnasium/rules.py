@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from app.task import Cause, Metric
+from app.task import Cause, Metric, Words
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "FrozenLake-v1": ("left", "down", "right", "up"),
@@ -33,6 +33,13 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "right": ("ArrowRight", "KeyD"),
     "up": ("ArrowUp", "KeyW"),
 }
+WORDS = Words(
+    score="return",
+    steps="moves to success",
+    reached="succeeded",
+    short="short of success",
+    definition="An episode that does not succeed counts max_steps. The score is the return, the sum of all rewards.",
+)
 DEFAULT_LIMIT = 1000
 """Moves after which an episode times out where the environment sets no limit."""
 
@@ -265,6 +272,7 @@ class GymnasiumRules:
         """Return 0 and 1 where the environment pays a success alone, else None."""
         return (0.0, 1.0) if self.level in CHOICES else None
 
+    words: ClassVar[Words] = WORDS
     has_courses: ClassVar[bool] = False
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
@@ -290,6 +298,10 @@ class GymnasiumRules:
     def where(self, config: GymnasiumConfig) -> str:
         """Return the environment's id, with its arguments where there are some."""
         return config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
+
+    def design(self, config: GymnasiumConfig) -> str:
+        """Return id, arguments and limit."""
+        return f"`{self.where(config)}` of {self.version}, at most {config.limit} moves an episode."
 
     def minutes(self, config: GymnasiumConfig) -> float:
         """Return how long a person takes for an episode: half a second a move, and never more than two minutes."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from app.task import Cause, Metric
+from app.task import Cause, Metric, Words
 from app.tasks.mars.messages import MAX_API_SIDE
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
@@ -36,6 +36,14 @@ METRICS = (
 )
 ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
 """Steps to 99 % on 441 cells (`MarsRules.study`)."""
+WORDS = Words(
+    score="normalized score",
+    steps="steps to 99 %",
+    reached="reached 99 %",
+    short="short of 99 %",
+    definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
+    "(r_invalid + r_bonus + cells), never clipped.",
+)
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
     "cells around itself. You drive the rover with the keyboard or by touch, in your browser."
@@ -81,6 +89,7 @@ class MarsRules:
         """Return that of an invalid first move, and the theoretical maximum."""
         return float(-config.r_invalid), float(config.r_bonus + config.n)
 
+    words: ClassVar[Words] = WORDS
     has_courses: ClassVar[bool] = True
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
@@ -111,6 +120,12 @@ class MarsRules:
     def where(self, config: EnvConfig) -> str:
         """Return level and size in words."""
         return f"level {config.level}, {config.rows} x {config.cols}"
+
+    def design(self, config: EnvConfig) -> str:
+        """Return level, size, lidar and what is complete."""
+        where = f"Level `{config.level}` at {config.rows}x{config.cols}"
+        share = f"{100 * config.beta:g} % of the cells"
+        return f"{where}, lidar radius {config.sensor_radius},\ncomplete at {share}."
 
     def minutes(self, config: EnvConfig) -> float:
         """Return how long a person takes for an episode: three quarters of a minute on 441 cells."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.statistics.terrain_leaks import leak_trend
+from app.task import rules_of
 from tests.support.made_studies import FROZEN_MS, person, trial
 
 MINUTE = 60_000
@@ -34,14 +35,14 @@ def test_a_leak_is_found_and_its_size_is_right():
     assert trend.interval[1] < 0
     assert trend.p_value < 0.01
     assert trend.most == 19
-    assert "as they would if terrains had leaked" in trend.sentence
+    assert "as they would if terrains had leaked" in trend.sentence(rules_of("mars").words)
 
 
 def test_without_a_leak_it_is_found_in_about_one_study_of_twenty():
     rng = np.random.default_rng(2)
     alarms = np.mean([leak_trend(play_in_turn(rng)).p_value < 0.05 for _ in range(100)])
     assert alarms <= 0.10
-    assert "No sign" in leak_trend(play_in_turn(rng)).sentence
+    assert "No sign" in leak_trend(play_in_turn(rng)).sentence(rules_of("mars").words)
 
 
 def test_it_is_silent_for_few_people_and_where_nobody_came_later():
@@ -55,7 +56,7 @@ def test_it_is_silent_for_few_people_and_where_nobody_came_later():
     }
     nobody = leak_trend(alone)
     assert (nobody.most, nobody.slope) == (0, None)
-    assert "was not tested" in nobody.sentence
+    assert "was not tested" in nobody.sentence(rules_of("mars").words)
 
 
 def test_ones_own_episodes_and_other_terrains_are_nobodys_leak():

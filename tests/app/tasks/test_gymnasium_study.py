@@ -69,6 +69,9 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
     assert figure["score"]["mean"] == pytest.approx(scores[0])
     assert (figure["players"], figure["episodes"]) == (2, 8)
+    text = page.read_text()
+    assert "Moves to success" in text
+    assert [word for word in ("99 %", "lidar", "rover", "obstacle") if word in text] == []
     assert run("release", "--study", "lake", *studies, *database, "--out", tmp_path / "bundle") == 0
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
