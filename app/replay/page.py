@@ -24,7 +24,10 @@ from app.tasks.mars.course import Course
 STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""
 ENTRY = "replay/main.js"
-_IMPORT = re.compile(r'^(import\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
+TASK = "task/mars/index.js"
+"""What the page asks for by the name of its task."""
+_IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
+_TASK_IMPORT = "import(`../task/"
 
 _ENVIRONMENT = Environment(
     loader=FileSystemLoader(STATIC),
@@ -114,9 +117,9 @@ def _inlined() -> Inlined:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """Return the text of a module and of all that it imports, by path below `static/`, each importing others by that path."""
+    """Return the text of a module, of its task's and of all that they import, by path below `static/`; each imports by that path."""
     found: dict[str, str] = {}
-    waiting = [entry]
+    waiting = [entry, TASK]
     while waiting:
         name = waiting.pop()
         if name in found:
@@ -128,7 +131,7 @@ def modules(entry: str) -> dict[str, str]:
             waiting.append(target)
             return f'{match[1]}"{target}";'
 
-        found[name] = _IMPORT.sub(by_name, text)
+        found[name] = _IMPORT.sub(by_name, text).replace(_TASK_IMPORT, "import(`task/")
     return found
 
 

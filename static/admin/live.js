@@ -1,21 +1,17 @@
 // @ts-check
 // Boards that are being played: one socket each, with the frames that the operator may see, scores included.
-import { paintBoard } from "../common/board.js";
+import { boardOf, received } from "../common/game_state.js";
 import { follow, socketUrl } from "../common/socket.js";
 import { create } from "../common/page.js";
-import { outcomeShort, percent, score } from "../common/words.js";
+import { loadTask } from "../common/task.js";
+import { many, score } from "../common/words.js";
 import { stageName } from "./words.js";
 
 export const MAX_BOARDS = 12;
 
-/** Return the board after a message. A history makes its path whole again.
- * @param {Admin.WatchedBoard} board @param {FromServer} message @returns {Admin.WatchedBoard} */
-export function boardAfter(board, message) {
-  if (message.kind === "history" && message.episode === board.frame?.episode) return { ...board, trail: message.positions };
-  if (message.kind !== "frame") return board;
-  const isNew = message.episode !== board.frame?.episode;
-  return { frame: message, trail: isNew ? [message.position] : message.step === board.trail.length ? [...board.trail, message.position] : board.trail };
-}
+/** @param {Task} task @param {Board | null} board @param {FromServer} message @returns the board after a message */
+export const boardAfter = (task, board, message) =>
+  (board || message.kind !== "frame" ? received(task, board, message) : boardOf(task, "", "", message, null));
 
 /** @param {Admin.BoardInfo} info @returns who plays and what is played, in short */
 export function caption({ label, kind, phase, trial }) {
@@ -34,25 +30,33 @@ export function createLive(place, base) {
     const figure = create("figure", [create("div", canvas, { class: "matrix" }), create("figcaption")],
       { "data-testid": `live-${info.label ?? info.session}`, "data-outcome": "" });
     /** @type {Admin.Watched} */
-    const one = { figure, canvas, info, board: { frame: null, trail: [] }, link: follow({
+    const one = { figure, canvas, info, board: null, task: null, link: follow({
       url: socketUrl(info.session, base, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
-      onMessage: (message) => { one.board = boardAfter(one.board, message); paint(one); },
+      async onMessage(message) {
+        one.task ??= await loadTask(info.task);
+        one.board = boardAfter(one.task, one.board, message);
+        paint(one);
+      },
     }) };
     place.append(figure);
     watched.set(info.session, one);
     return one;
   }
   /** @param {Admin.Watched} one */
-  function paint({ figure, canvas, board: { frame, trail }, info }) {
+  function paint({ figure, canvas, board, task, info }) {
     const [who, what] = caption(info);
-    const numbers = frame ? [`${frame.step} moves`, `${percent(frame.coverage)} %`, frame.score === null ? "" : score(frame.score), frame.outcome ? outcomeShort(frame.outcome) : ""].filter(Boolean).join(" \u00b7 ") : "";
-    figure.querySelector("figcaption")?.replaceChildren(create("b", who), create("span", what), create("span", numbers, { class: "numbers" }));
-    if (!frame) return;
-    figure.dataset.outcome = frame.outcome ?? "";
-    canvas.setAttribute("aria-label", `Board of ${who}, ${what}: ${percent(frame.coverage)} percent explored after ${frame.step} moves`);
-    const { width } = /** @type {HTMLElement} */ (canvas.parentElement).getBoundingClientRect();
+    /** @param {string} numbers */
+    const say = (numbers) => figure.querySelector("figcaption")?.replaceChildren(create("b", who), create("span", what), create("span", numbers, { class: "numbers" }));
+    if (!board || !task) return void say("");
+    const { step, outcome, score: scored } = board.frame;
+    const { value, unit } = task.headline(board.frame);
+    say([`${step} moves`, `${value} ${unit.split(" ")[0]}`, scored === null ? "" : score(scored), outcome ? task.status(outcome) : ""].filter(Boolean).join(" \u00b7 "));
+    figure.dataset.outcome = outcome ?? "";
+    const place = /** @type {HTMLElement} */ (canvas.parentElement);
+    const { width } = place.getBoundingClientRect();
     const accent = getComputedStyle(document.documentElement).getPropertyValue(info.kind === "script" ? "--board-policy" : "--board-you").trim();
-    paintBoard(canvas, { frame, trail }, { accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
+    task.paint(place, board, { name: "", accent, width_px: width, height_px: width, dpr: window.devicePixelRatio || 1 });
+    canvas.setAttribute("aria-label", `Board of ${who}, ${what}: ${value} ${unit} after ${many(step, "move")}`);
   }
   return {
     /** Watch these boards, and no others.

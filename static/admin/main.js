@@ -2,6 +2,7 @@
 // Wires the operator's console: log in, ask every two seconds, paint; an answer of 401 leads back to the login.
 import { ApiError, createRequest } from "../common/api.js";
 import { create, elementsOf } from "../common/page.js";
+import { loadTask } from "../common/task.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
 import { createRecruiting } from "./recruiting.js";
@@ -15,8 +16,8 @@ const password = by("password", HTMLInputElement);
 const typed = by("typed", HTMLInputElement);
 const live = createLive(by("boards"), document.baseURI);
 
-/** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null}} */
-let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null };
+/** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null, task: Task}} */
+let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask(null) };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -40,7 +41,7 @@ async function load() {
     const chosen = usable.some(({ name }) => name === state.chosen) ? state.chosen : (usable.find(({ status }) => status === "open") ?? usable[0])?.name ?? "";
     /** @type {Admin.Study | null} */
     const study = chosen ? await request(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
-    state = { chosen, overview, study };
+    state = { chosen, overview, study, task: await loadTask(study?.task) };
     enter(true);
     paint();
     showLink("open");
@@ -79,7 +80,7 @@ function paint() {
   tables.paintHealth(by("health"), overview.health, overview.now_ms);
   tables.paintActions(by("actions", HTMLTableElement), overview.actions, overview.now_ms);
   by("operator").textContent = `you are ${overview.operator}`;
-  if (study) paintStudy(study, overview);
+  if (study) paintStudy(study, state.task, overview);
 }
 
 /** @param {Admin.Listed[]} studies @param {string} chosen */
@@ -99,17 +100,17 @@ function paintStudies(studies, chosen) {
   by("status").hidden = true;
 }
 
-/** @param {Admin.Study} study @param {Admin.Overview} overview */
-function paintStudy(study, overview) {
+/** @param {Admin.Study} study @param {Task} task that it is about @param {Admin.Overview} overview */
+function paintStudy(study, task, overview) {
   const isOpen = study.status === "open";
   by("title").textContent = study.title;
   by("summary").textContent = summary(study);
   by("status").hidden = false;
   by("status").textContent = by("status").dataset.status = study.status;
   tables.paintStages(by("stages", HTMLTableElement), study.stages);
-  tables.paintFigure(by("figure"), by("figure-words"), study);
+  tables.paintFigure(by("figure"), by("figure-words"), task, study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
-  tables.paintPeople(by("people", HTMLTableElement), study);
+  tables.paintPeople(by("people", HTMLTableElement), task, study);
   recruiting.paint(study);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);

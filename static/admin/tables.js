@@ -18,15 +18,15 @@ export function paintStages(table, stages) {
   }));
 }
 
-/** @param {HTMLElement} where @param {HTMLElement} words @param {Admin.Study} study */
-export function paintFigure(where, words, { figure, max_steps: limit }) {
+/** @param {HTMLElement} where @param {HTMLElement} words @param {Task} task @param {Admin.Study} study */
+export function paintFigure(where, words, { target }, { figure, max_steps: limit }) {
   words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d.` : "";
   if (!figure?.players || !figure.steps || !figure.score) {
     const why = figure?.sentence ?? "Nobody has joined yet, so there is no figure.";
     where.replaceChildren(create("p", why, { class: "empty" }));
     return;
   }
-  where.replaceChildren(measure("Steps to 99 %", figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
+  where.replaceChildren(measure(`Steps to ${target}`, figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
 }
 
 /** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low
@@ -46,15 +46,15 @@ function measure(name, value, text, low, high) {
   return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
-/** @param {HTMLTableElement} table @param {Admin.Study} study */
-export function paintPeople(table, study) {
+/** @param {HTMLTableElement} table @param {Task} task @param {Admin.Study} study */
+export function paintPeople(table, task, study) {
   const rows = study.participants.map((person) => {
     const bar = create("progress", [], { max: String(study.ranked), value: String(person.ranked), "aria-label": `Ranked episodes of ${person.label}` });
     const kind = person.kind === "script" ? [create("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
     const progress = person.stage === "warm_up" ? `warm-up ${person.warm_up} of ${study.warm_up}` : `${person.ranked} of ${study.ranked}`;
     const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
     const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [bar, progress]), ...numbers,
-      create("td", endings(person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
+      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
     return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
   if (rows.length === 0) {

@@ -3,11 +3,10 @@
 declare namespace Admin {
   type BoardInfo = {
     session: string, study: string | null, label: string | null, kind: string, phase: string | null,
-    trial: number | null, level: string,
+    trial: number | null, level: string, task?: TaskAbout,
   };
-  type WatchedBoard = {frame: Frame | null, trail: Cell[]};
   type Watched = {
-    figure: HTMLElement, canvas: HTMLCanvasElement, board: WatchedBoard,
+    figure: HTMLElement, canvas: HTMLCanvasElement, board: Board | null, task: Task | null,
     link: ReturnType<typeof import("../common/socket.js").follow>, info: BoardInfo,
   };
   type Listed = {name: string, title: string, status: string, error: string | null};
@@ -39,6 +38,7 @@ declare namespace Admin {
     labels: {label: string, episodes: number, participants: string[]}[],
     exports: {report: Export | null, release: Export | null}, recruitment: "invitation" | "panel" | "open",
     code: string | null, code_until_ms: number | null, invitations: Invitation[], now_ms: number,
+    task?: TaskAbout,
   };
   type Health = {
     disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number},

@@ -1,6 +1,6 @@
 // @ts-check
 // The operator's console in words: times, sizes, stages, what needs attention. No document here.
-import { many, outcomeShort } from "../common/words.js";
+import { many } from "../common/words.js";
 
 const NO_ID = "no outside id";
 /** @type {Record<string, string>} */
@@ -80,8 +80,8 @@ export function invitationCounts(invitations) {
   return counts.filter(([, count]) => count).map(([state, count]) => `${count} ${state === "issued" ? "not opened yet" : state === "opened" ? "opened, not agreed to yet" : state}`).join(", ");
 }
 
-/** @param {Record<string, number>} outcomes @returns the endings, the commonest first */
-export const endings = (outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : outcomeShort(outcome)}`).join(", ");
+/** @param {Task} task @param {Record<string, number>} outcomes @returns the endings, the commonest first */
+export const endings = (task, outcomes) => Object.entries(outcomes).sort((a, b) => b[1] - a[1]).map(([outcome, count]) => `${count} ${outcome === "abandoned" ? "given up" : task.status(outcome)}`).join(", ");
 
 /** @param {Admin.Participant} person @param {Admin.Study["labels"]} labels @returns the flags of one participant */
 export function flags(person, labels) {

@@ -1,6 +1,8 @@
 // @ts-check
 // The HTTP API, one function for each route. URLs are relative to the page, so any mount point works.
 
+import { loadTask } from "./task.js";
+
 /** An answer that was not a success; `status` is 0 when no answer came at all. */
 export class ApiError extends Error {
   /** @param {string} message @param {number} status */
@@ -38,6 +40,12 @@ export function createRequest(fetcher, root) {
   };
 }
 
+/** @template {{task?: unknown} | null} T @param {Promise<T>} asked @returns {Promise<T>} an answer with its task's module */
+export async function withTask(asked) {
+  const answer = await asked;
+  return answer && { ...answer, task: await loadTask(/** @type {TaskAbout | undefined} */ (answer.task)) };
+}
+
 /** @param {typeof fetch} fetcher @param {string} [root] @returns the playground's API */
 export function createApi(fetcher, root = "") {
   const request = createRequest(fetcher, root);
@@ -46,9 +54,9 @@ export function createApi(fetcher, root = "") {
   return {
     /** @returns {Promise<unknown>} */
     health: () => request("health", undefined, 1000),
-    /** @returns {Promise<Level[]>} */
+    /** @returns {Promise<Mars.Level[]>} */
     levels: () => request("levels"),
-    /** @returns {Promise<GivenMap[]>} */
+    /** @returns {Promise<Mars.GivenMap[]>} */
     maps: () => request("maps"),
     /** @returns {Promise<Choice[]>} */
     policies: () => request("policies"),
@@ -57,23 +65,23 @@ export function createApi(fetcher, root = "") {
     /** @param {string} id
      * @returns {Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>} */
     episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
-    /** @param {string} id of a finished episode @returns {Promise<Analysis>} */
+    /** @param {string} id of a finished episode @returns {Promise<Mars.Analysis>} */
     regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 600_000),
     /** Make a move that no key made.
      * @param {string} id @param {{episode: string, step: number, action: string}} move @returns {Promise<Frame>} */
     act: (id, move) => request(`${session(id)}/act`, move),
     /** @param {Record<string, unknown>} wish @returns {Promise<About>} */
-    createSession: (wish) => request("sessions", wish),
+    createSession: (wish) => withTask(request("sessions", wish)),
     /** @param {string} id @returns {Promise<About>} */
-    about: (id) => request(`${session(id)}/about`, undefined, 4000),
+    about: (id) => withTask(request(`${session(id)}/about`, undefined, 4000)),
     /** Return the board that this browser's player goes on with; null without one. A question names another of their
      * boards: by its id, or by what a link to watch it holds.
      * @param {{session?: string, watch?: string}} [question] @returns {Promise<About | null>} */
-    mySession: (question = {}) => request(`me/session?${new URLSearchParams(question)}`),
+    mySession: (question = {}) => withTask(request(`me/session?${new URLSearchParams(question)}`)),
     /** @param {string} id of a board for watching, or of an episode @returns {Promise<Watched>} */
-    watched: (id) => request(`watch/${encodeURIComponent(id)}`),
+    watched: (id) => withTask(request(`watch/${encodeURIComponent(id)}`)),
     /** @param {string} id @param {Record<string, unknown>} wish @returns {Promise<About>} */
-    nextEpisode: (id, wish) => request(`${session(id)}/episodes`, wish),
+    nextEpisode: (id, wish) => withTask(request(`${session(id)}/episodes`, wish)),
     /** @param {string} id @param {Record<string, unknown>} pace @returns {Promise<Pace>} */
     setPace: (id, pace) => request(`${session(id)}/pace`, pace),
   };

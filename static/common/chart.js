@@ -1,10 +1,8 @@
 // @ts-check
 // Every line chart of the page. uPlot draws axes, lines and bands; dots, whiskers and the goal are drawn over them.
 import uPlot from "../vendor/uplot/uPlot.js";
-import { axisEnd, tickStep } from "./chart_scale.js";
+import { axisEnd, movesAxis } from "./chart_scale.js";
 
-/** The share of the cells that completes a terrain. */
-const GOAL = 0.99;
 /** Dashes of a policy's line beside a player's. */
 const DASHES = [6, 4];
 /** @type {WeakMap<HTMLElement, {key: string, chart: uPlot, how: ChartLook}>} */
@@ -34,7 +32,7 @@ export function paintChart(place, how) {
  * @param {ChartLook} how @returns {uPlot.AlignedData} */
 function columns({ lines, x, y, goal }) {
   /** @type {uPlot.AlignedData} */
-  const frame = [[x.low, x.high], Array(2).fill(goal ?? y.low)];
+  const frame = [[x.low, x.high], Array(2).fill(goal?.at ?? y.low)];
   return uPlot.join([frame, ...lines.map((line) => /** @type {uPlot.AlignedData} */ (
     hasBand(line) ? [line.x, line.high, line.low, line.y] : [line.x, line.y]))]);
 }
@@ -48,7 +46,7 @@ function options({ lines, inks, font, edges, title, goal }, now) {
   const points = { show: false };
   const text = { stroke: inks.text, font: face, ticks: { show: false } };
   /** @type {uPlot.Series[]} */
-  const series = [{}, { stroke: goal === undefined ? "transparent" : inks.goal, width: 1, dash: [2, 4], points }];
+  const series = [{}, { stroke: !goal ? "transparent" : inks.goal, width: 1, dash: [2, 4], points }];
   /** @type {uPlot.Band[]} */
   const bands = [];
   for (const line of lines) {
@@ -93,9 +91,9 @@ function drawOver(chart, { lines, y: { low: least, high: most }, inks, edges, go
   const at = { x: (value) => left + chart.valToPos(value, "x"), y: (value) => top + chart.valToPos(value, "y") };
   context.save();
   context.scale(uPlot.pxRatio, uPlot.pxRatio);
-  if (goal !== undefined) {
+  if (goal) {
     Object.assign(context, { textAlign: "right", textBaseline: "middle", fillStyle: inks.goal });
-    context.fillText("99 %", edges.left - 8, at.y(goal) + 2);
+    context.fillText(goal.text, edges.left - 8, at.y(goal.at) + 2);
   }
   for (const { x, y, low = [], high = [], colour, hasWhiskers, dot = 0 } of lines) {
     for (const k of hasWhiskers ? y.keys() : [...y.keys()].slice(-1)) {
@@ -120,35 +118,17 @@ export function drawDot(context, { x, y }, radius, colour) {
   context.fill();
 }
 
-/** @param {number} end @returns {ChartAxis} an axis of moves, with at most eight numbers */
-export function movesAxis(end) {
-  const gap = tickStep(Math.max(1, end));
-  const ticks = Array.from({ length: Math.floor(end / gap) + 1 }, (_, k) => k * gap);
-  return { low: 0, high: Math.max(1, end), ticks, text: (move) => (move ? String(move) : "0 moves") };
-}
-/** @param {number} height_px @returns {ChartAxis} an axis of shares of the cells, in percent */
-export function sharesAxis(height_px) {
-  const ticks = height_px > 110 ? [0, 0.25, 0.5, 0.75] : [0, 0.5];
-  return { low: 0, high: 1, ticks, text: (share) => `${share * 100} %` };
-}
-
 /** @param {Board[]} boards @returns the right end of the step axis of their curves, in moves */
-export const stepsEnd = (boards) => axisEnd(Math.max(0, ...boards.map(({ discovered }) => discovered.length - 1)));
+export const stepsEnd = (boards) => axisEnd(Math.max(0, ...boards.map(({ progress }) => progress.length - 1)));
 
-/** @param {{board: Board, colour: string, isDashed?: boolean}} curve
- * @returns {ChartLine} the share of the cells over moves */
-export function curveOf({ board: { discovered, frame }, colour, isDashed }) {
-  const y = discovered.map((count) => count / frame.cells);
-  return { colour, dash: isDashed ? DASHES : [], dot: 3.5, x: [...y.keys()], y };
-}
-
-/** Paint coverage over moves, a curve for each board.
- * @param {HTMLElement} place @param {Parameters<typeof curveOf>[0][]} curves
+/** Paint how far boards have come over moves, a curve for each.
+ * @param {HTMLElement} place @param {Task} task @param {{board: Board, colour: string, isDashed?: boolean}[]} curves
  * @param {{inks: Inks, font: string, over?: ChartLook["over"]}} look */
-export function paintCoverage(place, curves, look) {
+export function paintProgress(place, { chart: { goal, axis } }, curves, look) {
   paintChart(place, {
-    ...look, lines: curves.map(curveOf), goal: GOAL, edges: { left: 44, right: 14, top: 8, bottom: 22 },
-    x: movesAxis(stepsEnd(curves.map(({ board }) => board))), y: sharesAxis(place.clientHeight),
+    ...look, goal, edges: { left: 44, right: 14, top: 8, bottom: 22 }, x: movesAxis(stepsEnd(curves.map(({ board }) => board))),
+    y: axis(place.clientHeight, curves.flatMap(({ board }) => board.progress)),
+    lines: curves.map(({ board: { progress: y }, colour, isDashed }) => ({ colour, dash: isDashed ? DASHES : [], dot: 3.5, x: [...y.keys()], y })),
   });
 }
 

@@ -41,3 +41,14 @@ export function span(values) {
   const [low, high] = [Math.min(...known), Math.max(...known)];
   return high - low < 1e-6 ? [low - 0.5, high + 0.5] : [low, high];
 }
+
+/** @param {number} end @returns {ChartAxis} an axis of moves, with at most eight numbers */
+export function movesAxis(end) {
+  const gap = tickStep(Math.max(1, end));
+  const found = Array.from({ length: Math.floor(end / gap) + 1 }, (_, k) => k * gap);
+  return { low: 0, high: Math.max(1, end), ticks: found, text: (move) => (move ? String(move) : "0 moves") };
+}
+/** @param {number} height_px @returns {ChartAxis} an axis of shares, in percent */
+export function axisOfShares(height_px) {
+  return { low: 0, high: 1, ticks: height_px > 110 ? [0, 0.25, 0.5, 0.75] : [0, 0.5], text: (share) => `${share * 100} %` };
+}

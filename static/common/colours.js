@@ -1,22 +1,18 @@
 // @ts-check
 // The colours of boards and charts, read from the custom properties of base.css while something is painted, so that a theme may change.
 
-/** @param {Element} element */
-function reader(element) {
+/** @param {Element} element @returns what reads its custom properties */
+export function reader(element) {
   const style = getComputedStyle(element);
   return (/** @type {string} */ name) => style.getPropertyValue(name).trim();
 }
 
-/** Return the colours of a board: of its cells, of the player, of the policy, of a better move, and of what is drawn
- * round things. They are the same in every theme.
- * @param {Element} element the board's canvas, or anything around it
- * @returns {{soil: Soil, you: string, policy: string, better: string, casing: string}} */
+/** Return the colours of a board: of the player, of the policy, of a better move, and of what is drawn round things.
+ * They are the same in every theme.
+ * @param {Element} element the board's canvas, or anything around it */
 export function boardColours(element) {
   const read = reader(element);
-  const shades = { "?": read("--board-unknown"), ".": read("--board-ground"), "#": read("--board-rock") };
-  const casing = read("--board-casing");
-  const soil = { shades, edge: read("--board-ground-edge"), rockEdge: read("--board-rock-edge"), casing };
-  return { soil, you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing };
+  return { you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing: read("--board-casing") };
 }
 
 /** Return the colours of a chart, which follow the theme of the page, and the face of its numbers.

@@ -18,7 +18,7 @@ const round = (ms) => Math.round(ms * 10) / 10;
  *   onLetGo  what came up; null where all counts as let go
  * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action,
  *   timing: Timing, pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
- *   actionOf?: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
+ *   actionOf: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
 export function startControls({ page, frames, pad, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
@@ -48,27 +48,29 @@ export function startControls({ page, frames, pad, onAct, onEnter, actionOf, onL
   for (const frame of frames) {
     frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, page));
   }
-  for (const button of /** @type {NodeListOf<HTMLElement>} */ (pad.querySelectorAll("[data-action]"))) {
-    const action = /** @type {Action} */ (button.dataset.action);
-    button.addEventListener("pointerdown", (event) => {
+  for (const kind of /** @type {const} */ (["pointerdown", "pointerup", "pointercancel", "pointerout", "click", "contextmenu"])) {
+    pad.addEventListener(kind, (event) => touch(kind, /** @type {PointerEvent} */ (event)));
+  }
+  /** @param {string} kind @param {PointerEvent} event on the pad, whose buttons may change */
+  function touch(kind, event) {
+    const button = /** @type {HTMLElement | null} */ (/** @type {Element} */ (event.target).closest("[data-action]"));
+    if (!button) return;
+    const [action, at_ms] = [button.dataset.action ?? "", timeOf_ms(event, page, page)];
+    const holder = `button ${action}`;
+    if (kind === "contextmenu") event.preventDefault();
+    else if (kind === "click") {
+      if (event.detail !== 0) return; // a click without a pointer comes from a keyboard or an assistive tool
+      press("touch", action, event, at_ms, holder);
+      onLetGo?.(holder);
+    } else if (kind === "pointerdown") {
       if (!event.isPrimary || event.button !== 0) return;
       event.preventDefault();
       button.classList.add("is-down");
-      press("touch", action, event, timeOf_ms(event, page, page), `button ${action}`);
-    });
-    for (const end of ["pointerup", "pointercancel", "pointerleave"]) {
-      button.addEventListener(end, (event) => {
-        if (button.classList.contains("is-down")) release(`button ${action}`, timeOf_ms(event, page, page));
-        button.classList.remove("is-down");
-      });
+      press("touch", action, event, at_ms, holder);
+    } else if (kind !== "pointerout" || !button.contains(/** @type {Node | null} */ (event.relatedTarget))) {
+      if (button.classList.contains("is-down")) release(holder, at_ms);
+      button.classList.remove("is-down");
     }
-    // A click without a pointer comes from a keyboard or an assistive tool.
-    button.addEventListener("click", (event) => {
-      if (event.detail !== 0) return;
-      press("touch", action, event, timeOf_ms(event, page, page), `button ${action}`);
-      onLetGo?.(`button ${action}`);
-    });
-    button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
   return { press, release };
 }

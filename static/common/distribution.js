@@ -30,11 +30,11 @@ export function rowsOf(labels, rows) {
 }
 
 /** Return the distribution in one sentence, for who cannot see it.
- * @param {Bin[]} bins @param {number | null} you @param {Mark[]} marks */
-export function describe(bins, you, marks) {
+ * @param {string} target what the moves lead to @param {Bin[]} bins @param {number | null} you @param {Named[]} marks */
+export function describe(target, bins, you, marks) {
   const people = bins.filter(({ count }) => count).map(({ from, to, count }) => `${count} from ${from} to ${to - 1}`);
   const policies = marks.map(({ name, moves }) => `${name} ${moves}`);
-  return [`Moves to 99 %: ${people.join(", ") || "nobody yet"}`, you === null ? "" : `you ${you}`, ...policies].filter(Boolean).join("; ");
+  return [`Moves to ${target}: ${people.join(", ") || "nobody yet"}`, you === null ? "" : `you ${you}`, ...policies].filter(Boolean).join("; ");
 }
 
 const WIDTH = 480;
@@ -51,9 +51,9 @@ function drawn(kind, attributes, text = "") {
 
 /** Paint a distribution into an element.
  * @param {HTMLElement} root
- * @param {{counts: [number, number][], you: number | null, marks?: Mark[]}} what you: your own moves; null leaves the
+ * @param {{target: string, counts: [number, number][], you: number | null, marks?: Named[]}} what you: your own moves; null leaves the
  *   dot out */
-export function paintDistribution(root, { counts, you, marks = [] }) {
+export function paintDistribution(root, { target, counts, you, marks = [] }) {
   const bins = binsOf(counts, [...marks.map(({ moves }) => moves), ...(you === null ? [] : [you])]);
   if (!bins.length) return root.replaceChildren();
   const [low, high] = [bins[0].from, bins[bins.length - 1].to];
@@ -62,7 +62,7 @@ export function paintDistribution(root, { counts, you, marks = [] }) {
   const sorted = [...marks].sort((a, b) => a.moves - b.moves);
   const rows = rowsOf(sorted.map(({ name, moves }) => ({ at: at(moves + 0.5), width: 6.4 * name.length + 8 })), 3);
   const depth = Math.max(0, ...rows.map((row) => (row === null ? 0 : row + 1)));
-  const svg = drawn("svg", { class: "distribution", viewBox: `0 0 ${WIDTH} ${BASE + 20 + 15 * depth}`, role: "img", "aria-label": describe(bins, you, marks) });
+  const svg = drawn("svg", { class: "distribution", viewBox: `0 0 ${WIDTH} ${BASE + 20 + 15 * depth}`, role: "img", "aria-label": describe(target, bins, you, marks) });
   for (const { from, to, count } of bins) {
     const isYours = you !== null && you >= from && you < to;
     const height = count ? 6 + (70 * count) / most : 0;

@@ -3,8 +3,8 @@
 
 /** @returns {GameState} */
 export function initialState() {
-  return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", notices: [],
-    nextNotice: 1 };
+  return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", task: null,
+    notices: [], nextNotice: 1 };
 }
 
 /** @param {About} about @returns {Mode} the mode that a session stands for */
@@ -13,30 +13,30 @@ export function modeOf(about) {
   return about.rival ? "practice" : "ranked";
 }
 
-/** @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before @returns {Board} */
-function boardOf(session, name, frame, before) {
-  if (before && before.session === session) return { ...withFrame(before, frame), name };
-  return withFrame({ session, name, frame, trail: [], discovered: [], hasGap: false, pace: null, isReplay: false }, frame);
+/** @param {Task} task @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before
+ * @returns {Board} */
+export function boardOf(task, session, name, frame, before) {
+  if (before && before.session === session) return { ...withFrame(task, before, frame), name };
+  return withFrame(task, { session, name, frame, trail: [], progress: [], hasGap: false, pace: null, isReplay: false }, frame);
 }
 
 /** Return the board after `frame`: the newest wins, an older one of the same episode changes nothing.
- * @param {Board} board @param {Frame} frame @returns {Board} */
-export function withFrame(board, frame) {
+ * @param {Task} task @param {Board} board @param {Frame} frame @returns {Board} */
+export function withFrame(task, board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (!isNew && frame.step < board.frame.step) return board;
-  if (isNew) board = { ...board, thought: null, values: [], expected: null };
-  const trail = isNew ? [] : board.trail;
-  const discovered = isNew ? [] : board.discovered;
-  if (frame.step < trail.length) return { ...board, frame, trail, discovered };
-  if (frame.step > trail.length) return { ...board, frame, trail, discovered, hasGap: true };
-  return { ...board, frame, trail: [...trail, frame.position], discovered: [...discovered, frame.discovered], hasGap: false };
+  if (isNew) board = { ...board, thought: null, values: [], expected: null, trail: [], progress: [] };
+  const { trail, progress } = board;
+  if (frame.step < trail.length) return { ...board, frame };
+  if (frame.step > trail.length) return { ...board, frame, hasGap: true };
+  return { ...board, frame, trail: [...trail, task.mark(frame)], progress: [...progress, task.progress(frame)], hasGap: false };
 }
 
-/** @param {Board} board @param {MoveHistory} history @returns {Board} */
-function withHistory(board, history) {
-  if (history.episode !== board.frame.episode || history.positions.length < board.trail.length) return board;
-  const { positions: trail, discovered } = history;
-  return { ...board, trail, discovered, hasGap: trail.length <= board.frame.step };
+/** @param {Task} task @param {Board} board @param {MoveHistory} history @returns {Board} */
+function withHistory(task, board, history) {
+  const found = task.path(history, board.frame);
+  if (history.episode !== board.frame.episode || found.trail.length < board.trail.length) return board;
+  return { ...board, ...found, hasGap: found.trail.length <= board.frame.step };
 }
 
 /** @param {Board} board @param {Thought} thought @returns {Board} */
@@ -47,13 +47,13 @@ function withThought(board, thought) {
   return { ...board, thought, values };
 }
 
-/** @param {Board | null} board @param {FromServer} message @returns {Board | null} */
-function received(board, message) {
-  if (!board) return board;
+/** @param {Task | null} task @param {Board | null} board @param {FromServer} message @returns {Board | null} */
+export function received(task, board, message) {
+  if (!board || !task) return board;
   switch (message.kind) {
-    case "frame": return withFrame(board, message);
-    case "refused": return withFrame(board, message.frame);
-    case "history": return withHistory(board, message);
+    case "frame": return withFrame(task, board, message);
+    case "refused": return withFrame(task, board, message.frame);
+    case "history": return withHistory(task, board, message);
     case "thought": return withThought(board, message);
     case "expected": return message.episode === board.frame.episode ? { ...board, expected: message } : board;
     case "pace": return { ...board, pace: message };
@@ -72,25 +72,28 @@ export function apply(state, event) {
   switch (event.kind) {
     case "begun": {
       const { about } = event;
+      const { task } = about;
       const name = about.player === "human" ? "You" : about.player;
-      const player = boardOf(about.session, name, about.frame, state.player);
+      const player = boardOf(task, about.session, name, about.frame, state.player);
       const kept = state.rival?.isReplay && player.frame.episode === state.player?.frame.episode ? state.rival : null;
       const rival = about.rival
-        ? { ...boardOf(about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
+        ? { ...boardOf(task, about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
       const link = about.session === state.player?.session ? state.link : "connecting"; // another session has a socket of its own
-      return { ...state, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link };
+      return { ...state, task, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link };
     }
     case "watched": {
-      const { level, size, board } = event;
-      return { ...state, mode: "spectator", level, size, counts: false, player: board, rival: null };
+      const { level, size, frame, episode: session, history, task } = event.watched;
+      /** @type {Board} */
+      const player = { session, name: event.name, frame, ...task.path(history, frame), hasGap: false, pace: null, isReplay: false };
+      return { ...state, task, mode: "spectator", level, size, counts: false, player, rival: null };
     }
     case "replay": {
       const { about, episode } = event;
       if (state.player?.frame.episode !== episode) return state; // the player has gone on meanwhile
-      return { ...state, rival: { ...boardOf(about.session, about.player, about.frame, null), isReplay: true } };
+      return { ...state, rival: { ...boardOf(about.task, about.session, about.player, about.frame, null), isReplay: true } };
     }
     case "received": {
-      const next = { ...state, [event.role]: received(state[event.role], event.message) };
+      const next = { ...state, [event.role]: received(state.task, state[event.role], event.message) };
       const isOver = event.role === "player" && next.player?.frame.episode !== state.player?.frame.episode;
       if (isOver && next.rival?.isReplay) next.rival = null;
       return event.message.kind === "error" ? noticed(next, event.message.detail, "error") : next;
@@ -99,4 +102,13 @@ export function apply(state, event) {
     case "notice": return noticed(state, event.text, event.tone ?? "error");
     case "dismiss": return { ...state, notices: state.notices.filter((notice) => notice.id !== event.id) };
   }
+}
+
+/** Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one
+ * terrain.
+ * @param {GameState} state @param {Role} role @returns {Mark[] | null} */
+export function ghostOf({ player, rival, task }, role) {
+  if (!player?.frame.outcome || !rival || !task) return null;
+  const other = role === "player" ? rival : player;
+  return String(task.shape(player.frame)) === String(task.shape(rival.frame)) ? other.trail : null;
 }

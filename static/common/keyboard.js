@@ -1,9 +1,9 @@
 // @ts-check
 // Keys that drive wherever the focus is: the page and the 3-D view inside it. No document here, so node can test every rule.
 
-/** @type {Readonly<Record<string, Action>>} */
-export const KEYS = Object.freeze({ ArrowUp: "north", ArrowRight: "east", ArrowDown: "south", ArrowLeft: "west", KeyW: "north",
-  KeyD: "east", KeyS: "south", KeyA: "west" });
+/** @param {Keys} keys @param {string} code @returns {Action | undefined} what a key does, or undefined */
+export const actionOf = (keys, code) => Object.keys(keys).find((action) => keys[action].includes(code));
+
 const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
 
 /** Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
@@ -51,10 +51,10 @@ export function timeOf_ms(event, view, page) {
  *   onLetGo    any key came up, wherever the focus was: its code; null when all count as let go, because the window
  *   lost the focus
  *              or a chord began, after which some systems report no key that comes up
- *   actionOf   the action of a key's code where it is not one of KEYS; undefined lets the key pass
+ *   actionOf   the action of a key's code; undefined lets the key pass
  * @param {Window & typeof globalThis} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void, onRelease: (at_ms: number) => void,
- *   onEnter: (event: KeyboardEvent) => boolean, actionOf?: (code: string) => Action | undefined,
+ *   onEnter: (event: KeyboardEvent) => boolean, actionOf: (code: string) => Action | undefined,
  *   onLetGo?: (code: string | null) => void}} handlers
  * @param {Window & typeof globalThis} page with the clock that counts */
 export function hookKeys(view, handlers, page) {
@@ -69,7 +69,7 @@ export function hookKeys(view, handlers, page) {
       if (handlers.onEnter(event)) swallow(event);
       return;
     }
-    const action = handlers.actionOf ? handlers.actionOf(event.code) : KEYS[event.code];
+    const action = handlers.actionOf(event.code);
     if (!action) return;
     swallow(event);
     if (event.type === "keyup") handlers.onRelease(at_ms(event));

@@ -1,12 +1,9 @@
 // @ts-check
 // Every message in both directions: the twin of app/play/messages.py (a test compares them). Types: types.d.ts.
 
-export const ACTIONS = /** @type {const} */ (["north", "east", "south", "west"]);
-/** What the characters of a grid mean. */
-export const CELL_STATES = Object.freeze({ "?": "unknown", ".": "free", "#": "obstacle", "@": "rover" });
 export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "expected", "thought", "kept"];
 
-/** Return the act message. `step` is the number of moves made when it is due; `action` is where the rover should go.
+/** Return the act message. `step` is the number of moves made when it is due; `action` is the move's name.
  * @param {string} episode @param {number} step @param {Action} action @param {Timing} timing */
 export function act(episode, step, action, timing) {
   return { kind: "act", episode, step, action, ...timing };
@@ -19,12 +16,12 @@ export function events(episode, batch, id) {
   return { kind: "events", episode, batch: id, events: batch };
 }
 
-/** Return the request for positions and discoveries of the whole episode. */
+/** Return the request for the path of the whole episode. */
 export function askHistory() {
   return { kind: "history" };
 }
 
-/** Return the request for what a look from each cell of a policy's board is expected to show. */
+/** Return the request for what a policy expects of its surroundings. */
 export function askExpected() {
   return { kind: "expected" };
 }

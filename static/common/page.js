@@ -80,3 +80,27 @@ export function createRepaint(paint) {
   addEventListener("contextrestored", () => repaint(true), true); // a browser that lost its graphics process gives back empty canvases
   return repaint;
 }
+
+/** Return the elements of a place by their `data-part`.
+ * @param {ParentNode} root @returns {Record<string, HTMLElement>} */
+export function partsOf(root) {
+  const found = /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-part]"));
+  return Object.fromEntries(Array.from(found, (each) => [each.dataset.part, each]));
+}
+
+/** Return the room of elements in CSS pixels, without asking for a layout at each repaint.
+ * @param {() => void} onChange another size */
+export function createSizes(onChange) {
+  /** @type {WeakMap<Element, {width_px: number, height_px: number}>} */
+  const sizes = new WeakMap();
+  const observer = new ResizeObserver((entries) => {
+    for (const { target, contentRect: { width, height } } of entries) sizes.set(target, { width_px: width, height_px: height });
+    onChange();
+  });
+  return {
+    /** @param {HTMLElement} element */
+    watch: (element) => observer.observe(element),
+    /** @param {HTMLElement} element */
+    of: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
+  };
+}

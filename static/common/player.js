@@ -1,8 +1,5 @@
 // @ts-check
-// The player of finished episodes, for a replay's page and a study's debrief: the course of an episode, its board after
-// any number of moves, where the playback stands and how it goes on.
-import { paintBoard } from "./board.js";
-import { describeBoard } from "./words.js";
+// The player of finished episodes, for a replay's page and a study's debrief: where the playback stands and how it goes on.
 
 /** Moves per second. */
 export const SPEEDS = Object.freeze([1, 2, 4, 8, 16, 32, 64]);
@@ -10,73 +7,6 @@ export const SPEEDS = Object.freeze([1, 2, 4, 8, 16, 32, 64]);
 const WHOLE_S = 15;
 /** Moves that an arrow key with Shift goes. */
 const FAR = 10;
-
-/** Return the course that the frames of an ended episode tell. Long ones come with frames left out: the board stays as
- * it was then.
- * @param {string} name @param {Frame[]} frames @returns {Course | null} null without frames */
-export function courseOf(name, frames) {
-  const end = frames[frames.length - 1];
-  if (!end) return null;
-  /** @type {Frame[]} */
-  const shown = [];
-  for (const frame of frames) {
-    while (shown.length < frame.step) shown.push(shown[shown.length - 1]);
-    shown[frame.step] = frame;
-  }
-  const known_since = end.grid.map((line, row) =>
-    Array.from(line, (_, col) => frames.find(({ grid }) => grid[row][col] !== "?")?.step ?? -1));
-  return {
-    name, known_since, cells: end.cells, outcome: end.outcome, sentence: "",
-    grid: end.grid.map((line) => line.replace("@", ".")),
-    actions: shown.slice(1).map(({ heading }) => heading), positions: shown.map(({ position }) => position),
-    discovered: shown.map(({ discovered }) => discovered),
-  };
-}
-
-/** @param {Course} course @returns the number of moves of a course */
-export const movesOf = ({ actions }) => actions.length;
-
-/** Return the moves that a course has made when a replay stands at `step`: one that has ended stays at its end.
- * @param {Course} course @param {number} step */
-export const clamped = (course, step) => Math.max(0, Math.min(step, movesOf(course)));
-
-/** @param {Course} course @param {number} step @returns the share of the cells that is known, 0..1 */
-export const coverageAt = (course, step) => course.discovered[clamped(course, step)] / course.cells;
-
-/** @param {Course} course @param {number} step @returns whether a course has ended when a replay stands at `step` */
-export const hasEnded = (course, step) => step >= movesOf(course);
-
-/** Return the board as it stood after `step` moves, for the painter of boards.
- * @param {Course} course @param {number} step @returns {{frame: Frame, trail: Cell[]}} */
-export function boardAt(course, step) {
-  const at = clamped(course, step);
-  const grid = course.grid.map((line, row) => {
-    const since = course.known_since[row];
-    let known = "";
-    for (let col = 0; col < line.length; col++) known += since[col] >= 0 && since[col] <= at ? line[col] : "?";
-    return known;
-  });
-  const frame = {
-    kind: /** @type {const} */ ("frame"), episode: course.name, step: at, rows: grid.length, cols: grid[0].length, grid,
-    position: course.positions[at], discovered: course.discovered[at], cells: course.cells,
-    coverage: coverageAt(course, at), heading: at ? course.actions[at - 1] : /** @type {Action} */ ("east"),
-    reward: null, return: null, score: null, outcome: hasEnded(course, step) ? course.outcome : null,
-  };
-  return { frame, trail: course.positions.slice(0, at + 1) };
-}
-
-/** Paint the board of a course after `step` moves to fill an element, say it in words, and return its frame.
- * @param {HTMLCanvasElement} canvas @param {HTMLElement} place @param {Course} course @param {number} step
- * @param {{accent: string, soil: Soil, dpr: number, other?: {course: Course, accent: string} | null}} look other is the
- *   run whose path is drawn dashed */
-export function paintCourse(canvas, place, course, step, { accent, soil, dpr, other }) {
-  const board = boardAt(course, step);
-  const { clientWidth: width_px, clientHeight: height_px } = place;
-  const ghost = other && { trail: boardAt(other.course, step).trail, accent: other.accent };
-  if (width_px > 0 && height_px > 0) paintBoard(canvas, board, { accent, width_px, height_px, dpr, soil, ghost });
-  canvas.setAttribute("aria-label", describeBoard(board.frame, course.name));
-  return board.frame;
-}
 
 /** Return the start of a replay of `last` moves; without a speed, at one that shows all of it soon.
  * @param {number} last @param {number} [speed] moves per second @returns {Playback} */

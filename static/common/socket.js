@@ -148,3 +148,76 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
     },
   };
 }
+
+/** How often a page in use asks api/health when no message came, to find out whether a quiet connection is a lost one: a socket that
+ * broke says so itself, a network that went silent does not. A page left alone asks rarely.
+ *   silence_ms   ms since the server's last message
+ *   idle_ms      ms since the player last did something
+ *   ask          api/health; rejects when no answer comes
+ *   onFailure    called with the number of failures in a row
+ *   onSuccess    called when an answer came after a failure
+ * @param {{silence_ms: () => number, idle_ms: () => number, ask: () => Promise<unknown>,
+ *   onFailure: (inARow: number) => void, onSuccess: () => void}} how */
+export function startHeartbeat({ silence_ms, idle_ms, ask, onFailure, onSuccess }) {
+  let failures = 0;
+  let isAsking = false;
+  let askedAt_ms = 0;
+  return setInterval(async () => {
+    const every_ms = failures > 0 || idle_ms() < 60000 ? 1000 : 15000;
+    if (isAsking || document.hidden || silence_ms() < every_ms || performance.now() - askedAt_ms < every_ms) return;
+    isAsking = true;
+    askedAt_ms = performance.now();
+    try {
+      await ask();
+      if (failures > 0) onSuccess();
+      failures = 0;
+    } catch {
+      failures += 1;
+      onFailure(failures);
+    }
+    isAsking = false;
+  }, 250);
+}
+
+/** Connect the boards of a page, and find out when the connection is lost and when it is back.
+ *   onAnswered  the moves that a message of the player's board answers
+ *   onBack      the server answers again
+ * @param {{base: string, moves: {receive: (message: FromServer) => Pending[], drop: () => void},
+ *   telemetry: Pick<ReturnType<import("./telemetry.js").createTelemetry>, "answered" | "reconnected">,
+ *   dispatch: (event: GameEvent) => void, api: {health: () => Promise<unknown>}, isLost: () => boolean,
+ *   idle_ms: () => number, silence_ms?: () => number, onAnswered?: (moves: Pending[], message: FromServer) => void,
+ *   onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
+export function startBoards({ base, moves, telemetry, dispatch, api, isLost, idle_ms, silence_ms, onAnswered, onBack, beforeRetry }) {
+  const connections = createConnections({
+    base, beforeRetry,
+    onMessage(role, message) {
+      if (role === "player") {
+        const answered = moves.receive(message);
+        onAnswered?.(answered, message);
+      }
+      if (message.kind === "kept") telemetry.answered(message);
+      else dispatch({ kind: "received", role, message });
+    },
+    onLink(role, link) {
+      if (link === "lost") moves.drop();
+      if (role !== "player") return;
+      if (link === "open") telemetry.reconnected();
+      dispatch({ kind: "link", link });
+    },
+  });
+  startHeartbeat({
+    silence_ms: silence_ms ?? connections.silence_ms, idle_ms, ask: api.health,
+    onSuccess() {
+      if (!isLost()) return;
+      connections.check();
+      onBack?.();
+    },
+    onFailure() {
+      moves.drop();
+      dispatch({ kind: "link", link: "lost" });
+    },
+  });
+  addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
+  addEventListener("online", connections.restart);
+  return connections;
+}

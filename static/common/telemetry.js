@@ -112,7 +112,7 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
  *   frames      in which keys drive as well, such as the 3-D views
  *   note        keeps an event
  *   flush       sends what is kept; `leave` does it when the page may never come back
- *   drives      whether a key's code drives the rover now
+ *   drives      whether a key's code makes a move now
  *   onActivity  anything was pressed: the user is there
  * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   note: (kind: RecordedEvent["kind"], fields?: object) => void, flush: () => void, leave: () => void,

@@ -19,8 +19,8 @@ function row(who, what, kind, episode) {
 const policyRows = (policies) => policies.map((policy) => row(policy.name, policyText(policy), "policy"));
 
 /** @param {Document} page
- * @param {{load: (day: string) => Promise<Daily.Results>, onWrong: (text: string) => void}} how */
-export function createResults(page, { load, onWrong }) {
+ * @param {{task: Task, load: (day: string) => Promise<Daily.Results>, onWrong: (text: string) => void}} how */
+export function createResults(page, { task, load, onWrong }) {
   const by = elementsOf(page);
   const area = by("share-text", HTMLTextAreaElement);
   by("copy").addEventListener("click", async () => {
@@ -37,13 +37,13 @@ export function createResults(page, { load, onWrong }) {
   /** @param {Daily.Results} results */
   function paint({ day, attempt, people, policies }) {
     if (!attempt) return;
-    put(by("end-title"), resultText(attempt).replace(/^./, (first) => first.toUpperCase()));
+    put(by("end-title"), resultText(task, attempt).replace(/^./, (first) => first.toUpperCase()));
     put(by("end-rank"), rankText(attempt, people, policies));
-    area.value = shareText(day, attempt, policies, new URL("daily", page.baseURI).href);
+    area.value = shareText(task, day, attempt, policies, new URL("daily", page.baseURI).href);
     by("replay").setAttribute("href", `replay/${encodeURIComponent(attempt.episode)}`);
     const marks = policies.flatMap(({ name, moves }) => (moves === null ? [] : [{ name, moves }]));
-    paintDistribution(by("distribution"), { counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
-    put(by("people-note"), peopleText(people));
+    paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
+    put(by("people-note"), peopleText(task, people));
     by("policies").replaceChildren(...policyRows(policies));
     by("end").hidden = by("results").hidden = false;
   }
@@ -68,9 +68,9 @@ export function createResults(page, { load, onWrong }) {
       by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
       const { people, policies } = await load(day);
       put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
-      const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText({ ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
+      const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
       by("yesterday-rows").replaceChildren(...best, ...policyRows(policies.filter(({ moves }) => moves !== null)));
-      put(by("yesterday-note"), peopleText(people));
+      put(by("yesterday-note"), peopleText(task, people));
       by("yesterday").hidden = false;
     },
   };

@@ -1,7 +1,6 @@
 // @ts-check
 // The sentences of the daily page; no document here, so that node can test every one.
-import { many } from "../common/words.js";
-import { wholePercent } from "../play/words.js";
+import { many, wholePercent } from "../common/words.js";
 
 /** The policy that the shared text names. */
 const NAMED = "ppo";
@@ -22,20 +21,21 @@ export function dayText(day) {
 export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 
 /** Return what an attempt came to, in a few words.
- * @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
-export function resultText({ outcome, moves, coverage }) {
+ * @param {Task} task @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
+export function resultText(task, { outcome, moves, coverage }) {
   const share = wholePercent(coverage ?? 0);
   if (outcome === "explored") return `${many(moves, "move")}, ${share} mapped`;
-  const how = /** @type {Record<string, string>} */ ({ collided: "crashed", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "left" })[outcome ?? ""] ?? "ended";
+  const how = outcome === "abandoned" ? "left" : task.outcome(outcome) || "ended";
   return `${how} at ${share} after ${many(moves, "move")}`;
 }
 
 /** Return the text to share: it tells nothing of the terrain.
- * @param {string} day @param {Daily.Attempt} attempt @param {Daily.PolicyResult[]} policies @param {string} link */
-export function shareText(day, attempt, policies, link) {
+ * @param {Task} task @param {string} day @param {Daily.Attempt} attempt @param {Daily.PolicyResult[]} policies
+ * @param {string} link */
+export function shareText(task, day, attempt, policies, link) {
   const policy = policies.find(({ name, moves }) => name === NAMED && moves !== null);
   const compared = policy ? `, ${policy.name} needed ${policy.moves}` : "";
-  return `MarsExplorer daily ${day}: ${resultText(attempt)}${compared}\n${link}`;
+  return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${link}`;
 }
 
 /** Return where a player stands among the people and the policies of the day.
@@ -52,10 +52,10 @@ export function rankText(attempt, people, policies) {
   return `${among}, and ${than}.`;
 }
 
-/** @param {Daily.People} people @returns how many people stand behind a distribution */
-export function peopleText({ players, unfinished }) {
+/** @param {Task} task @param {Daily.People} people @returns how many people stand behind a distribution */
+export function peopleText({ target }, { players, unfinished }) {
   if (!players) return "Nobody has a rank yet.";
-  const rest = unfinished ? `; ${unfinished} of them did not reach 99 %` : "";
+  const rest = unfinished ? `; ${unfinished} of them did not reach ${target}` : "";
   return `${many(players, "person", "people")}${rest}. Each has one attempt.`;
 }
 

@@ -8,23 +8,23 @@ import { coverageEnd, curveText, shown } from "./standing.js";
 const EDGES = { left: 44, right: 12, top: 10, bottom: 40 };
 const dashes = (/** @type {string} */ dash) => (dash ? dash.split(" ").map(Number) : []);
 
-/** @param {Leaderboard.ChartPlace} place @param {Leaderboard.Row[]} rows */
-export function paintCoverage({ chart, legend, note }, rows) {
+/** @param {Leaderboard.ChartPlace} place @param {Task} task @param {Leaderboard.Row[]} rows */
+export function paintCoverage({ chart, legend, note }, { chart: { goal, axis }, target }, rows) {
   const drawn = rows.flatMap((row) => (row.figure?.curve ? [{ ...row, curve: row.figure.curve }] : []));
   const end = coverageEnd(drawn.map(({ curve }) => curve));
   const lines = drawn.map(({ colour, dash, curve: { steps, mean, low, high } }) =>
     ({ colour, dash: dashes(dash), x: steps, y: mean, low, high }));
   paintLegend(legend, drawn);
   paintChart(chart, {
-    ...chartColours(chart), lines: lines.reverse(), edges: EDGES, title: "moves", goal: 0.99,
+    ...chartColours(chart), lines: lines.reverse(), edges: EDGES, title: "moves", goal,
     x: { low: 0, high: end, ticks: ticks(0, end), text: tickText },
-    y: { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75], text: (share) => `${share * 100} %` },
+    y: axis(chart.clientHeight, []),
   });
   const label = drawn.map(({ name, curve }) => curveText(name, curve)).join(". ");
   chart.setAttribute("aria-label", label || "No figures yet");
   const band = drawn.some(({ curve }) => curve.low.length) ? ", with the 95 % interval of the mean" : "";
   const text = `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. `
-    + "The dotted line is 99 %.";
+    + `The dotted line is ${target}.`;
   note.textContent = drawn.length ? text : "";
 }
 

@@ -2,6 +2,7 @@
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { createRequest } from "../common/api.js";
 import { create, elementsOf } from "../common/page.js";
+import { loadTask } from "../common/task.js";
 import { paintCoverage, paintTrials } from "./charts.js";
 import { GRADIENT, paintMaps, topOf } from "./maps.js";
 import { breakOf, invitation, paintRanks, scaleOf } from "./ranks.js";
@@ -10,6 +11,7 @@ import * as standing from "./standing.js";
 const by = elementsOf(document);
 const boardSelect = by("board", HTMLSelectElement);
 const request = createRequest((path, options) => fetch(path, options), "");
+const task = await loadTask(null);
 const SOON_MS = 1500;
 const LATER_MS = 20000;
 
@@ -76,15 +78,15 @@ function paint() {
   const style = getComputedStyle(document.documentElement);
   const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: style.getPropertyValue(row.colour).trim() }));
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
-  by("sentence").textContent = standing.headline(detail);
+  by("sentence").textContent = standing.headline(task, detail);
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
-  by("measure-name").textContent = measure === "steps" ? "Steps to 99 %, fewer is better" : "Score, more is better";
+  by("measure-name").textContent = measure === "steps" ? `Steps to ${task.target}, fewer is better` : "Score, more is better";
   paintWorking(standing.working(detail.policies));
   const scale = scaleOf(figures, measure);
   paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, scale, measure);
   if (!detail.people) by("ranks", HTMLTableElement).tBodies[0].append(invitation(detail.board));
   by("ranks-note").textContent = standing.ranksNote(detail, breakOf(scale) !== null);
-  paintCoverage({ chart: by("coverage"), legend: legendOf("coverage"), note: by("coverage-note") }, rows);
+  paintCoverage({ chart: by("coverage"), legend: legendOf("coverage"), note: by("coverage-note") }, task, rows);
   by("trials-part").hidden = !detail.people?.trials.length;
   paintTrials({ chart: by("trials"), legend: legendOf("trials"), note: by("trials-note") }, detail.people?.trials ?? [],
     rows, measure);

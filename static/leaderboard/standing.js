@@ -52,8 +52,8 @@ function movesTo({ steps, mean }, share) {
   return at < 0 ? null : steps[at];
 }
 
-/** @param {Leaderboard.Detail} detail @returns the sentence under the heading */
-export function headline({ board, people, policies }) {
+/** @param {Pick<Task, "target">} task @param {Leaderboard.Detail} detail @returns the sentence under the heading */
+export function headline({ target }, { board, people, policies }) {
   const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === policies.length ? ready[0] : undefined;
   const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
@@ -66,7 +66,7 @@ export function headline({ board, people, policies }) {
   const who = board.study ? `Human level in the study ${board.study}` : "Volunteers on this playground";
   const abandoned = people.abandoned ? `, ${people.abandoned} of them abandoned` : "";
   const from = `${many(people.players, "player")} and ${many(people.episodes, "episode")}${abandoned}`;
-  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to 99 % (${spread}), from ${from}.${policy}`;
+  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to ${target} (${spread}), from ${from}.${policy}`;
 }
 
 /** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */

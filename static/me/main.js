@@ -3,11 +3,13 @@
 import { createRequest } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { create, elementsOf, put } from "../common/page.js";
+import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { bestText, resultWord, standingText, summary, terrainText } from "./words.js";
+import { bestText, standingText, summary, terrainText } from "./words.js";
 
 const by = elementsOf(document);
 const request = createRequest((path, options) => fetch(path, options), "");
+const task = await loadTask(null);
 const PAGE = 50;
 let shown = 0;
 
@@ -22,11 +24,11 @@ function bestPanel(figure) {
   /** @type {Map<number, number>} */
   const counts = new Map();
   for (const mean of people.means) counts.set(Math.round(mean), (counts.get(Math.round(mean)) ?? 0) + 1);
-  if (people.means.length > 1) paintDistribution(plot, { counts: [...counts], you: people.you });
+  if (people.means.length > 1) paintDistribution(plot, { target: task.target, counts: [...counts], you: people.you });
   return create("section", [
     create("h2", terrainText(figure)),
     create("p", [...number, create("small", best ? " moves, your best" : "No best yet")], { class: "best" }),
-    create("p", bestText(figure), { class: "fine" }),
+    create("p", bestText(task, figure), { class: "fine" }),
     plot,
     create("p", standingText(figure), { class: "fine" }),
   ], { class: "panel" });
@@ -40,7 +42,7 @@ function episodeRow(episode) {
   if (reason) kindCell.title = `Does not count: ${reason}`;
   return create("tr", [
     create("th", when, { scope: "row" }), create("td", terrainText(episode)), kindCell,
-    create("td", resultWord(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
+    create("td", outcome === "abandoned" ? "left" : task.outcome(outcome), { class: outcome === "explored" ? "good" : outcome === "abandoned" ? "left" : "bad" }),
     create("td", String(moves), { class: "number" }), create("td", `${percent(coverage)} %`, { class: "number wide" }), create("td", score(episode.score), { class: "number wide" }),
   ]);
 }
@@ -48,7 +50,7 @@ function episodeRow(episode) {
 async function load() {
   try {
     const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}&offset=${shown}`));
-    put(by("sentence"), summary(history));
+    put(by("sentence"), summary(task, history));
     if (!shown) by("bests").replaceChildren(...history.bests.map(bestPanel));
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;

@@ -1,22 +1,15 @@
 // @ts-check
 // The sentences of a player's own page; no document here, so that node can test every one.
-import { many } from "../common/words.js";
-import { wholePercent } from "../play/words.js";
-
-/** @type {Record<string, string>} */
-const RESULTS = { explored: "mapped", collided: "crashed", out_of_bounds: "off the map", timed_out: "out of moves", abandoned: "left" };
-
-/** @param {string} outcome */
-export const resultWord = (outcome) => RESULTS[outcome] ?? outcome;
+import { many, wholePercent } from "../common/words.js";
 
 /** @param {{level: string, rows: number, cols: number}} terrain */
 export const terrainText = ({ level, rows, cols }) => `${level} ${rows} \u00d7 ${cols}`;
 
-/** @param {Me.History} history @returns the sentence below the heading */
-export function summary({ total, bests }) {
+/** @param {Task} task @param {Me.History} history @returns the sentence below the heading */
+export function summary({ target }, { total, bests }) {
   if (!total) return "Here stand your bests, your place among people and every episode, once you have played.";
   const explored = bests.reduce((sum, { explored: count }) => sum + count, 0);
-  return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to 99 %.`;
+  return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to ${target}.`;
 }
 
 /** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */
@@ -31,8 +24,8 @@ export function standingText({ people: { means, you, ranked } }) {
   return `${mean}: place ${better + 1} of ${means.length} people. A terrain that was not finished counts the limit.`;
 }
 
-/** @param {Me.Best} best */
-export function bestText({ best, episodes, explored }) {
-  if (!best) return `No terrain mapped to 99 % yet, in ${many(episodes, "episode")}.`;
-  return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to 99 %.`;
+/** @param {Task} task @param {Me.Best} best */
+export function bestText({ target }, { best, episodes, explored }) {
+  if (!best) return `No terrain mapped to ${target} yet, in ${many(episodes, "episode")}.`;
+  return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to ${target}.`;
 }

@@ -2,13 +2,13 @@
 // What stands round the boards: the top bar, the sentence below the goal, the choice of what a small screen shows, the
 // help, and the volunteers' figure at the foot.
 import { elementsOf, paintLink, put } from "../common/page.js";
-import { figure, notCounted, sizeText } from "../common/words.js";
-import { goal, standing } from "./words.js";
+import { notCounted, score } from "../common/words.js";
 
 /** Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
  * @param {GameState} state @param {Document} page
  * @param {string} rival the policy that will play after a ranked episode */
 export function paintBar(state, page, rival) {
+  const { task, player } = state;
   const by = elementsOf(page);
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("button[data-mode]"))) {
     button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
@@ -17,9 +17,9 @@ export function paintBar(state, page, rival) {
   badge.dataset.counts = String(state.counts);
   put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
   badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
-  put(by("terrain"), state.player ? `${state.level} \u00b7 ${sizeText([state.player.frame.rows, state.player.frame.cols])}` : "");
+  put(by("terrain"), task && player ? task.place(state.level, player.frame) : "");
   paintLink(by("link"), state.link, "live");
-  put(by("goal"), goal(state.player?.frame ?? null));
+  if (task) put(by("goal"), task.goal(player?.frame ?? null));
   put(by("standing"), standing(state, rival));
   const watched = state.mode === "watch" ? state : null;
   put(by("tab-player"), watched?.player?.name ?? "You");
@@ -27,7 +27,15 @@ export function paintBar(state, page, rival) {
   put(by("key-player"), watched?.player?.name ?? "you");
   put(by("key-rival"), watched?.rival?.name ?? "policy");
   page.body.dataset.mode = state.mode;
-  page.body.dataset.ended = String(Boolean(state.player?.frame.outcome));
+  page.body.dataset.ended = String(Boolean(player?.frame.outcome));
+}
+
+/** @param {GameState} state @param {string} rival @returns what stands below the goal while one board fills the page */
+export function standing({ mode, counts, player, task }, rival) {
+  if (mode !== "ranked" || !player) return task?.standing ?? "";
+  const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
+    : "This episode does not count: its terrain was chosen or met before, or a script has moved.";
+  return rival ? `${what} After the end, ${rival} explores the same terrain beside you.` : what;
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until
@@ -53,20 +61,15 @@ export function startTabs(page) {
   return show;
 }
 
-/** Open the help by its button and by the key "?", outside fields and other dialogs.
- * @param {Document} page */
-export function startHelp(page) {
+/** Open and close a dialog by its buttons, or by a click beside it.
+ * @param {Document} page @param {string} name */
+export function startDialog(page, name) {
   const by = elementsOf(page);
-  const dialog = by("help-dialog", HTMLDialogElement);
-  by("open-help").addEventListener("click", () => dialog.showModal());
-  by("close-help").addEventListener("click", () => dialog.close());
+  const dialog = by(`${name}-dialog`, HTMLDialogElement);
+  by(`open-${name}`).addEventListener("click", () => dialog.showModal());
+  by(`close-${name}`).addEventListener("click", () => dialog.close());
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
-  page.addEventListener("keydown", (event) => {
-    if (event.key !== "?" || event.ctrlKey || event.metaKey || page.querySelector("dialog[open]")) return;
-    if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
-    event.preventDefault();
-    dialog.showModal();
-  });
+  return dialog;
 }
 
 /** @param {{page: Document, api: Pick<ReturnType<import("../common/api.js").createApi>, "about" | "humanLevel">,
@@ -78,11 +81,12 @@ export function createVolunteers({ page, api, state, dispatch }) {
   async function load() {
     const answer = await api.humanLevel().catch(() => null);
     if (!answer) return;
-    const { level, player } = state();
-    const found = answer.figures.find((each) => each.level === level && each.rows === player?.frame.rows && each.cols === player?.frame.cols);
+    const { level, player, task } = state();
+    const shape = player && task ? String(task.shape(player.frame)) : "";
+    const found = answer.figures.find((each) => each.level === level && `${each.cols},${each.rows}` === shape);
     const line = by("human-figure");
     line.hidden = !found;
-    if (found) put(line, figure(found));
+    if (found) put(line, `${found.steps.mean.toFixed(1)} steps \u00b7 score ${score(found.score.mean)}`);
     put(by("human-level"), answer.sentence);
   }
   return {

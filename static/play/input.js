@@ -2,7 +2,7 @@
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
 import { startControls } from "../common/controls.js";
 import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
-import { KEYS, timeOf_ms } from "../common/keyboard.js";
+import { actionOf, timeOf_ms } from "../common/keyboard.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { many } from "../common/words.js";
@@ -17,27 +17,28 @@ const KEPT = "mars.events";
 const REPEAT_SETTING = "mars.repeat";
 
 /** Start the controls; return the moves and the telemetry, for the server's answers.
+ *   task        what is played: its actions and keys
  *   board       the player's: it can be swiped on, and says which presses were dropped
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
  *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
  *   send        true when the message left
  *   driven      the newest frame of a board that is driven here, else null
  *   painted     the frame that was painted last
- *   isPractice  whether held keys repeat, and bursts stop before rocks that are known
+ *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
  *   isConnecting  whether the socket of the board's session is being opened
  *   announce    says a sentence to screen readers, politely
  *   onActivity  anything was pressed: the user is there
- * @param {{page: Window & typeof globalThis, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
+ * @param {{page: Window & typeof globalThis, task: Task, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
  *   announce: (text: string) => void, onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
-export function startInput({ page, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
+export function startInput({ page, task, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
   const now_ms = () => page.performance.now();
   const sendEvents = () => telemetry.sendAll();
   const mark = createDropMark(board, announce);
   const sound = createSound(settings.sound, { storage: page.localStorage, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
-    sender: createMoveSender({ send, now_ms, sendEvents }), frame: driven, isPractice, isConnecting, sendEvents, now_ms,
+    sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isConnecting, sendEvents, now_ms,
     onDropped(reason, count) {
       mark.show(reason, count);
       sound.play({ kind: "blocked" });
@@ -58,9 +59,9 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
       return () => page.clearTimeout(timer);
     },
   });
-  recordInputEvents({ page, frames, pad, note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity, drives: (code) => code in KEYS });
+  recordInputEvents({ page, frames, pad, note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity, drives: (code) => actionOf(task.keys, code) !== undefined });
   const controls = startControls({
-    page, frames, pad, onEnter,
+    page, frames, pad, onEnter, actionOf: (code) => actionOf(task.keys, code),
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
       if (!on) return;
@@ -72,7 +73,7 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
   });
   startSwipes({
     page, surfaces: [...board.querySelectorAll(".stage, .matrix")].map((each) => /** @type {HTMLElement} */ (each)), frames: frames.slice(0, 1),
-    isOn: () => driven()?.outcome === null,
+    isOn: () => driven()?.outcome === null, actionOf: (code) => actionOf(task.keys, code),
     onSwipe(action, event, view) {
       onActivity();
       const at_ms = timeOf_ms(event, view, page);
@@ -96,7 +97,7 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
       /** Take the moves that a message answers off the list, and return them.
        * @param {FromServer} message */
       receive(message) {
-        if (message.kind === "frame") sound.play(soundOf(driven(), message));
+        if (message.kind === "frame") sound.play(soundOf(task, driven(), message));
         return moves.receive(message);
       },
     },
@@ -105,25 +106,25 @@ export function startInput({ page, board, frames, pad, settings, send, driven, p
 
 const SHOWN_MS = 2600;
 const QUIET_MS = 500;
-/** @type {Readonly<Record<Play.Reason, string>>} */
+/** @type {Readonly<Record<string, string>>} */
 const CAUSES = Object.freeze({
-  rock: "Stopped before a rock", edge: "Stopped before the edge", ended: "The episode has ended", lost: "No connection",
-  refused: "The board had changed meanwhile", full: "Too many presses at once",
+  ended: "The episode has ended", lost: "No connection", refused: "The board had changed meanwhile", full: "Too many presses at once",
 });
 
 /** Return the sentence about presses that make no move.
  * @param {Play.Reason} reason @param {number} count 0 where a held key has stopped */
-export const droppedText = (reason, count) => (count === 0 ? `${CAUSES[reason]}.` : `${CAUSES[reason]}: ${many(count, "press", "presses")} dropped.`);
+export function droppedText(reason, count) {
+  const cause = typeof reason === "string" ? CAUSES[reason] : reason.stop;
+  return count === 0 ? `${cause}.` : `${cause}: ${many(count, "press", "presses")} dropped.`;
+}
 
 /** Return what the mark shows after more presses were dropped: while it is shown, those of one reason are added up, and
- * those of one burst, which may be too long for the grid first and then meet a rock that comes into sight.
+ * those of one burst, which may be too long for the grid first and then meet what comes into sight.
  * @param {{reason: Play.Reason, count: number} | null} shown @param {Play.Reason} reason @param {number} count */
 export function addedUp(shown, reason, count) {
-  const isSame = shown && (shown.reason === reason || (isStop(shown.reason) && isStop(reason)));
+  const isSame = shown && (shown.reason === reason || (typeof shown.reason === "object" && typeof reason === "object"));
   return { reason, count: (isSame ? shown.count : 0) + count };
 }
-/** @param {Play.Reason} reason */
-const isStop = (reason) => reason === "rock" || reason === "edge";
 
 /** @param {HTMLElement} board gets the mark @param {(text: string) => void} announce to screen readers, politely */
 function createDropMark(board, announce) {
@@ -140,7 +141,6 @@ function createDropMark(board, announce) {
       shown = addedUp(shown, reason, count);
       const text = droppedText(shown.reason, shown.count);
       put(mark, text);
-      mark.dataset.reason = reason;
       mark.hidden = false;
       clearTimeout(hiding);
       clearTimeout(saying);

@@ -11,10 +11,10 @@ export function isUnfinished({ mode, counts, player }) {
 
 /** Return whether a wish asks for the very board that is being played: it goes on then.
  * @param {GameState} state @param {Mode} wanted @param {Play.Wish} wish */
-export function isSameBoard({ mode, level, player }, wanted, wish) {
+export function isSameBoard({ mode, level, player, task }, wanted, wish) {
   const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
-  const frame = player?.frame;
-  return wanted === mode && wish.seed === null && wish.level === level && frame?.rows === rows && frame.cols === cols;
+  const shape = player && task ? String(task.shape(player.frame)) : "";
+  return wanted === mode && wish.seed === null && wish.level === level && shape === `${cols},${rows}`;
 }
 
 /**
@@ -38,8 +38,9 @@ export function createLeaving(dialog, view, { state, start }) {
   function ask(leave) {
     work = leave;
     dialog.returnValue = "";
-    const { step = 0, rows = 0, cols = 0 } = state().player?.frame ?? {};
-    put(part("moves"), many(step, "move"));
+    const { player, task } = state();
+    const [cols, rows] = player && task ? task.shape(player.frame) : [0, 0];
+    put(part("moves"), many(player?.frame.step ?? 0, "move"));
     put(part("limit"), String(rows * cols));
     dialog.showModal();
   }

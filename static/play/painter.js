@@ -1,31 +1,26 @@
 // @ts-check
 // From the state to the page: boards first, since a key press waits for them, then numbers, chart and the rest, each only where it changed.
-import { paintBoard } from "../common/board.js";
-import { paintCoverage, paintLegend, stepsEnd } from "../common/chart.js";
+import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
+import { ghostOf } from "../common/game_state.js";
 import { elementsOf, paintNotices, put } from "../common/page.js";
-import { ghostOf, thoughtOf } from "../common/thoughts.js";
-import { compare, score } from "../common/words.js";
+import { score } from "../common/words.js";
 import { hasTwoBoards, paintBar } from "./bar.js";
 import * as panel from "./panels.js";
-import { ending, scoreWhy } from "./words.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
-/** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
-const LIDAR_CELLS = 6;
 /** The mark on the page's timeline at which the player's matrix was painted for the first time. */
 const FIRST_FRAME = "mars.first-frame";
 
 /**
  *   visit      paints what a first visit has, and knows whether this is one
+ *   parts      those that the task adds
  *   paysBonus  whether the level being played pays for finishing
- *   thinking   what the policies think: it is drawn on their boards alone
- *   losses     the costly moves of an ended episode
- * @param {{page: Document, panels: Record<string, Play.Panel>, views: ReturnType<import("./views.js").createViews>,
+ * @param {{page: Document, task: Task, panels: Record<string, Play.Panel>, parts: Play.Parts,
+ *   sizes: ReturnType<import("../common/page.js").createSizes>,
  *   visit: Pick<ReturnType<import("./first_visit.js").createFirstVisit>, "isFirst" | "paint">, rivalName: () => string,
- *   paysBonus: (level: string) => boolean, thinking: ReturnType<import("./thinking.js").createThinking>,
- *   losses: () => ReturnType<import("./losses.js").createLosses>, dismiss: (id: number) => void}} how */
-export function createPainter({ page, panels, views, visit, rivalName, paysBonus, thinking, losses, dismiss }) {
+ *   paysBonus: (level: string) => boolean, dismiss: (id: number) => void}} how */
+export function createPainter({ page, task, panels, sizes, visit, parts: { views, thinking, losses }, rivalName, paysBonus, dismiss }) {
   const by = elementsOf(page);
   const chart = by("chart");
   /** @type {GameState | null} */
@@ -37,18 +32,18 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
 
   /** @param {GameState} state @param {GameState | null} before @param {number} dpr */
   function paintBoards(state, before, dpr) {
-    const { soil, you, policy } = boardColours(page.documentElement);
+    const { you, policy } = boardColours(page.documentElement);
     const colours = { player: you, rival: policy };
     for (const role of ROLES) {
       const board = state[role];
-      const { part, canvas } = panels[role];
+      const { part } = panels[role];
       const trail = ghostOf(state, role);
       if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
-      const ghost = trail && { trail, accent: colours[role === "player" ? "rival" : "player"] };
-      const thought = thinking.isShown() ? thoughtOf(board) : null;
-      const shown = role === "player" ? losses().boardOf(board) : board;
-      paintBoard(canvas, shown, { soil, accent: colours[role], ...views.size(part.matrix), dpr, lidar_cells: LIDAR_CELLS, ghost: shown === board ? ghost : null,
-        thought, tint: thinking.tintOf(state, role), marks: role === "player" ? losses().marks() : null });
+      const isMine = role === "player";
+      const shown = (isMine && losses?.boardOf(board)) || board;
+      const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
+      task.paint(part.matrix, shown, { name: board.name, accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
+        ...thinking?.look(state, role), marks: isMine ? losses?.marks() : null });
     }
     const now_ms = performance.now();
     if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
@@ -61,10 +56,10 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     const hasTwo = hasTwoBoards(state, visit.isFirst());
     for (const role of ROLES) {
       if (before && state[role] === before[role] && state.mode === before.mode) continue;
-      panel.paintPanel(panels[role], state[role]);
+      panel.paintPanel(panels[role], task, state[role]);
       panel.paintPick(panels[role], state[role]);
       panel.paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
-      views.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
+      views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
     }
   }
   /** @param {GameState} state */
@@ -78,13 +73,11 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
     });
     paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
       ({ name: board.name, colour, dash: isDashed ? "9 4" : "" })));
-    paintCoverage(chart, curves, { font, inks, over: losses().overChart({ you, ground, ink: inks.goal }) });
-    thinking.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
-    const label = curves.map(({ board: { name, discovered, frame } }) => {
-      const share = Math.floor((100 * (discovered.at(-1) ?? 0)) / frame.cells);
-      return `${name}: ${share} percent after ${Math.max(0, discovered.length - 1)} moves`;
-    });
-    chart.setAttribute("aria-label", label.join("; ") || "Coverage over moves");
+    paintProgress(chart, task, curves, { font, inks, over: losses?.overChart({ you, ground, ink: inks.goal }) });
+    thinking?.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
+    const label = curves.map(({ board: { name, progress } }) =>
+      `${name}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
+    chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
   }
   return {
     /** Return the frame of the player's board that was painted last. */
@@ -97,11 +90,11 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
       page.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
       paintBoards(state, before, dpr);
       paintPanels(state, before);
-      views.paintCamera(state.player?.frame);
+      views?.paintCamera(state.player?.frame);
       if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state);
       visit.paint(state);
       paintBar(state, page, rivalName());
-      const hasJustEnded = paintEndCard(panels.player.part, state, paysBonus(state.level));
+      const hasJustEnded = paintEndCard(panels.player.part, task, state, paysBonus(state.level));
       if (hasJustEnded && !page.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
       if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
     },
@@ -115,19 +108,19 @@ export function createPainter({ page, panels, views, visit, rivalName, paysBonus
 }
 
 /** Paint the end card of the player's board; return whether it has just appeared.
- * @param {Record<string, HTMLElement>} part of the player's panel @param {GameState} state
+ * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
  * @param {boolean} paysBonus whether the level pays for finishing */
-function paintEndCard(part, { mode, player, rival }, paysBonus) {
+function paintEndCard(part, task, { mode, player, rival }, paysBonus) {
   const frame = player?.frame;
   const wasHidden = part.end.hidden;
   part.end.hidden = !frame?.outcome;
   if (!frame || part.end.hidden) return false;
-  const { title, line } = ending(frame);
+  const { title, line } = task.ending(frame);
   put(part["end-title"], title);
   put(part["end-line"], line);
   put(part["end-score"], score(frame.score));
-  put(part["end-why"], mode === "watch" ? "" : scoreWhy(frame, paysBonus));
-  const compared = compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
+  put(part["end-why"], mode === "watch" ? "" : task.scoreWhy(frame, paysBonus));
+  const compared = task.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
   put(part["end-compare"], compared);
   part["end-compare"].hidden = !compared;
   part.again.hidden = mode === "ranked"; // a terrain counts once

@@ -1,8 +1,7 @@
 // @ts-check
 // One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
 import { put } from "../common/page.js";
-import * as words from "../common/words.js";
-import { outcomeWord } from "./words.js";
+import { signed } from "../common/words.js";
 
 /** Make the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root @param {HTMLTemplateElement} template
@@ -30,24 +29,27 @@ export function createPanel(root, template, elsewhere = []) {
 }
 
 /** Paint the numbers of one board.
- * @param {Play.Panel} panel @param {Board | null} board */
-export function paintPanel({ role, root, part, canvas }, board) {
+ * @param {Play.Panel} panel @param {Task} task @param {Board | null} board */
+export function paintPanel({ role, root, part }, task, board) {
   root.classList.toggle("is-empty", !board);
-  if (!board) {
-    put(part.name, role === "player" ? "You" : "Policy");
-    return;
-  }
-  const { frame } = board;
-  put(part.name, board.name);
+  put(part.name, board?.name ?? (role === "player" ? "You" : "Policy"));
+  if (!board) return;
+  paintNumbers(root, part, task, board.frame);
+  put(part.reward, signed(board.frame.reward));
+  put(part.return, signed(board.frame.return));
+}
+
+/** Paint moves, headline and outcome.
+ * @param {HTMLElement} root @param {Record<string, HTMLElement>} part @param {Task} task @param {Frame} frame */
+export function paintNumbers(root, part, task, frame) {
+  const { value, unit, share } = task.headline(frame);
   put(part.steps, String(frame.step));
   put(part["steps-name"], frame.step === 1 ? "move" : "moves");
-  put(part.coverage, words.percent(frame.coverage));
-  put(part.outcome, outcomeWord(frame.outcome));
-  put(part.reward, words.signed(frame.reward));
-  put(part.return, words.signed(frame.return));
-  root.style.setProperty("--share", String(frame.coverage));
+  put(part.coverage, value);
+  put(part.unit, unit);
+  put(part.outcome, task.outcome(frame.outcome));
+  root.style.setProperty("--share", String(share));
   root.dataset.outcome = frame.outcome ?? "running";
-  canvas.setAttribute("aria-label", words.describeBoard(frame, board.name));
 }
 
 /** Offer the policies that a board can be given.
@@ -100,6 +102,6 @@ export function startPace(bar, ask) {
   });
   slider.addEventListener("input", () => bar.querySelector("output")?.replaceChildren(`${slider.value}/s`));
   slider.addEventListener("change", askSpeed);
-  // A slider left focused by the pointer would keep the arrow keys from the rover.
+  // A slider left focused by the pointer would keep the arrow keys from the board.
   slider.addEventListener("pointerup", () => slider.blur());
 }

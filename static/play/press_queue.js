@@ -1,11 +1,11 @@
 // @ts-check
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
-// stops before a rock or an edge that the page knows; elsewhere each press is a move. No press acts on a terrain that it was not made for.
+// stops before what the page knows to end the episode; elsewhere each press is a move. No press acts on a terrain that it was not made for.
 // Presses on a session whose socket is not open yet wait for its first frame.
 
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
-/** Hardly anybody answers what they see sooner than this, so a press after it goes where its player wants, into a known rock too. */
+/** Hardly anybody answers what they see sooner than this, so a press after it goes where its player wants, whatever is there. */
 export const REACTION_MS = 400;
 /** Presses that may wait at one time: more than anybody types before looking. */
 export const MAX_WAITING = 400;
@@ -13,19 +13,19 @@ export const MAX_WAITING = 400;
 /**
  *   sender       sends moves, and says which wait for their answer
  *   frame        the newest of the board that is driven here, else null
- *   isPractice   whether presses into known rocks and edges are dropped
+ *   isPractice   whether presses that are known to end the episode are dropped
  *   isConnecting  whether the socket of the session on the board is being opened: nothing can be sent, and nothing is
  *   lost
  *   sendEvents   sends the input events of the presses, which go before their moves
  *   onDropped    some presses will make no move; 0 where a held key has stopped
- * @param {{sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
+ * @param {{task: Pick<Task, "ahead">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
  *   sendEvents: () => void, now_ms: () => number, onDropped: (reason: Play.Reason, count: number) => void}} how */
-export function createPressQueue({ sender, frame, isPractice, isConnecting, sendEvents, now_ms, onDropped }) {
+export function createPressQueue({ task, sender, frame, isPractice, isConnecting, sendEvents, now_ms, onDropped }) {
   /** @type {Play.Press[]} */
   let queue = [];
   let last_ms = -Infinity;
   /** Whether the rest of a burst is dropped, and why.
-   * @type {"rock" | "edge" | null} */
+   * @type {{stop: string} | null} */
   let stop = null;
   /** The episode on the board, and since when.
    * @type {{episode: string | null, since_ms: number}} */
@@ -54,9 +54,9 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
   function pump(on) {
     while (queue.length > 0 && !isConnecting() && !sender.isFull()) {
       const { action, timing, pressed_ms } = queue[0];
-      const ground = isPractice() ? groundAhead(on, sentActions(), action) : "free";
+      const ground = isPractice() ? task.ahead(on, sentActions(), action) : "free";
       if (ground === "unknown" && sender.pending().length > 0) return;
-      if (ground === "rock" || ground === "edge") {
+      if (typeof ground === "object") {
         stop = ground;
         return dropAll(ground);
       }
@@ -71,8 +71,8 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
     const isAlone = queue.length === 0 && sender.pending().length === 0;
     if (isAlone && gap_ms >= BURST_MS) stop = null;
     if (stop) return stop;
-    const ground = groundAhead(on, [...sentActions(), ...queue.map((press) => press.action)], action);
-    if ((ground !== "rock" && ground !== "edge") || (isAlone && gap_ms >= REACTION_MS)) return null;
+    const ground = task.ahead(on, [...sentActions(), ...queue.map((press) => press.action)], action);
+    if (typeof ground === "string" || (isAlone && gap_ms >= REACTION_MS)) return null;
     return (stop = ground);
   }
   return {
@@ -103,9 +103,9 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
       if (!on || on.outcome !== null) return false;
       last_ms = now_ms();
       if (queue.length > 0 || sender.pending().length > 1) return true;
-      const ground = groundAhead(on, sentActions(), action);
+      const ground = task.ahead(on, sentActions(), action);
       if (ground === "unknown" && sender.pending().length > 0) return true;
-      if (ground === "rock" || ground === "edge") {
+      if (typeof ground === "object") {
         onDropped(ground, 0);
         return false;
       }
@@ -138,29 +138,3 @@ export function createPressQueue({ sender, frame, isPractice, isConnecting, send
 }
 /** @param {number} ms */
 const tenths = (ms) => Math.round(ms * 10) / 10;
-
-/** @type {Readonly<Record<Action, Cell>>} */
-const STEPS = Object.freeze({ north: [-1, 0], east: [0, 1], south: [1, 0], west: [0, -1] });
-
-/** Return the cell that the rover stands on once it has made some moves from the frame on, if none of them ends the
- * episode.
- * @param {Frame} frame @param {readonly Action[]} actions @returns {Cell} */
-export function cellAfter(frame, actions) {
-  let [row, col] = frame.position;
-  for (const action of actions) {
-    row += STEPS[action][0];
-    col += STEPS[action][1];
-  }
-  return [row, col];
-}
-
-/** Return what the page knows of the cell that a move leads to, after the moves that still wait for their answer.
- * @param {Frame} frame the newest answer @param {readonly Action[]} waiting @param {Action} action
- * @returns {Play.Ground} */
-export function groundAhead(frame, waiting, action) {
-  const [row, col] = cellAfter(frame, [...waiting, action]);
-  const mark = frame.grid[row]?.[col];
-  if (mark === undefined) return "edge";
-  if (mark === "#") return "rock";
-  return mark === "?" ? "unknown" : "free";
-}

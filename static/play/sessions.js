@@ -2,13 +2,17 @@
 // Sessions and episodes: which to open, when the next begins, what follows the end of a ranked one.
 import { ApiError } from "../common/api.js";
 
-/** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed">} wish */
-const terrainOf = ({ level, map, size, seed }) => (map ? { map } : seed === null ? { level, size } : { level, size, seed });
+/** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed" | "task">} wish */
+function terrainOf({ level, map, size, seed, task }) {
+  const drawn = seed === null ? {} : { seed };
+  return task ? drawn : map ? { map } : { level, size, ...drawn };
+}
 
 /** @param {Mode} mode @param {Play.Wish} wish @returns the body of POST api/sessions */
 export function sessionWish(mode, { rival, player, ...terrainWish }) {
-  const terrain = terrainOf(terrainWish);
-  if (mode === "ranked") return { ...terrain, player: "human" };
+  const { task } = terrainWish;
+  const terrain = { ...terrainOf(terrainWish), ...(task ? { task } : {}) };
+  if (mode === "ranked" || task) return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
 
@@ -18,15 +22,54 @@ export function watchedInHash(hash) {
   return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
 }
 
-/**
- *   hash      of the address
+/** @param {string} search @returns the task that an address asks for by its name; null for the server's first */
+export const taskInSearch = (search) => new URLSearchParams(search).get("task");
+
+/** Ask until the server answers: never a new board for want of an answer, which would abandon a ranked episode that waits.
+ * @template T @param {() => Promise<T>} ask @param {(error: ApiError) => void} onFailure before it is asked again */
+export async function patiently(ask, onFailure) {
+  for (;;) {
+    try {
+      return await ask();
+    } catch (error) {
+      if (!(error instanceof ApiError)) throw error;
+      onFailure(error);
+      await new Promise((done) => setTimeout(done, 1000));
+    }
+  }
+}
+
+/** @template T @param {Promise<T>} asked @returns the answer; null where it is that there is no such thing here */
+const orNull = (asked) => asked.catch((error) => {
+  if (error instanceof ApiError && error.status === 404) return null;
+  throw error;
+});
+
+/** Return the board that the address or this tab stands for, else the newest of this browser's player, if any;
+ * undefined when somebody else's board is watched instead.
  *   storage   of this tab: its session, and the id for watching that it put into the address
- *   setHash   puts the shareable link into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
- * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Play.Wish,
- *   dispatch: (event: GameEvent) => void, hash: () => string, storage: Storage, setHash: (hash: string) => void,
- *   watch: (id: string) => Promise<void>, onBegun: (about: About) => void}} how */
-export function createSessions({ api, wish, dispatch, hash, storage, setHash, watch, onBegun }) {
+ * @param {{api: ReturnType<import("../common/api.js").createApi>, hash: string, storage: Storage,
+ *   watch: (id: string) => Promise<void>, note: (text: string) => void}} how
+ * @returns {Promise<{about: About | null, isNewest: boolean} | undefined>} */
+export async function findBoard({ api, hash, storage, watch, note }) {
+  const watched = watchedInHash(hash);
+  const session = storage.getItem("mars.session");
+  if (watched && watched !== storage.getItem("mars.watch")) {
+    const about = await api.mySession({ watch: watched });
+    if (about) return { about, isNewest: false };
+    if (await orNull(watch(watched).then(() => true))) return undefined;
+    note("This link leads to no episode that can be watched; this is a board of your own.");
+  }
+  const about = session ? await orNull(api.about(session)) : null;
+  return about ? { about, isNewest: false } : { about: await api.mySession(), isNewest: true };
+}
+
+/**
+ *   setHash   puts the shareable link into the address
+ * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Play.Wish, storage: Storage,
+ *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
+export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
   let isBusy = false;
   /** @type {string | null} */
   let replayedEpisode = null;
@@ -59,48 +102,16 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
     onBegun(about);
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
-  /** @template T @param {Promise<T>} asked @returns the answer; null where it is that there is no such thing here */
-  const orNull = (asked) => asked.catch((error) => {
-    if (error instanceof ApiError && error.status === 404) return null;
-    throw error;
-  });
-  /** Return the board that the address or this tab stands for; undefined when somebody else's board is watched instead. */
-  async function findOwn() {
-    const watched = watchedInHash(hash());
-    const session = storage.getItem("mars.session");
-    if (watched && watched !== storage.getItem("mars.watch")) {
-      const own = await api.mySession({ watch: watched });
-      if (own) return own;
-      if (await orNull(watch(watched).then(() => true))) return undefined;
-      note("This link leads to no episode that can be watched; this is a board of your own.");
-    }
-    return session ? orNull(api.about(session)) : null;
-  }
   /** @param {Mode} mode @param {Play.Wish} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
-    /** Go on where a reload left off, with the player's board of another tab, or begin; or watch what the address names. */
-    async restore() {
-      try {
-        const own = await findOwn();
-        if (own === undefined) return;
-        await this.resume(own);
-      } catch (error) {
-        // never a new board for want of an answer: it would abandon a ranked episode that waits
-        if (!(error instanceof ApiError)) throw error;
-        if (error.status !== 0) dispatch({ kind: "notice", text: error.message });
-        dispatch({ kind: "link", link: "lost" });
-        setTimeout(() => this.restore(), 1000);
-      }
-    },
-    /** Go on with a board of one's own, the newest unless another is given, or begin one.
-     * @param {About | null} [found] */
-    async resume(found = null) {
-      const about = found ?? await api.mySession();
+    /** Go on with a board of one's own, or begin one.
+     * @param {{about: About | null, isNewest: boolean}} found */
+    async resume({ about, isNewest }) {
       if (!about) return start("practice");
       begin(about);
-      if (!found && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
+      if (isNewest && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
     /** Begin the next terrain of the same session.
      * @param {string} session @param {number | null} seed */
@@ -111,8 +122,8 @@ export function createSessions({ api, wish, dispatch, hash, storage, setHash, wa
      * @param {string} session @param {string} episode */
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
-      const { level, size } = wish();
-      begin(await api.nextEpisode(session, seed === null ? {} : { level, size, seed })); // a map stays when nothing is said
+      const { level, size, task } = wish();
+      begin(await api.nextEpisode(session, seed === null ? {} : terrainOf({ level, map: null, size, seed, task }))); // a map stays when nothing is said
     }),
     /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
      * @param {GameState} state @param {number} moves */

@@ -8,22 +8,18 @@ const SCALE = [0, 2, 4, 7, 9, 12, 14, 16, 19, 21, 24, 26, 28];
 const LOWEST_HZ = 262;
 
 /** Return the sound of a new frame of one's own board, or null where nothing is to be heard.
- * @param {Frame | null | undefined} before @param {Frame | null | undefined} after @returns {Play.Sound | null} */
-export function soundOf(before, after) {
+ * @param {Pick<Task, "sound">} task @param {Frame | null | undefined} before @param {Frame | null | undefined} after */
+export function soundOf(task, before, after) {
   if (!before || !after || before.episode !== after.episode || after.step <= before.step) return null;
-  if (after.outcome === "explored") return { kind: "finish" };
-  if (after.outcome === "collided" || after.outcome === "out_of_bounds") return { kind: "crash" };
-  if (after.outcome) return { kind: "over" };
-  const cells = after.discovered - before.discovered;
-  return cells > 0 ? { kind: "discovery", cells } : null;
+  return task.sound(before, after);
 }
 
-/** @param {Play.Sound} sound @returns {Play.Tone[]} the tones of a sound; the more cells, the higher */
+/** @param {Sound} sound @returns {Play.Tone[]} the tones of a sound; the more is gained, the higher */
 export function tonesOf(sound) {
   const tone = (/** @type {number} */ semitones, /** @type {number} */ at_s, /** @type {Partial<Play.Tone>} */ other = {}) =>
     ({ hertz: LOWEST_HZ * 2 ** (semitones / 12), at_s, for_s: 0.11, wave: /** @type {const} */ ("sine"), loud: 0.1, ...other });
   switch (sound.kind) {
-    case "discovery": return [tone(SCALE[Math.min(sound.cells, SCALE.length) - 1], 0)];
+    case "gain": return [tone(SCALE[Math.min(sound.count, SCALE.length) - 1], 0)];
     case "blocked": return [tone(-17, 0, { wave: "triangle", for_s: 0.09, loud: 0.14 })];
     case "crash": return [tone(-12, 0, { wave: "sawtooth", for_s: 0.16, loud: 0.09 }), tone(-19, 0.11, { wave: "sawtooth", for_s: 0.3, loud: 0.09 })];
     case "over": return [tone(4, 0, { for_s: 0.2 }), tone(-5, 0.16, { for_s: 0.3 })];
@@ -51,7 +47,7 @@ export function createSound(button, { storage, makeContext }) {
     source.start(from_s);
     source.stop(from_s + for_s + 0.02);
   }
-  /** @param {Play.Sound | null} what */
+  /** @param {Sound | null} what */
   function play(what) {
     if (!isOn || !what) return;
     context ??= makeContext();
@@ -63,7 +59,7 @@ export function createSound(button, { storage, makeContext }) {
     if (isOn) storage.setItem(SOUND_SETTING, "on");
     else storage.removeItem(SOUND_SETTING);
     show();
-    play({ kind: "discovery", cells: 5 });
+    play({ kind: "gain", count: 5 });
   });
   show();
   return { play };

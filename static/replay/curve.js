@@ -1,8 +1,8 @@
 // @ts-check
-// The scrubber: coverage over moves of both runs, bright as far as the replay has come, and the pointer on it.
-import { drawDot, movesAxis, paintChart, sharesAxis } from "../common/chart.js";
+// The scrubber: how far both runs have come over moves, bright as far as the replay has come, and the pointer on it.
+import { drawDot, paintChart } from "../common/chart.js";
+import { movesAxis } from "../common/chart_scale.js";
 import { chartColours } from "../common/colours.js";
-import { clamped, coverageAt, movesOf } from "../common/player.js";
 
 const EDGES = { left: 44, right: 14, top: 10, bottom: 24 };
 
@@ -13,24 +13,26 @@ export function stepAt(x_px, width_px, last) {
   return Math.max(0, Math.min(last, Math.round(last * share)));
 }
 
-/** @param {HTMLElement} place
+/** @param {HTMLElement} place @param {Task} task
  * @param {{course: Course, colour: string, isDashed: boolean}[]} runs the episode's own first
  * @param {{step: number, last: number}} where */
-export function paintCurve(place, runs, { step, last }) {
+export function paintCurve(place, task, runs, { step, last }) {
   const { inks, font } = chartColours(place);
-  const lines = [...runs].reverse().flatMap(({ course, colour, isDashed }) => {
-    const y = Array.from({ length: movesOf(course) + 1 }, (_, move) => coverageAt(course, move));
-    const [x, dash, done] = [[...y.keys()], isDashed ? [6, 4] : [], clamped(course, step) + 1];
+  const { goal, axis } = task.chart;
+  const curves = [...runs].reverse().map((run) => ({ ...run, y: Array.from({ length: run.course.actions.length + 1 }, (_, move) => task.progressAt(run.course, move)) }));
+  const lines = curves.flatMap(({ course, colour, isDashed, y }) => {
+    const [x, dash, done] = [[...y.keys()], isDashed ? [6, 4] : [], Math.min(step, course.actions.length) + 1];
     const bright = { colour, dash, width: 3, x: x.slice(0, done), y: y.slice(0, done) };
     return [{ colour, dash, alpha: 0.42, dot: 2.5, x, y }, bright];
   });
   paintChart(place, {
-    lines, inks, font, goal: 0.99, edges: EDGES, x: movesAxis(last), y: sharesAxis(place.clientHeight),
+    lines, inks, font, goal, edges: EDGES, x: movesAxis(last), y: axis(place.clientHeight, curves.flatMap(({ y }) => y)),
     over(context, at) {
       context.fillStyle = inks.goal;
-      context.fillRect(at.x(step) - 0.75, at.y(1) - 6, 1.5, at.y(0) - at.y(1) + 6);
-      for (const { course, colour } of [...runs].reverse()) {
-        drawDot(context, { x: at.x(clamped(course, step)), y: at.y(coverageAt(course, step)) }, 4.5, colour);
+      context.fillRect(at.x(step) - 0.75, EDGES.top - 6, 1.5, place.clientHeight - EDGES.top - EDGES.bottom + 6);
+      for (const { course: { actions }, colour, y } of curves) {
+        const move = Math.min(step, actions.length);
+        drawDot(context, { x: at.x(move), y: at.y(y[move]) }, 4.5, colour);
       }
     },
   });

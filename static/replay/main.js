@@ -4,15 +4,16 @@ import { ApiError, createRequest } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { ownsKeys } from "../common/keyboard.js";
-import { copyOnClick, create, createRepaint, elementsOf, put } from "../common/page.js";
-import { begun, coverageAt, createPlayer, movesOf, SPEEDS, withLast } from "../common/player.js";
-import { percent } from "../common/words.js";
-import { offerGhosts, paintRun, partsOf } from "./boards.js";
+import { copyOnClick, create, createRepaint, createSizes, elementsOf, partsOf, put } from "../common/page.js";
+import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
+import { loadTask, showTask } from "../common/task.js";
 import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
 const by = elementsOf(document);
 const data = /** @type {ReplayData} */ (JSON.parse(by("replay-data", HTMLScriptElement).textContent ?? ""));
+const task = await loadTask(data.task);
+showTask(document, task);
 const request = createRequest((path, options) => fetch(path, options), "../");
 const rootOf = (/** @type {string} */ name) => /** @type {HTMLElement} */ (document.querySelector(`[data-run=${name}]`));
 const parts = { run: partsOf(rootOf("run")), ghost: partsOf(rootOf("ghost")) };
@@ -31,32 +32,58 @@ Object.defineProperty(window, "replay", { value: Object.freeze({
 }) });
 
 const repaint = createRepaint(() => paint());
-const player = createPlayer(begun(movesOf(data.run)), (playback, before) => {
+const sizes = createSizes(() => repaint());
+const player = createPlayer(begun(data.run.actions.length), (playback, before) => {
   if (before.isPlaying && !playback.isPlaying) put(by("announcer"), inWords());
   repaint();
 });
 
+/** @param {Course} course @param {number} step @returns the headline without words: "45.3 %" */
+function shortAt(course, step) {
+  const { value, unit } = task.headline(task.boardAt(course, step).frame);
+  return `${value} ${unit.split(" ")[0]}`;
+}
 /** @param {{you: string, policy: string}} colours */
 const lines = ({ you, policy }) => [{ course: data.run, colour: you, isDashed: false }, ...(ghost ? [{ course: ghost, colour: policy, isDashed: true }] : [])];
 function inWords() {
   const shares = (ghost ? [data.run, ghost] : [data.run])
-    .map((course) => `${course.name} ${percent(coverageAt(course, player.step))} percent`);
+    .map((course) => `${course.name} ${task.chart.say(task.progressAt(course, player.step))}`);
   return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
+}
+
+/** Paint a run as it stood after `step` moves.
+ * @param {Record<string, HTMLElement>} part @param {Course} course @param {number} step
+ * @param {Pick<Look, "accent" | "dpr"> & {other: {course: Course, accent: string} | null}} look other is the
+ *   run whose path is drawn dashed */
+function paintRun(part, course, step, { other, ...look }) {
+  const board = task.boardAt(course, step);
+  const ghost = other && { trail: task.boardAt(other.course, step).trail, accent: other.accent };
+  const whole = { ...look, name: course.name, ...sizes.of(part.ground), ghost };
+  task.paint(part.ground, board, whole);
+  task.paintEvents?.(part.ground, course, step, whole);
+  const { value, unit } = task.headline(board.frame);
+  const { outcome, step: moves } = board.frame;
+  put(part.moves, String(moves));
+  put(part.noun, moves === 1 ? "move" : "moves");
+  put(part.coverage, value);
+  put(part.unit, unit);
+  put(part.outcome, outcome ? course.sentence : task.status(null));
+  part.outcome.dataset.outcome = outcome ?? "";
 }
 
 function paint() {
   const step = player.step;
   const dpr = window.devicePixelRatio || 1;
-  const { soil, you, policy } = boardColours(scrubber);
-  paintRun(parts.run, data.run, step, { accent: you, soil, other: ghost && { course: ghost, accent: policy }, dpr });
-  if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, soil, other: { course: data.run, accent: you }, dpr });
+  const { you, policy } = boardColours(scrubber);
+  paintRun(parts.run, data.run, step, { accent: you, other: ghost && { course: ghost, accent: policy }, dpr });
+  if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
-  paintCurve(scrubber, lines(colours), { step, last: player.playback.last });
+  paintCurve(scrubber, task, lines(colours), { step, last: player.playback.last });
   paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: course.name, colour, dash: isDashed ? "9 4" : "" })));
   put(by("play"), player.playback.isPlaying ? "Pause" : step >= player.playback.last ? "Again" : "Play");
   put(by("at"), `move ${step} of ${player.playback.last}`);
-  put(by("run-tab-share"), `${percent(coverageAt(data.run, step))} %`);
-  put(by("ghost-tab-share"), ghost ? `${percent(coverageAt(ghost, step))} %` : "");
+  put(by("run-tab-share"), shortAt(data.run, step));
+  put(by("ghost-tab-share"), ghost ? shortAt(ghost, step) : "");
   speed.value = String(player.playback.speed);
   scrubber.setAttribute("aria-valuemax", String(player.playback.last));
   scrubber.setAttribute("aria-valuenow", String(step));
@@ -71,7 +98,7 @@ function showGhost(course) {
   by("tabs").hidden = chosen === null;
   put(by("ghost-tab-name"), chosen ?? "");
   put(by("compared"), course ? `${course.name} ${course.sentence} on the same terrain.` : "");
-  player.show(withLast(player.playback, Math.max(movesOf(data.run), course ? movesOf(course) : 0)));
+  player.show(withLast(player.playback, Math.max(data.run.actions.length, course ? course.actions.length : 0)));
 }
 /** @param {string | null} name */
 async function choose(name) {
@@ -94,7 +121,8 @@ async function choose(name) {
   }
 }
 
-offerGhosts(select, data.ghosts, chosen);
+select.replaceChildren(...data.ghosts.map((name) => create("option", name, { value: name })), create("option", "no policy", { value: "" }));
+select.value = chosen ?? "";
 select.addEventListener("change", () => choose(select.value || null));
 speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));
 speed.addEventListener("change", () => player.show({ ...player.playback, speed: Number(speed.value) }));
@@ -119,8 +147,7 @@ const address = () =>
   linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: player.step, last: player.playback.last });
 const copy = document.getElementById("copy-link");
 if (copy) copyOnClick(copy, address, (text) => put(by("announcer"), text));
-const sizes = new ResizeObserver(() => repaint());
-for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.observe(each);
+for (const each of [parts.run.ground, parts.ghost.ground, scrubber]) sizes.watch(each);
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
 
 document.body.dataset.tab = "run";

@@ -1,5 +1,6 @@
 // @ts-check
 // The study's API, and the types of its answers.
+import { withTask } from "../common/api.js";
 
 /** @param {string} pathname @returns the study's name in the page's address */
 export function studyName(pathname) {
@@ -29,31 +30,35 @@ export function withoutInvitation(href) {
 /** @param {ApiRequest} request @param {string} name of the study */
 export function createStudyApi(request, name) {
   const path = `studies/${encodeURIComponent(name)}`;
+  /** Ask, and return the participant as it is then, with the task's module.
+   * @param {string} rest @param {unknown} [body] @param {number} [timeout_ms] @param {RequestInit} [options]
+   * @returns {Promise<Study.Participant>} */
+  const ask = async (rest, body, timeout_ms, options) => {
+    /** @type {Study.Participant} */
+    const participant = await withTask(request(`${path}/${rest}`, body, timeout_ms, options));
+    return participant.about ? { ...participant, about: { ...participant.about, task: participant.task } } : participant;
+  };
   return {
     /** @returns {Promise<{status: "open" | "closed", task: {name: string}}>} */
     show: () => request(path),
-    /** @param {Record<string, string>} outside_ids @param {string | null} invitation
-     * @returns {Promise<Study.Participant>} */
-    join: (outside_ids, invitation) => request(`${path}/join`, { outside_ids, invitation }),
-    /** @returns {Promise<Study.Participant>} */
-    me: () => request(`${path}/me`, undefined, 5000),
-    /** @param {string} version @param {boolean} agree @returns {Promise<Study.Participant>} */
-    consent: (version, agree) => request(`${path}/consent`, { version, agree }),
-    /** @param {Study.Stage} from @returns {Promise<Study.Participant>} */
-    advance: (from) => request(`${path}/advance`, { from }),
-    /** @param {number[]} answers @returns {Promise<Study.Participant>} */
-    answers: (answers) => request(`${path}/answers`, { answers }),
-    /** @returns {Promise<Study.Participant>} */
-    next: () => request(`${path}/next`, {}),
-    /** @param {string} episode @param {number} step @returns {Promise<Study.Participant>} */
-    giveUp: (episode, step) => request(`${path}/give-up`, { episode, step }),
+    /** @param {Record<string, string>} outside_ids @param {string | null} invitation */
+    join: (outside_ids, invitation) => ask("join", { outside_ids, invitation }),
+    me: () => ask("me", undefined, 5000),
+    /** @param {string} version @param {boolean} agree */
+    consent: (version, agree) => ask("consent", { version, agree }),
+    /** @param {Study.Stage} from */
+    advance: (from) => ask("advance", { from }),
+    /** @param {number[]} answers */
+    answers: (answers) => ask("answers", { answers }),
+    next: () => ask("next", {}),
+    /** @param {string} episode @param {number} step */
+    giveUp: (episode, step) => ask("give-up", { episode, step }),
     /** Send the settings; the request outlives the page.
-     * @param {Study.Settings} settings @param {AbortSignal} signal ends it @returns {Promise<Study.Participant>} */
-    settings: (settings, signal) => request(`${path}/settings`, settings, undefined, { keepalive: true, signal }),
-    /** @param {string} code @returns {Promise<Study.Participant>} */
-    supervise: (code) => request(`${path}/supervise`, { code }),
-    /** @returns {Promise<Study.Participant>} */
-    withdraw: () => request(`${path}/withdraw`, {}),
+     * @param {Study.Settings} settings @param {AbortSignal} signal ends it */
+    settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),
+    /** @param {string} code */
+    supervise: (code) => ask("supervise", { code }),
+    withdraw: () => ask("withdraw", {}),
     /** @param {number} index @param {Study.Shown} phase @returns {Promise<Study.Runs>} */
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
     /** @param {number} index @param {Study.Shown} phase @returns {Promise<Regret>} */

@@ -1,9 +1,8 @@
 // @ts-check
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { create, elementsOf, put } from "../common/page.js";
-import { paintLosses } from "../common/losses.js";
-import { begun, courseOf, createPlayer, movesOf, paintCourse, stepOf } from "../common/player.js";
-import { many, outcomeShort, percent, score } from "../common/words.js";
+import { begun, createPlayer, stepOf } from "../common/player.js";
+import { many, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { debriefLine } from "./words.js";
 
@@ -18,6 +17,8 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
   const by = elementsOf(page);
   /** @type {ReturnType<typeof createPlayer> | null} */
   let player = null;
+  /** @type {Task} */
+  let task;
 
   /** Load both runs of a terrain: the warm-up ones first, then the ranked ones, which a closed study shows.
    * @param {number} index */
@@ -28,8 +29,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       by("own-losses").replaceChildren();
       show(index, await terrain(number, phase));
       const regret = await losses(number, phase).catch(() => null); // a board too large for it, or a busy server: nothing is shown
-      const onChoose = (/** @type {Loss} */ { step }) => player?.goTo(step);
-      if (regret && shown() === index) paintLosses(by("own-losses"), regret, { label: "Show", onChoose });
+      if (regret && shown() === index) paintLosses(by("own-losses"), regret, ({ step }) => player?.goTo(step));
     } catch (error) {
       dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
     }
@@ -37,8 +37,8 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
   /** Show the runs of a terrain from their start.
    * @param {number} index @param {Study.Runs} answer */
   function show(index, { own, policy }) {
-    const runs = { own: courseOf("You", own), policy: courseOf(policy.name, policy.frames) };
-    const last = Math.max(0, ...Object.values(runs).map((course) => (course ? movesOf(course) : 0)));
+    const runs = { own: task.courseOf("You", own), policy: task.courseOf(policy.name, policy.frames) };
+    const last = Math.max(0, ...Object.values(runs).map((course) => (course ? course.actions.length : 0)));
     player?.goTo(0); // the clock of the one before stops
     player = createPlayer(begun(last, SPEED), (playback) =>
       dispatch({ kind: "replay-moved", replay: { index, runs, playback } }));
@@ -74,7 +74,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     for (const { trial, outcome, steps, score: value } of episodes) {
       const row = body.insertRow();
       row.append(create("th", String(trial + 1), { scope: "row" }));
-      row.insertCell().textContent = outcomeShort(outcome);
+      row.insertCell().textContent = task.status(outcome);
       row.insertCell().textContent = String(steps);
       const cell = row.insertCell();
       const bar = page.createElement("i");
@@ -93,15 +93,17 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     slider.max = String(playback.last);
     slider.value = String(step);
     slider.setAttribute("aria-valuetext", `move ${step} of ${playback.last}`);
-    const { soil, accent, rival } = look();
+    const { palette, accent, rival } = look();
     for (const [run, course] of Object.entries(runs)) {
       if (!course) continue;
-      const canvas = by(`${run}-board`, HTMLCanvasElement);
-      const place = /** @type {HTMLElement} */ (canvas.parentElement);
-      place.style.aspectRatio = `${course.grid[0].length} / ${course.grid.length}`;
-      const colours = { soil, accent: run === "own" ? accent : rival, dpr: page.defaultView?.devicePixelRatio || 1 };
-      const frame = paintCourse(canvas, place, course, step, colours);
-      put(by(`${run}-now`), `${many(frame.step, "move")}, ${percent(frame.coverage)} %${frame.outcome ? `, ${outcomeShort(frame.outcome)}` : ""}`);
+      const place = /** @type {HTMLElement} */ (by(`${run}-board`).parentElement);
+      const board = task.boardAt(course, step);
+      const { step: moves, outcome } = board.frame;
+      place.style.aspectRatio = task.shape(board.frame).join(" / ");
+      task.paint(place, board, { name: course.name, palette, accent: run === "own" ? accent : rival, width_px: place.clientWidth,
+        height_px: place.clientHeight, dpr: page.defaultView?.devicePixelRatio || 1 });
+      const { value, unit } = task.headline(board.frame);
+      put(by(`${run}-now`), `${many(moves, "move")}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
     }
   }
   return {
@@ -109,6 +111,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
     /** @param {Study.State} state @param {Study.State | null} before */
     paint(state, before) {
       if (screenOf(state) !== "debrief" || !state.participant?.debrief) return;
+      ({ task } = state.participant);
       const isNew = before === null || screenOf(before) !== "debrief";
       if (isNew || state.participant !== before.participant) paintFigures(state.participant.debrief);
       put(by("finish"), state.looksBack ? "Back to my completion code" : "Finish and get my completion code");
@@ -116,4 +119,27 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay);
     },
   };
+}
+
+/** @param {Loss} loss @returns the sentence of one loss */
+function lossLine({ step, regret, action, best_action, kind }) {
+  const why = { "hidden pocket": ", leaving a pocket behind", "last cells": ", on the last cells" }[kind] ?? "";
+  return `Move ${step + 1}: you lost ${many(regret, "move")} going ${action} instead of ${best_action}${why}.`;
+}
+
+/** @param {Regret} regret @returns the sentence above the list */
+function regretLine({ policy, losses, given_up }) {
+  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there.`;
+  if (!losses.length) return "No single move cost you much.";
+  return `Judged with the whole terrain known, and ${policy} going on after each move.`;
+}
+
+/** Fill a place with the losses of an episode, the greatest first, each with a button.
+ * @param {HTMLElement} place @param {Regret} regret @param {(loss: Loss) => void} onChoose */
+function paintLosses(place, regret, onChoose) {
+  place.replaceChildren(create("p", regretLine(regret)), create("ol", regret.losses.map((loss) => {
+    const choose = create("button", "Show", { type: "button", class: "quiet", "aria-label": `Show: move ${loss.step + 1}` });
+    choose.addEventListener("click", () => onChoose(loss));
+    return create("li", [`${lossLine(loss)} `, choose]);
+  })));
 }

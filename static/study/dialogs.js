@@ -1,11 +1,10 @@
 // @ts-check
 // The page's dialogs: what opens them, what closes them, and the map in words.
 import { create, elementsOf, put } from "../common/page.js";
-import { describeBoard } from "../common/words.js";
-import { mapInWords, sentence, supervisedLine } from "./words.js";
+import { sentence, supervisedLine } from "./words.js";
 
-/** @param {Document} page @param {{frame: () => Frame | undefined, onClose: () => void}} how */
-export function startDialogs(page, { frame, onClose }) {
+/** @param {Document} page @param {{game: () => GameState, onClose: () => void}} how */
+export function startDialogs(page, { game, onClose }) {
   const by = elementsOf(page);
   for (const dialog of page.querySelectorAll("dialog")) {
     for (const opener of [by(`open-${dialog.id}`), ...page.querySelectorAll(`[data-open=${dialog.id}]`)]) {
@@ -22,10 +21,11 @@ export function startDialogs(page, { frame, onClose }) {
   by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).showModal());
 
   function fillMap() {
-    const on = frame();
-    if (!on) return;
-    by("map-here").textContent = describeBoard(on, "the terrain");
-    by("map-rows").replaceChildren(...mapInWords(on).map((text) => create("li", text)));
+    const { player, task } = game();
+    if (!player || !task) return;
+    const { line, rows } = task.inWords(player.frame, "the terrain");
+    by("map-here").textContent = line;
+    by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
   }
   return { isOpen: () => Boolean(page.querySelector("dialog[open]")) };
 }

@@ -1,18 +1,17 @@
 // @ts-check
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
 import { createApi, createRequest } from "../common/api.js";
-import { createConnections } from "../common/socket.js";
+import { startBoards } from "../common/socket.js";
 import { startControls } from "../common/controls.js";
-import { startHeartbeat } from "../common/heartbeat.js";
+import { actionOf } from "../common/keyboard.js";
 import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
 import { createRepaint, elementsOf, paintLink, paintNotices } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
-import { announcement } from "../common/words.js";
+import { keyName, showTask } from "../common/task.js";
 import { startActions } from "./actions.js";
 import { createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
 import { createDebrief } from "./debrief.js";
 import { startDialogs, startSupervision } from "./dialogs.js";
-import { actionOf, keyName } from "./keymap.js";
 import { createNavigation } from "./navigation.js";
 import { createPages } from "./pages.js";
 import { PALETTES } from "./palettes.js";
@@ -41,7 +40,7 @@ const study = createStudyApi(createRequest(fetcher, ROOT), name);
 const channel = "BroadcastChannel" in window ? new BroadcastChannel(`mars.study.${name}`) : null;
 const idle = createIdleTimer(now_ms);
 const frame = () => state.game.player?.frame;
-const dialogs = startDialogs(document, { frame, onClose: () => { if (state.isPaused) by("resume").focus(); } });
+const dialogs = startDialogs(document, { game: () => state.game, onClose: () => { if (state.isPaused) by("resume").focus(); } });
 Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
@@ -50,8 +49,8 @@ const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendA
 const telemetry = createTelemetry({ now_ms, send,
   stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
   context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
-const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: (choices) => {
-  pages.paintKeys(choices.keys, layout);
+const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: () => {
+  paintKeys();
   settingsSync.changed();
   repaint(true);
 } });
@@ -62,11 +61,12 @@ const settingsSync = createSettingsSync({ save(signal) {
 const look = () => {
   const style = getComputedStyle(document.documentElement);
   const read = (/** @type {string} */ colour) => style.getPropertyValue(colour).trim();
-  const { soil, inks } = PALETTES[settings.get().palette];
-  return { soil, inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
+  const { palette } = settings.get();
+  return { palette, inks: PALETTES[palette].inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
 };
 const pages = createPages(document);
-const playScreen = createPlayScreen(document, { look, keys: () => ({ east: keyName(settings.get().keys.east[0], layout), south: keyName(settings.get().keys.south[0], layout) }) });
+const paintKeys = () => pages.paintKeys(state.participant?.task.order ?? [], settings.get().keys, layout);
+const playScreen = createPlayScreen(document, { look, keyOf: (action) => keyName(settings.get().keys[action][0], layout) });
 const supervision = startSupervision(document, { supervise: study.supervise, dispatch });
 const debrief = createDebrief(document, {
   look, terrain: study.terrain, losses: study.losses, dispatch, index: () => state.replay?.index,
@@ -75,24 +75,18 @@ const debrief = createDebrief(document, {
 const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
 const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), invitation: invitationIn(location.search), channel, onJoined(participant) {
   history.replaceState(history.state, "", withoutInvitation(location.href));
+  settings.begin(participant.task.keys);
+  showTask(document, participant.task);
   if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
-  pages.paintKeys(settings.get().keys, layout);
 } });
 const pause = createPause({ idle, dispatch, note: telemetry.note, flush: telemetry.flush, episode: () => frame()?.episode ?? "",
   announce: (text) => { by("announcer").textContent = text; }, storage: sessionStorage, key: keep("paused") });
-const connections = createConnections({
-  base: new URL(ROOT, location.href).href,
-  onMessage(_, message) {
-    moves.receive(message);
+const connections = startBoards({
+  base: new URL(ROOT, location.href).href, moves, telemetry, dispatch, api, isLost: () => state.game.link === "lost",
+  idle_ms: () => (idle.isOver(60) ? Infinity : 0), onBack: navigation.refresh,
+  onAnswered(_, message) {
     if (message.kind === "refused" || (message.kind === "kept" && message.reason !== null)) navigation.refresh();
-    if (message.kind === "kept") telemetry.answered(message);
-    else dispatch({ kind: "received", role: "player", message });
-  },
-  onLink(_, link) {
-    if (link === "lost") moves.drop();
-    else telemetry.reconnected();
-    dispatch({ kind: "link", link });
   },
   async beforeRetry(_, session) {
     const participant = await study.me();
@@ -111,7 +105,7 @@ function dispatch(event) {
   connections.sync(state.game);
   const [was, is] = [before.game.player?.frame ?? null, frame() ?? null];
   if (is && is !== was) {
-    const said = announcement(was, is);
+    const said = state.game.task?.announcement(was, is);
     if (said && screenOf(state) === "play") by("announcer").textContent = said;
     if (is.episode !== was?.episode) begun(is);
     // another tab began an episode, or this one has ended: the server knows where that leads
@@ -134,7 +128,10 @@ function paint(before) {
   const { participant, game } = painted = state;
   pages.paint(state, before);
   if (participant && screenOf(state) === "questions" && before?.participant !== participant) quiz.paint(participant);
-  if (participant && participant !== before?.participant) supervision.paint(participant);
+  if (participant && participant !== before?.participant) {
+    supervision.paint(participant);
+    if (!before?.participant) paintKeys();
+  }
   playScreen.paint(state, before);
   debrief.paint(state, before);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));
@@ -161,17 +158,10 @@ startControls({
     moves.press(on, action, timing, pressed_ms);
   },
 });
-startHeartbeat({
-  silence_ms: connections.silence_ms, idle_ms: () => (idle.isOver(60) ? Infinity : 0), ask: api.health,
-  onSuccess: () => { if (state.game.link === "lost") { connections.check(); navigation.refresh(); } },
-  onFailure: () => { moves.drop(); dispatch({ kind: "link", link: "lost" }); },
-});
 setInterval(() => {
   telemetry.flush();
   if (isDriving(state) && !state.isPaused && idle.isOver(state.participant?.pause_after_s ?? 60)) pause.set(true);
 }, 1000);
-window.addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
-window.addEventListener("online", () => connections.restart());
 window.addEventListener("pagehide", settingsSync.flush);
 document.addEventListener("visibilitychange", () => (document.hidden ? settingsSync.flush() : navigation.refresh()));
 channel?.addEventListener("message", () => navigation.refresh());
@@ -180,10 +170,10 @@ new ResizeObserver(() => repaint(true)).observe(by("main"));
 /** @type {Navigator & {keyboard?: {getLayoutMap?: () => Promise<Study.Layout>}}} */ (navigator).keyboard?.getLayoutMap?.().then((map) => {
   layout = map;
   settings.paint();
-  pages.paintKeys(settings.get().keys, layout);
+  paintKeys();
 }, () => {});
 const passed = sessionStorage.getItem(keep("passed"));
 if (passed) dispatch({ kind: "passed", episode: passed });
-pages.paintKeys(settings.get().keys, layout);
+paintKeys();
 repaint();
 navigation.join();

@@ -1,7 +1,7 @@
 // @ts-check
 // The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
 import { create, elementsOf, put } from "../common/page.js";
-import { keyName } from "./keymap.js";
+import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
 
@@ -39,7 +39,7 @@ export function createPages(page) {
    * @param {Study.Participant} participant */
   function paintRules({ rules }) {
     for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-rule]"))) {
-      put(place, rules[/** @type {"coverage"} */ (place.dataset.rule)]);
+      put(place, rules[place.dataset.rule ?? ""] ?? "");
     }
   }
   /** @param {Study.Participant} participant */
@@ -82,18 +82,13 @@ export function createPages(page) {
       }
     },
     /** Paint the keys as they drive now, wherever the page shows them.
-     * @param {Study.KeyMap} keys @param {Study.Layout} [layout] */
-    paintKeys(keys, layout) {
-      for (const line of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-keys]"))) {
-        line.replaceChildren(...[0, 1].flatMap((slot) => [
-          ...(slot === 1 ? [page.createTextNode(" or ")] : []),
-          ...(["north", "west", "south", "east"]).map((action) => {
-            const code = keys[/** @type {"north"} */ (action)][slot];
-            return create("kbd", keyName(code, layout));
-          }),
-        ]), page.createTextNode(" drive north, west, south, east"));
+     * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
+    paintKeys(order, keys, layout) {
+      const slots = [...(keys[order[0]] ?? []).keys()];
+      for (const line of page.querySelectorAll("[data-keys]")) {
+        line.replaceChildren(...slots.flatMap((slot) =>
+          [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
       }
     },
   };
 }
-

@@ -1,37 +1,33 @@
 // @ts-check
-// The screen on which the rover is driven: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
-import { paintBoard } from "../common/board.js";
-import { paintCoverage } from "../common/chart.js";
-import { elementsOf, put } from "../common/page.js";
-import { describeBoard, outcomeShort, percent, score } from "../common/words.js";
+// The screen on which one drives: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
+import { paintProgress } from "../common/chart.js";
+import { create, elementsOf, put } from "../common/page.js";
+import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/** @param {Document} page @param {{look: () => Study.Look, keys: () => {east: string, south: string}}} how */
-export function createPlayScreen(page, { look, keys }) {
+/** @param {Document} page
+ * @param {{look: () => Study.Look, keyOf: (action: Action) => string}} how keyOf: what stands on an action's first key */
+export function createPlayScreen(page, { look, keyOf }) {
   const by = elementsOf(page);
-  const dpr = () => page.defaultView?.devicePixelRatio || 1;
-  const room = (/** @type {HTMLElement} */ element) => ({ width_px: element.clientWidth, height_px: element.clientHeight });
 
-  /** @param {Board} board @param {Study.Look} colours */
-  function paintCurve(board, { accent, inks, font }) {
-    paintCoverage(by("chart"), [{ board, colour: accent }], { font, inks });
-  }
   /** @param {Frame} frame @param {Study.Participant} participant */
-  function paintNumbers(frame, { phase, rules }) {
+  function paintNumbers(frame, { phase, rules, task }) {
+    const { value, unit } = task.headline(frame);
     put(by("moves"), String(frame.step));
-    put(by("coverage"), percent(frame.coverage));
-    put(by("outcome"), outcomeShort(frame.outcome));
+    put(by("coverage"), value);
+    put(by("unit"), ` ${unit.split(" ")[0]}`);
+    put(by("headline-name"), task.chart.title);
+    put(by("outcome"), task.status(frame.outcome));
     by("score-row").hidden = frame.score === null;
     put(by("score"), score(frame.score));
     by("hidden-score").hidden = frame.score !== null;
     by("coach").hidden = phase !== "tutorial" || frame.outcome !== null;
     by("skip").hidden = phase !== "tutorial" || frame.outcome !== null;
     by("open-give-up").hidden = phase === "tutorial" || frame.outcome !== null;
-    const [title, line] = words.coach(frame, keys(), rules.coverage);
+    const [title, line] = task.coach(frame, keyOf, rules.coverage);
     put(by("coach-title"), title);
     put(by("coach-line"), line);
-    by("board").setAttribute("aria-label", describeBoard(frame, "the terrain"));
   }
   /** @param {Study.State} state @returns {boolean} whether the card has just come up */
   function paintEnd(state) {
@@ -44,11 +40,7 @@ export function createPlayScreen(page, { look, keys }) {
     const { title, line, figures, note, go } = words.endCard(frame, participant);
     put(by("end-title"), title);
     put(by("end-line"), line);
-    by("end-figures").replaceChildren(...figures.map(([name, value]) => {
-      const row = page.createElement("div");
-      row.append(Object.assign(page.createElement("dt"), { textContent: name }), Object.assign(page.createElement("dd"), { textContent: value }));
-      return row;
-    }));
+    by("end-figures").replaceChildren(...figures.map(([name, value]) => create("div", [create("dt", name), create("dd", value)])));
     const isKnown = knowsTheEnd(state);
     put(by("end-note"), isKnown ? note : "");
     put(by("next-text"), isKnown ? go : "One moment");
@@ -64,10 +56,14 @@ export function createPlayScreen(page, { look, keys }) {
       page.body.dataset.paused = String(isPaused);
       if (screenOf(state) !== "play" || !player || !participant) return;
       const isNew = before === null || screenOf(before) !== "play";
-      if (isNew || player !== before.game.player) paintBoard(by("board", HTMLCanvasElement), player, { ...look(), ...room(by("matrix")), dpr: dpr() });
+      const { palette, accent, inks, font } = look();
+      if (isNew || player !== before.game.player) {
+        const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
+        participant.task.paint(by("matrix"), player, { name: "the terrain", palette, accent, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
+      }
       if (isNew || player !== before.game.player || participant !== before.participant) {
         paintNumbers(player.frame, participant);
-        paintCurve(player, look());
+        paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
         page.body.dataset.ended = String(player.frame.outcome !== null);
         page.body.dataset.phase = participant.phase ?? "";
       }

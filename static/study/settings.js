@@ -1,19 +1,19 @@
 // @ts-check
 // Keys, colours and arrow buttons: chosen in a dialog, kept in this browser, sent to the server.
 import { create, elementsOf, put } from "../common/page.js";
-import { ACTIONS } from "../common/messages.js";
-import { assign, DEFAULT_KEYS, keyName, readKeys, spokenKey } from "./keymap.js";
+import { keyName } from "../common/task.js";
+import { assign, readKeys, spokenKey } from "./keymap.js";
 import { PALETTES, readPalette } from "./palettes.js";
 
 const KEPT = "mars.study.settings";
 
 /** Return the choices that were kept, with defaults for what is missing or wrong.
  * @param {Partial<Record<keyof Study.Choices, unknown>> | null} kept
- * @param {{wantsContrast: boolean, isTouch: boolean}} system @returns {Study.Choices} */
-export function readChoices(kept, { wantsContrast, isTouch }) {
+ * @param {{wantsContrast: boolean, isTouch: boolean, keys: Keys}} system with the task's keys @returns {Study.Choices} */
+export function readChoices(kept, { wantsContrast, isTouch, keys }) {
   const pad = typeof kept?.pad === "boolean" ? kept.pad : isTouch;
   const modality = kept?.modality === "touch" || kept?.modality === "keyboard" ? kept.modality : isTouch ? "touch" : "keyboard";
-  return { modality, palette: readPalette(kept?.palette, wantsContrast), keys: readKeys(/** @type {Record<string, unknown> | undefined} */ (kept?.keys)), pad };
+  return { modality, palette: readPalette(kept?.palette, wantsContrast), keys: readKeys(/** @type {Record<string, unknown> | undefined} */ (kept?.keys), keys), pad };
 }
 
 /** @param {string | null} text */
@@ -32,8 +32,11 @@ export function createSettings(page, { storage, layout, onChange }) {
   const by = elementsOf(page);
   const view = /** @type {Window} */ (page.defaultView);
   const isAsked = (/** @type {string} */ query) => view.matchMedia(query).matches;
-  let choices = readChoices(parsed(storage.getItem(KEPT)), { wantsContrast: isAsked("(prefers-contrast: more)"),
-    isTouch: isAsked("(pointer: coarse), (max-width: 700px)") });
+  const kept = parsed(storage.getItem(KEPT));
+  const system = { wantsContrast: isAsked("(prefers-contrast: more)"), isTouch: isAsked("(pointer: coarse), (max-width: 700px)") };
+  /** @type {Keys} the task's own, none before it is known */
+  let own = {};
+  let choices = readChoices(kept, { ...system, keys: own });
   /** @type {{action: Action, slot: number} | null} a slot that waits for its key */
   let awaited = null;
 
@@ -67,10 +70,10 @@ export function createSettings(page, { storage, layout, onChange }) {
       label.append(input, create("span", [create("b", title), create("small", hint)]));
       return label;
     }));
-    by("keymap").replaceChildren(...ACTIONS.map((action) => {
+    by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) => {
       const row = page.createElement("tr");
       row.append(create("th", action, { scope: "row" }));
-      for (const slot of [0, 1]) {
+      for (const slot of codes.keys()) {
         const button = Object.assign(page.createElement("button"), { type: "button", className: "quiet" });
         Object.assign(button.dataset, { drive: action, slot: String(slot), testid: `key-${action}-${slot}` });
         row.insertCell().append(button);
@@ -82,7 +85,7 @@ export function createSettings(page, { storage, layout, onChange }) {
   paint();
   by("palettes").addEventListener("change", (event) => change({ palette: readPalette(/** @type {HTMLInputElement} */ (event.target).value, false) }));
   by("show-pad").addEventListener("change", () => change({ pad: by("show-pad", HTMLInputElement).checked }));
-  by("reset-keys").addEventListener("click", () => { awaited = null; change({ keys: { ...DEFAULT_KEYS } }); put(by("key-status"), "Arrows and WASD drive again."); });
+  by("reset-keys").addEventListener("click", () => { awaited = null; change({ keys: { ...own } }); put(by("key-status"), "The keys are as they were at first."); });
   by("keymap").addEventListener("click", (event) => {
     const button = /** @type {Element} */ (event.target).closest("button");
     if (!button) return;
@@ -113,11 +116,19 @@ export function createSettings(page, { storage, layout, onChange }) {
     /** @returns {Study.Choices} */
     get: () => choices,
     paint,
+    /** Take the keys of the task, or those that were chosen for it.
+     * @param {Keys} keys */
+    begin(keys) {
+      own = keys;
+      choices = { ...choices, keys: readKeys(kept?.keys, own) };
+      build();
+      paint();
+    },
     /** Take over what the server keeps, in place of what this browser kept.
      * @param {Study.Participant["settings"]} stored */
     adopt(stored) {
       if (!stored.keys || !stored.palette) return;
-      choices = { ...choices, keys: readKeys(stored.keys), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
+      choices = { ...choices, keys: readKeys(stored.keys, own), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
       storage.setItem(KEPT, JSON.stringify(choices));
       paint();
     },

@@ -7,7 +7,7 @@ declare namespace Study {
   /** What GET debrief/{index} answers. */
   type Runs = {own: Frame[], policy: {name: string, frames: Frame[]}};
   type PaletteName = "mars" | "colour-blind" | "high-contrast";
-  type Settings = {modality: "keyboard" | "touch", palette: PaletteName, keys: KeyMap};
+  type Settings = {modality: "keyboard" | "touch", palette: PaletteName, keys: Keys};
   /** Own figures and codes; null before the debrief. */
   type Debrief = {
     mean_score: number | null, mean_steps: number | null,
@@ -21,20 +21,18 @@ declare namespace Study {
     study: string, title: string, participant: string, stage: Stage, consent: {version: string, text: string},
     questions: {question: string, choices: string[]}[], right: boolean[] | null, why?: string[] | null,
     warm_up: {done: number, of: number}, ranked: {done: number, of: number}, tutorial: {done: boolean},
-    break_due: boolean, pause_after_s: number, rules: {coverage: string, lidar_radius: string, max_steps: string},
+    break_due: boolean, pause_after_s: number, rules: Record<string, string>,
     session: string | null, about: About | null, phase: Phase | null,
-    settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: KeyMap | null},
-    debrief: Debrief | null, note?: string | null, invited: boolean, supervised_until_ms: number | null,
+    settings: {modality?: Settings["modality"] | null, palette?: PaletteName | null, keys?: Keys | null},
+    debrief: Debrief | null, note?: string | null, invited: boolean, supervised_until_ms: number | null, task: Task,
   };
   /** The phase of a terrain. */
   type Shown = "warm_up" | "ranked";
-  /** Codes of event.code, two a direction. */
-  type KeyMap = Record<Action, string[]>;
   /** Of navigator.keyboard, where a browser has it. */
   type Layout = {get: (code: string) => string | undefined};
-  type Palette = {title: string, hint: string, soil: Soil, inks: Inks};
+  type Palette = {title: string, hint: string, inks: Inks};
   /** Of the palette in force. */
-  type Look = {soil: Palette["soil"], inks: Palette["inks"], accent: string, rival: string, font: string};
+  type Look = {palette: PaletteName, inks: Inks, accent: string, rival: string, font: string};
   type Choices = Settings & {pad: boolean};
   type Replay = {index: number, runs: {own: Course | null, policy: Course | null}, playback: Playback};
   type Screen = "loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions"

@@ -1,8 +1,6 @@
 // @ts-check
 // The study's sentences; no document here, so node can test every one.
-import { runs } from "../common/board.js";
-import { CELL_STATES } from "../common/messages.js";
-import { many, notCounted, outcomeLine, outcomeTitle, percent, score } from "../common/words.js";
+import { many, notCounted } from "../common/words.js";
 
 /** Return the participant's progress, for the bar.
  * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
@@ -61,18 +59,13 @@ export const breakLine = ({ ranked }) =>
 /** Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
  * @param {Frame} frame @param {Study.Participant} participant */
 export function endCard(frame, participant) {
-  const { phase } = participant;
-  const figures = [["Moves", String(frame.step)], ["Coverage", `${percent(frame.coverage)} %`]];
-  if (frame.score !== null) figures.push(["Score", score(frame.score)]);
-  return { title: outcomeTitle(frame.outcome), line: outcomeLine(frame.outcome, participant.rules.coverage), figures, note: endNote(frame, participant), go: endGo(participant, phase) };
+  const { title, line, figures, advice } = participant.task.trialEnding(frame, participant.rules.coverage);
+  return { title, line, figures, note: endNote(frame, advice, participant), go: endGo(participant, participant.phase) };
 }
 
-/** @param {Frame} frame @param {Study.Participant} participant */
-function endNote({ outcome, score: scored }, { phase, stage, rules, about }) {
-  if (phase === "tutorial") {
-    return outcome === "explored" ? "That is all there is to it."
-      : outcome === "collided" || outcome === "out_of_bounds" ? "In the study that would have ended this terrain. Try once more, or go on." : "";
-  }
+/** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
+function endNote({ score: scored }, advice, { phase, stage, rules, about }) {
+  if (phase === "tutorial") return advice;
   if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
   if (about?.not_attested) return notCounted(about.not_attested);
   return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
@@ -84,19 +77,6 @@ function endGo(participant, phase) {
   return participant.stage === participant.phase && !participant.break_due ? "Next terrain" : "Go on";
 }
 
-/** Return what the coach says during the practice drive.
- * @param {Frame} frame @param {{east: string, south: string}} keys as printed on them
- * @param {string} target share of the cells that completes a terrain, in words */
-export function coach(frame, keys, target) {
-  const { step, coverage } = frame;
-  if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keys.east} or ${keys.south} to drive one cell.`];
-  if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
-  if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
-  if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
-  if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
-  return ["Nearly there", `The terrain is done at ${target}. The last black cells are often behind rocks and in corners.`];
-}
-
 /** @param {Study.Debrief} debrief @returns the debrief in one sentence */
 export function debriefLine({ policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
@@ -104,13 +84,4 @@ export function debriefLine({ policy }) {
   const gap = Math.abs(mine - theirs);
   const comparison = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
   return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
-}
-
-/** Return the rows of a grid in words, for screen readers: "row 1: rover, 3 free, 2 rock, 15 unknown".
- * @param {Frame} frame */
-export function mapInWords({ grid }) {
-  return grid.map((line) => runs(line).map(([, length, mark]) => {
-    const name = CELL_STATES[/** @type {keyof typeof CELL_STATES} */ (mark)];
-    return name === "rover" ? name : `${length} ${name === "obstacle" ? "rock" : name}`;
-  }).join(", "));
 }

@@ -1,23 +1,20 @@
 // @ts-check
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { ApiError, createApi, createRequest } from "../common/api.js";
-import { paintBoard } from "../common/board.js";
-import { paintCoverage } from "../common/chart.js";
+import { paintProgress } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
-import { follow, socketUrl } from "../common/socket.js";
+import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
-import { startHeartbeat } from "../common/heartbeat.js";
-import { copyOnClick, createRepaint, elementsOf, paintLink, put } from "../common/page.js";
-import { describeBoard, percent, sizeText } from "../common/words.js";
-import { idInPath, liveHeadline, watchedBoard } from "./watched.js";
+import { copyOnClick, createRepaint, createSizes, elementsOf, paintLink, partsOf, put } from "../common/page.js";
+import { sizeText } from "../common/words.js";
+import { idInPath, liveHeadline, watchedName } from "./words.js";
 
 const by = elementsOf(document);
 const ROOT = new URL("../", document.baseURI).href;
 const api = createApi((path, options) => fetch(path, options), "../");
 const request = createRequest((path, options) => fetch(path, options), "../");
 const id = idInPath(location.pathname) ?? "";
-const part = /** @type {Record<string, HTMLElement>} */ (Object.fromEntries(Array.from(document.querySelectorAll("[data-part]"),
-  (each) => [/** @type {HTMLElement} */ (each).dataset.part, each])));
+const part = partsOf(document);
 const chart = by("chart");
 
 let state = initialState();
@@ -25,6 +22,7 @@ let state = initialState();
 let asked = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 const repaint = createRepaint(() => paint());
+const sizes = createSizes(() => repaint());
 /** @type {ReturnType<typeof follow> | null} */
 let follower = null;
 
@@ -33,29 +31,28 @@ function dispatch(event) {
   const before = state;
   state = apply(state, event);
   if (state === before) return;
-  const [was, is] = [before.player?.frame, state.player?.frame];
-  if (is && Math.floor(10 * is.coverage) > Math.floor(10 * (was?.coverage ?? 1))) put(by("announcer"), `${Math.floor(10 * is.coverage)}0 percent explored, ${is.step} moves.`);
+  const [was, is] = [before.player?.frame ?? null, state.player?.frame ?? null];
+  const said = is && was && state.task?.announcement(was, is);
+  if (said) put(by("announcer"), said);
   repaint();
 }
 
 function paint() {
   paintLink(by("link"), state.link, state.player?.frame.outcome ? "ended" : "connected");
-  const board = state.player;
-  if (!board) return;
-  const { frame } = board;
-  const dpr = window.devicePixelRatio || 1;
-  const { soil, you } = boardColours(part.ground);
-  const { clientWidth: width_px, clientHeight: height_px } = part.ground;
-  if (width_px > 0 && height_px > 0) paintBoard(/** @type {HTMLCanvasElement} */ (part.canvas), board, { accent: you, width_px, height_px, dpr, soil });
-  part.canvas.setAttribute("aria-label", describeBoard(frame, board.name));
-  put(by("name"), board.name);
+  const { player: board, task } = state;
+  if (!board || !task) return;
+  const { frame, name } = board;
+  const { value, unit } = task.headline(frame);
+  task.paint(part.ground, board, { name, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
+  put(by("name"), name);
   put(by("terrain"), `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
   put(part.moves, String(frame.step));
   put(part.noun, frame.step === 1 ? "move" : "moves");
-  put(part.coverage, percent(frame.coverage));
-  const colours = chartColours(chart);
-  paintCoverage(chart, [{ board, colour: colours.you }], { font: colours.font, inks: colours.inks });
-  chart.setAttribute("aria-label", `${board.name}: ${percent(frame.coverage)} percent after ${frame.step} moves`);
+  put(part.coverage, value);
+  put(part.unit, unit);
+  const { you, font, inks } = chartColours(chart);
+  paintProgress(chart, task, [{ board, colour: you }], { font, inks });
+  chart.setAttribute("aria-label", `${name}: ${value} ${unit} after ${frame.step} moves`);
 }
 
 /** @param {string} player */
@@ -88,7 +85,7 @@ async function load() {
   const mine = ++asked;
   const watched = await api.watched(id);
   if (mine !== asked) return true;
-  dispatch({ kind: "watched", level: watched.level, size: watched.size, board: watchedBoard(watched) });
+  dispatch({ kind: "watched", watched, name: watchedName(watched.player) });
   if (!watched.frames) showLive(watched.player);
   else await showEnd(watched.episode);
   if (!watched.frames || watched.episode !== id) return true;
@@ -118,5 +115,5 @@ copyOnClick(by("copy-link"), () => location.href, (text) => put(by("announcer"),
 startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0, ask: api.health,
   onSuccess: () => { if (state.link === "lost") follower?.restart(); }, onFailure: () => dispatch({ kind: "link", link: "lost" }) });
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
-new ResizeObserver(() => repaint()).observe(part.ground);
+sizes.watch(part.ground);
 begin();

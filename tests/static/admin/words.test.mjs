@@ -1,6 +1,7 @@
 // The operator's console in words, and boards as their messages come, without a page.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { taskOf } from "../../../static/task/mars/index.js";
 import { boardAfter, caption } from "../../../static/admin/live.js";
 import { ago, attention, endings, exportText, flags, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
@@ -46,22 +47,23 @@ test("invitations are counted by their state", () => {
 });
 
 test("endings, places and exports in words", () => {
-  assert.equal(endings({ collided: 1, explored: 4 }), "4 explored, 1 collided");
+  assert.equal(endings(taskOf(), { collided: 1, explored: 4 }), "4 explored, 1 collided");
   assert.deepEqual([place(0, 0, 2), place(1, 0, 2), place(9, 0, 2)], [0, 50, 100]);
   assert.equal(exportText(null, "Not yet.", 0), "Not yet.");
   assert.equal(exportText({ state: "failed", began_ms: 0, error: "no room", files: [] }, "", 0), "Not made: no room");
 });
 
 test("a watched board keeps its path, begins anew with an episode, and heals by a history", () => {
-  const frame = (episode, step, position) => ({ kind: "frame", episode, step, position });
-  let board = boardAfter({ frame: null, trail: [] }, frame("a", 0, [0, 0]));
-  board = boardAfter(board, frame("a", 1, [0, 1]));
+  const frame = (episode, step, position) => ({ kind: "frame", episode, step, position, discovered: 1, cells: 4 });
+  const task = taskOf();
+  let board = boardAfter(task, null, frame("a", 0, [0, 0]));
+  board = boardAfter(task, board, frame("a", 1, [0, 1]));
   assert.deepEqual(board.trail, [[0, 0], [0, 1]]);
-  board = boardAfter(board, frame("a", 4, [1, 3]));
+  board = boardAfter(task, board, frame("a", 4, [1, 3]));
   assert.deepEqual(board.trail.length, 2, "steps are missing");
-  board = boardAfter(board, { kind: "history", episode: "a", positions: [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]] });
+  board = boardAfter(task, board, { kind: "history", episode: "a", positions: [[0, 0], [0, 1], [0, 2], [0, 3], [1, 3]], discovered: [1, 1, 1, 1, 1] });
   assert.equal(board.trail.length, 5);
-  assert.deepEqual(boardAfter(board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
+  assert.deepEqual(boardAfter(task, board, frame("b", 0, [0, 0])).trail, [[0, 0]]);
   assert.deepEqual(caption({ label: "AB12", kind: "script", phase: "ranked", trial: 4 }), ["AB12 (script)", "Ranked 5"]);
   assert.deepEqual(caption({ label: null, kind: "human", phase: null, trial: null }), ["a player", "playground"]);
 });

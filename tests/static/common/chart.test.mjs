@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { curveOf, movesAxis, sharesAxis, stepsEnd } from "../../../static/common/chart.js";
-import { roundUp } from "../../../static/common/chart_scale.js";
+import { stepsEnd } from "../../../static/common/chart.js";
+import { axisOfShares, movesAxis, roundUp } from "../../../static/common/chart_scale.js";
 
 test("an axis of moves ends at a round number and has few numbers on it", () => {
-  const end = stepsEnd([{ discovered: [2, 5] }, { discovered: Array(61).fill(1) }]);
+  const end = stepsEnd([{ progress: [0.2, 0.5] }, { progress: Array(61).fill(1) }]);
   assert.equal(end, 80);
   const { low, high, ticks, text } = movesAxis(end);
   assert.deepEqual([low, high, ticks, text(0), text(10)], [0, 80, [0, 10, 20, 30, 40, 50, 60, 70, 80], "0 moves", "10"]);
@@ -13,12 +13,6 @@ test("an axis of moves ends at a round number and has few numbers on it", () => 
 });
 
 test("an axis of shares has fewer numbers where the chart is low", () => {
-  assert.deepEqual([60, 200].map((height) => sharesAxis(height).ticks), [[0, 0.5], [0, 0.25, 0.5, 0.75]]);
-  assert.equal(sharesAxis(200).text(0.25), "25 %");
-});
-
-test("a curve is a share of the cells that count on its terrain", () => {
-  const board = { name: "ppo", frame: { rows: 3, cols: 4, cells: 10 }, discovered: [2, 5] };
-  const { x, y, dash } = curveOf({ board, colour: "teal", isDashed: true });
-  assert.deepEqual([x, y, dash.length], [[0, 1], [0.2, 0.5], 2]);
+  assert.deepEqual([60, 200].map((height) => axisOfShares(height).ticks), [[0, 0.5], [0, 0.25, 0.5, 0.75]]);
+  assert.equal(axisOfShares(200).text(0.25), "25 %");
 });

@@ -20,5 +20,5 @@ test("labels stand in rows where they do not lie over each other", () => {
 });
 
 test("who cannot see the columns is told the same", () => {
-  assert.equal(describe(binsOf([[80, 2], [81, 1]], [79]), 80, [{ name: "ppo", moves: 79 }]), "Moves to 99 %: 2 from 80 to 80, 1 from 81 to 81; you 80; ppo 79");
+  assert.equal(describe("99 %", binsOf([[80, 2], [81, 1]], [79]), 80, [{ name: "ppo", moves: 79 }]), "Moves to 99 %: 2 from 80 to 80, 1 from 81 to 81; you 80; ppo 79");
 });

@@ -1,11 +1,13 @@
 import assert from "node:assert/strict";
 import test from "node:test";
+import { taskOf } from "../../../static/task/mars/index.js";
 import { apply, initialState, modeOf, withFrame } from "../../../static/common/game_state.js";
 
 /** @param {object} [changes] */
 export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
-  discovered: 3, coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0.4, outcome: null, ...changes });
-const about = (changes = {}) => ({ session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
+  discovered: 3, cells: 6, coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0.4, outcome: null, ...changes });
+const task = taskOf();
+const about = (changes = {}) => ({ task, session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
   rival: { session: "r1", policy: "frontier-cost", pace: { kind: "pace", mode: "follow", moves_per_second: 4 }, frame: frame({ episode: "x" }) }, ...changes });
 const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });
 const receive = (state, message, role = "player") => apply(state, { kind: "received", role, message });
@@ -35,7 +37,7 @@ test("each step lengthens trail and curve, and the state before is left as it wa
   const before = begun();
   const after = receive(before, frame({ step: 1, position: [0, 1], discovered: 4 }));
   assert.deepEqual(after.player.trail, [[0, 0], [0, 1]]);
-  assert.deepEqual(after.player.discovered, [3, 4]);
+  assert.deepEqual(after.player.progress, [3 / 6, 4 / 6]);
   assert.deepEqual(before.player.trail, [[0, 0]]);
   assert.equal(after.rival, before.rival);
 });
@@ -52,7 +54,7 @@ test("a skipped step leaves a gap, which the history fills", () => {
   assert.equal(gap.player.hasGap, true);
   const whole = receive(gap, { kind: "history", episode: "e1", positions: [[0, 0], [0, 1], [1, 1]], discovered: [3, 4, 5] });
   assert.equal(whole.player.hasGap, false);
-  assert.deepEqual(whole.player.discovered, [3, 4, 5]);
+  assert.deepEqual(whole.player.progress, [3 / 6, 4 / 6, 5 / 6]);
 });
 
 test("a history older than the frame leaves the gap open, one of another episode is ignored", () => {
@@ -97,6 +99,6 @@ test("an error becomes a sentence that can be dismissed, once however often it i
 });
 
 test("withFrame is pure", () => {
-  const board = Object.freeze({ ...begun().player, trail: Object.freeze([[0, 0]]), discovered: Object.freeze([3]) });
-  assert.equal(withFrame(board, frame({ step: 1 })).trail.length, 2);
+  const board = Object.freeze({ ...begun().player, trail: Object.freeze([[0, 0]]), progress: Object.freeze([0.5]) });
+  assert.equal(withFrame(task, board, frame({ step: 1 })).trail.length, 2);
 });

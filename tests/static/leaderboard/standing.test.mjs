@@ -57,20 +57,20 @@ test("ticks are round and few", () => {
 
 test("honest words when nobody has played, one player, and several", () => {
   const policies = [ready("ppo", 78, 0.95)];
-  assert.match(headline({ board, people: null, policies }), /^Volunteers on this playground: nobody has played random 21 \u00d7 21 ranked yet\./);
-  assert.match(headline({ board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
-  assert.match(headline({ board, people, policies }), /^Volunteers on this playground, random 21 \u00d7 21: 90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
-  assert.doesNotMatch(headline({ board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
+  assert.match(headline({ target: "99 %" }, { board, people: null, policies }), /^Volunteers on this playground: nobody has played random 21 \u00d7 21 ranked yet\./);
+  assert.match(headline({ target: "99 %" }, { board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
+  assert.match(headline({ target: "99 %" }, { board, people, policies }), /^Volunteers on this playground, random 21 \u00d7 21: 90\.0 steps to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, ppo, takes 78\.0/);
+  assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
 });
 
 test("a study's board says so, and who enters it", () => {
   const study = { ...board, study: "dunes", terrains: 30 };
   const policies = [ready("ppo", 78, 0.95)];
-  assert.match(headline({ board: study, people, policies }), /^Human level in the study dunes, random 21 \u00d7 21: 90\.0/);
+  assert.match(headline({ target: "99 %" }, { board: study, people, policies }), /^Human level in the study dunes, random 21 \u00d7 21: 90\.0/);
   assert.deepEqual(rows({ board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
-  assert.match(headline({ board, people: { ...people, abandoned: 2 }, policies }), /9 episodes, 2 of them abandoned\./);
-  assert.doesNotMatch(headline({ board, people, policies }), /human level/i, "that is a closed study's figure alone");
-  assert.match(headline({ board: study, people: null, policies }), /^No person finished the study dunes, so it has no human level/);
+  assert.match(headline({ target: "99 %" }, { board, people: { ...people, abandoned: 2 }, policies }), /9 episodes, 2 of them abandoned\./);
+  assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
+  assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no human level/);
   assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
   assert.match(reading({ board: study, people, policies })[1], /exactly the 30 ranked terrains/);
   assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);

@@ -3,7 +3,8 @@ import test from "node:test";
 import { isSameBoard, isUnfinished, showInstead } from "../../../static/play/leaving.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 2, rows: 9, cols: 12, grid: [], position: [0, 0], discovered: 3, outcome: null, ...changes });
-const state = (changes = {}) => ({ mode: "ranked", counts: true, level: "random", player: { frame: frame() }, ...changes });
+const task = { shape: ({ rows, cols }) => [cols, rows] };
+const state = (changes = {}) => ({ task, mode: "ranked", counts: true, level: "random", player: { frame: frame() }, ...changes });
 
 test("leaving costs something only in a ranked episode with moves that counts and has not ended", () => {
   assert.equal(isUnfinished(state()), true);

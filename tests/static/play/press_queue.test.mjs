@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { createMoveSender } from "../../../static/common/pending_moves.js";
+import { ahead } from "../../../static/task/mars/ground.js";
 import { BURST_MS, createPressQueue, MAX_WAITING, REACTION_MS } from "../../../static/play/press_queue.js";
 
 const TIMING = { input: "key", key_down_ms: 1, key_up_ms: null, client_ms: 2 };
@@ -20,8 +21,8 @@ function desk({ row = ".".repeat(60), isPractice = true } = {}) {
   const take = (episode = "e1") => ({ kind: "frame", episode, step, outcome, position: [0, col], rows: 1, cols: row.length, grid: grid() });
   let frame = take();
   const sender = createMoveSender({ send: (message) => isOpen && line.push(message) > 0, sendEvents: () => {}, now_ms: () => now });
-  const queue = createPressQueue({ sender, frame: () => frame, isPractice: () => isPractice, isConnecting: () => isConnecting,
-    sendEvents: () => line.push("events"), now_ms: () => now, onDropped: (reason, count) => dropped.push([reason, count]) });
+  const queue = createPressQueue({ task: { ahead }, sender, frame: () => frame, isPractice: () => isPractice, isConnecting: () => isConnecting,
+    sendEvents: () => line.push("events"), now_ms: () => now, onDropped: (reason, count) => dropped.push([reason.stop ?? reason, count]) });
   return {
     queue, dropped, sender,
     acts: () => line.filter((message) => message.kind === "act"),
@@ -75,7 +76,7 @@ test("in practice a burst stops before a rock, also before one that comes into s
   assert.equal(on.frame().outcome, null);
   assert.deepEqual(on.frame().position, [0, 9]);
   assert.equal(on.acts().length + on.total(), 40);
-  assert.deepEqual(on.dropped.at(-1), ["rock", 5], "the others were too many for the grid");
+  assert.deepEqual(on.dropped.at(-1), ["Stopped before a rock", 5], "the others were too many for the grid");
 });
 
 test("in practice nothing is sent into the unknown while answers are due", () => {
@@ -205,7 +206,7 @@ test("a held key never runs ahead, and stops before what is known", () => {
   assert.equal(on.acts().length, 2);
   on.answerAll();
   assert.equal(on.repeat(), false);
-  assert.deepEqual(on.dropped, [["rock", 0]]);
+  assert.deepEqual(on.dropped, [["Stopped before a rock", 0]]);
   on.press("east", 100);
-  assert.deepEqual(on.dropped.at(-1), ["rock", 1], "a press right after it has stopped");
+  assert.deepEqual(on.dropped.at(-1), ["Stopped before a rock", 1], "a press right after it has stopped");
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { ApiError } from "../../../static/common/api.js";
-import { createSessions, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
+import { createSessions, findBoard, patiently, sessionWish, taskInSearch, watchedInHash } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
@@ -26,26 +26,28 @@ test("the address names what anybody may watch", () => {
 function restored({ hash = "", kept = {}, api }) {
   const done = [];
   const storage = { getItem: (name) => kept[name] ?? null, setItem: (name, value) => { kept[name] = value; } };
-  const sessions = createSessions({ api: { createSession: async () => { done.push("new board"); return about("new"); }, ...api }, hash: () => hash, storage,
-    wish: () => ({ level: "random", size: 21, seed: null, rival: "ppo", player: "ppo" }), setHash: (address) => done.push(address),
-    dispatch: (event) => done.push(event.kind), watch: async (episode) => { done.push(`watch ${episode}`); }, onBegun: () => {} });
-  return { sessions, done };
+  const full = { createSession: async () => { done.push("new board"); return about("new"); }, ...api };
+  const sessions = createSessions({ api: full, storage, wish: () => ({ level: "random", size: 21, seed: null, rival: "ppo", player: "ppo" }),
+    setHash: (address) => done.push(address), dispatch: (event) => done.push(event.kind), onBegun: () => {} });
+  const find = () => findBoard({ api: full, hash, storage, watch: async (episode) => { done.push(`watch ${episode}`); }, note: () => done.push("note") });
+  const restore = async () => { const found = await patiently(find, () => done.push("link")); if (found) await sessions.resume(found); };
+  return { restore, done };
 }
 const about = (session) => ({ session, player: "human", counts: false, watch: `${session}-watch`, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
 const unknown = async () => { throw new ApiError("unknown", 404); };
 
 test("a reload goes on with the tab's own board, a copied address is watched, a new browser begins", async () => {
   const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.watch": "mine" }, api: { about: async () => about("s1") } });
-  await own.sessions.restore();
+  await own.restore();
   assert.deepEqual(own.done, ["#watch=s1-watch", "begun"]);
   const copied = restored({ hash: "#watch=theirs", api: { mySession: async () => null } });
-  await copied.sessions.restore();
+  await copied.restore();
   assert.deepEqual(copied.done, ["watch theirs"]);
   const fresh = restored({ api: { mySession: async () => null } });
-  await fresh.sessions.restore();
+  await fresh.restore();
   assert.deepEqual(fresh.done, ["new board", "#watch=new-watch", "begun"]);
   const gone = restored({ kept: { "mars.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
-  await gone.sessions.restore();
+  await gone.restore();
   assert.deepEqual(gone.done, ["#watch=s2-watch", "begun"]);
 });
 
@@ -53,10 +55,16 @@ test("an answer that does not come begins no board, which would abandon a ranked
   for (const status of [0, 503]) {
     let asked = 0;
     const mySession = async () => { if (asked++ === 0) throw new ApiError("not now", status); return about("s1"); };
-    const { sessions, done } = restored({ api: { mySession } });
-    await sessions.restore();
-    assert.ok(done.includes("link") && !done.includes("new board"));
-    await new Promise((resolve) => { setTimeout(resolve, 1050); });
-    assert.deepEqual(done.slice(-2), ["#watch=s1-watch", "begun"]);
+    const { restore, done } = restored({ api: { mySession } });
+    await restore();
+    assert.deepEqual(done, ["link", "#watch=s1-watch", "begun"]);
   }
+  await assert.rejects(patiently(async () => { throw new TypeError("a mistake"); }, assert.fail), TypeError);
+});
+
+test("another task is asked for by its name, and nothing is said of levels", () => {
+  const wish = { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: "FrozenLake-v1" };
+  assert.deepEqual(sessionWish("practice", wish), { task: "FrozenLake-v1", player: "human" });
+  assert.equal(taskInSearch("?task=FrozenLake-v1"), "FrozenLake-v1");
+  assert.equal(taskInSearch(""), null);
 });

@@ -1,27 +1,25 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { createSound, soundOf, SOUND_SETTING, tonesOf } from "../../../static/play/sound.js";
+import { taskOf } from "../../../static/task/mars/index.js";
 
+const task = taskOf();
 const frame = (step, discovered, changes = {}) => ({ episode: "e1", step, discovered, outcome: null, ...changes });
 
-test("discoveries, crashes and ends are heard; a move that shows nothing new, a new terrain and an old frame are not", () => {
-  assert.deepEqual(soundOf(frame(0, 9), frame(1, 13)), { kind: "discovery", cells: 4 });
-  assert.equal(soundOf(frame(0, 9), frame(1, 9)), null);
-  assert.equal(soundOf(frame(4, 9), frame(0, 30, { episode: "e2" })), null);
-  assert.equal(soundOf(frame(4, 9), frame(4, 9)), null);
-  assert.equal(soundOf(null, frame(0, 9)), null);
-  assert.deepEqual(soundOf(frame(0, 9), frame(1, 9, { outcome: "collided" })), { kind: "crash" });
-  assert.deepEqual(soundOf(frame(0, 9), frame(1, 9, { outcome: "out_of_bounds" })), { kind: "crash" });
-  assert.deepEqual(soundOf(frame(0, 9), frame(1, 12, { outcome: "explored" })), { kind: "finish" });
-  assert.deepEqual(soundOf(frame(0, 9), frame(1, 12, { outcome: "timed_out" })), { kind: "over" });
+test("moves are heard as the task has it; a new terrain and an old frame are not", () => {
+  assert.deepEqual(soundOf(task, frame(0, 9), frame(1, 13)), { kind: "gain", count: 4 });
+  assert.equal(soundOf(task, frame(0, 9), frame(1, 9)), null);
+  assert.equal(soundOf(task, frame(4, 9), frame(0, 30, { episode: "e2" })), null);
+  assert.equal(soundOf(task, frame(4, 9), frame(4, 9)), null);
+  assert.equal(soundOf(task, null, frame(0, 9)), null);
 });
 
 test("the more cells, the higher the tone, and everything is short and soft", () => {
-  const pitches = Array.from({ length: 20 }, (_, index) => tonesOf({ kind: "discovery", cells: index + 1 })[0].hertz);
+  const pitches = Array.from({ length: 20 }, (_, index) => tonesOf({ kind: "gain", count: index + 1 })[0].hertz);
   assert.deepEqual(pitches, [...pitches].sort((a, b) => a - b));
   assert.ok(pitches[12] > pitches[0] * 4);
-  for (const kind of ["discovery", "blocked", "crash", "finish", "over"]) {
-    for (const tone of tonesOf({ kind, cells: 3 })) assert.ok(tone.at_s + tone.for_s < 1 && tone.loud <= 0.15 && tone.hertz > 60, kind);
+  for (const kind of ["gain", "blocked", "crash", "finish", "over"]) {
+    for (const tone of tonesOf({ kind, count: 3 })) assert.ok(tone.at_s + tone.for_s < 1 && tone.loud <= 0.15 && tone.hertz > 60, kind);
   }
 });
 

@@ -7,15 +7,15 @@ const pointer = (type, x, y, other = {}) => ({ type, clientX: x, clientY: y, poi
 /** A surface that keeps what was swiped. */
 function surface(isOn = () => true) {
   const seen = [];
-  const take = createSwipe({ isOn, onSwipe: (action) => seen.push(action), onEnd: (action) => seen.push(`${action} ends`) });
+  const take = createSwipe({ isOn, actionOf: (code) => ({ ArrowRight: "east", ArrowLeft: "west", ArrowDown: "south", ArrowUp: "north" })[code], onSwipe: (action) => seen.push(action), onEnd: (action) => seen.push(`${action} ends`) });
   return { seen, take };
 }
 
 test("a swipe goes where the finger went furthest, once that is clear", () => {
-  assert.equal(directionOf(SWIPE_PX, 3), "east");
-  assert.equal(directionOf(-40, 20), "west");
-  assert.equal(directionOf(0, 30), "south");
-  assert.equal(directionOf(5, -30), "north");
+  assert.equal(directionOf(SWIPE_PX, 3), "ArrowRight");
+  assert.equal(directionOf(-40, 20), "ArrowLeft");
+  assert.equal(directionOf(0, 30), "ArrowDown");
+  assert.equal(directionOf(5, -30), "ArrowUp");
   assert.equal(directionOf(SWIPE_PX - 1, 0), null);
   assert.equal(directionOf(40, 38), null);
 });

@@ -1,6 +1,11 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { actionOf, assign, DEFAULT_KEYS, keyName, mayDrive, readKeys } from "../../../static/study/keymap.js";
+import { actionOf } from "../../../static/common/keyboard.js";
+import { keyName } from "../../../static/common/task.js";
+import { taskOf } from "../../../static/task/mars/index.js";
+import { assign, mayDrive } from "../../../static/study/keymap.js";
+
+const { keys: DEFAULT_KEYS } = taskOf();
 
 test("a key drives in one direction: one that is taken changes places", () => {
   assert.equal(actionOf(DEFAULT_KEYS, "KeyW"), "north");

@@ -1,17 +1,20 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { assign, DEFAULT_KEYS, readKeys } from "../../../static/study/keymap.js";
+import { assign, readKeys } from "../../../static/study/keymap.js";
 import { readPalette } from "../../../static/study/palettes.js";
 import { readChoices } from "../../../static/study/settings.js";
+import { taskOf } from "../../../static/task/mars/index.js";
+
+const { keys: DEFAULT_KEYS } = taskOf();
 
 test("kept keys and colours are whole or none", () => {
-  assert.deepEqual(readKeys(null), { ...DEFAULT_KEYS });
-  assert.deepEqual(readKeys({ ...DEFAULT_KEYS, north: ["KeyS", "KeyW"] }), { ...DEFAULT_KEYS });
+  assert.deepEqual(readKeys(null, DEFAULT_KEYS), { ...DEFAULT_KEYS });
+  assert.deepEqual(readKeys({ ...DEFAULT_KEYS, north: ["KeyS", "KeyW"] }, DEFAULT_KEYS), { ...DEFAULT_KEYS });
   const keys = assign(DEFAULT_KEYS, "west", 0, "KeyJ");
-  assert.deepEqual(readKeys(JSON.parse(JSON.stringify(keys))), keys);
+  assert.deepEqual(readKeys(JSON.parse(JSON.stringify(keys)), DEFAULT_KEYS), keys);
   assert.equal(readPalette("pink", false), "mars");
   assert.equal(readPalette(undefined, true), "high-contrast");
   assert.equal(readPalette("constructor", false), "mars");
-  assert.deepEqual(readChoices({ pad: false, palette: "colour-blind" }, { wantsContrast: true, isTouch: true }),
+  assert.deepEqual(readChoices({ pad: false, palette: "colour-blind" }, { wantsContrast: true, isTouch: true, keys: DEFAULT_KEYS }),
     { modality: "touch", palette: "colour-blind", keys: { ...DEFAULT_KEYS }, pad: false });
 });

@@ -1,6 +1,6 @@
 """viser's page as this server hands it out: its panels hidden, and our script for browsers that draw without a GPU.
 
-One page serves all boards: the name of its frame says which board it shows (`static/viewer/board_socket.js`).
+One page serves all boards: the name of its frame says which board it shows (`static/task/mars/viewer/board_socket.js`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from app.settings import STATIC
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
-SCRIPTS = (STATIC / "viewer" / "board_socket.js", STATIC / "viewer" / "software_canvas.js")
+SCRIPTS = (
+    STATIC / "task" / "mars" / "viewer" / "board_socket.js",
+    STATIC / "task" / "mars" / "viewer" / "software_canvas.js",
+)
 """Plain scripts that run before viser's own; they stand in the page, so that it is fetched whole or not at all."""
 
 STYLE = (

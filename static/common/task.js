@@ -1,0 +1,48 @@
+// @ts-check
+// The task of a page: its module, and the parts of the page that differ from task to task.
+import { create } from "./page.js";
+
+/** Return what a page knows of a task: MarsExplorer where the server says nothing of it.
+ * @param {TaskAbout | undefined | null} about @returns {Promise<Task>} */
+export async function loadTask(about) {
+  const { taskOf } = await import(`../task/${about?.assets ?? "mars"}/index.js`);
+  return taskOf(about ?? undefined);
+}
+
+const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
+
+/** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
+ * @param {Document} page @param {Task} task */
+export function showTask(page, { assets, order, keys, title, chart, play }) {
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
+  if (assets === "mars") return; // the pages are written for it
+  if (!play) page.body.dataset.view = "matrix";
+  for (const name of page.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
+  page.title = page.title.replace("MarsExplorer", title);
+  for (const line of page.querySelectorAll(".keys")) {
+    line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action} `]));
+  }
+  const pad = page.querySelector(".pad");
+  pad?.classList.toggle("is-row", !order.every((action) => keys[action]?.[0] in DIRECTIONS));
+  pad?.replaceChildren(...order.map((action) => padButton(action, keys[action]?.[0] ?? "")));
+}
+
+/** @param {Action} action @param {string} code of its first key */
+function padButton(action, code) {
+  const button = create("button", [], { type: "button", "data-action": action, "data-testid": `pad-${action}`, "aria-label": action });
+  const path = /** @type {Record<string, string>} */ (DIRECTIONS)[code];
+  if (path) button.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true"><path d="${path}"/></svg>`;
+  else button.append(action);
+  if (path) button.dataset.toward = code;
+  return button;
+}
+
+const NAMES = { ArrowUp: "\u2191", ArrowRight: "\u2192", ArrowDown: "\u2193", ArrowLeft: "\u2190", Comma: ",", Period: ".", Slash: "/",
+  Semicolon: ";", Quote: "'", BracketLeft: "[", BracketRight: "]", Backslash: "\\", Minus: "-", Equal: "=", Backquote: "`" };
+
+/** @param {string} code @param {Study.Layout} [layout] of navigator.keyboard @returns what stands on a key */
+export function keyName(code, layout) {
+  const own = /** @type {Record<string, string>} */ (NAMES)[code];
+  const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
+  return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
+}

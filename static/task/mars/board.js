@@ -1,0 +1,143 @@
+// @ts-check
+// The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
+import { boardColours } from "../../common/colours.js";
+import { paintLossMarks } from "./loss_marks.js";
+import { paintExpected, paintThought } from "./thoughts.js";
+import { soilOf } from "./soils.js";
+import { describe, runs } from "./words.js";
+
+/** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
+const LIDAR_CELLS = 6;
+
+/** @param {Mars.Frame} frame @returns what a path is made of */
+export const mark = ({ position }) => position;
+/** @param {Mars.Frame} frame @returns the share of the cells that is known, 0..1 */
+export const progress = ({ discovered, cells }) => discovered / cells;
+/** @param {Mars.MoveHistory} history @param {Mars.Frame} frame @returns path and shares of an episode so far */
+export const path = ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) });
+/** @param {Mars.Frame} frame @returns {[number, number]} width and height in cells */
+export const shape = ({ rows, cols }) => [cols, rows];
+
+/** Return the largest whole number of device pixels per cell that fits.
+ * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr */
+export function cellSize(width_px, height_px, rows, cols, dpr) {
+  return Math.max(1, Math.floor(Math.min((width_px * dpr) / cols, (height_px * dpr) / rows)));
+}
+
+/** Paint one board to fill its place, crisp at any pixel ratio, and say it in words there.
+ * @param {HTMLElement} place with a canvas @param {{frame: Mars.Frame, trail: Cell[]}} board @param {Mars.Look} look */
+export function paint(place, board, look) {
+  const canvas = /** @type {HTMLCanvasElement} */ (place.querySelector("canvas"));
+  const { frame, trail } = board;
+  canvas.setAttribute("aria-label", describe(frame, look.name));
+  if (!(look.width_px > 0 && look.height_px > 0)) return;
+  const size = cellSize(look.width_px, look.height_px, frame.rows, frame.cols, look.dpr);
+  const width = size * frame.cols;
+  const height = size * frame.rows;
+  if (canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
+    canvas.style.width = `${width / look.dpr}px`;
+    canvas.style.height = `${height / look.dpr}px`;
+  }
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
+  const soil = soilOf(canvas, look.palette);
+  paintCells(context, frame, size, soil);
+  if (look.tint) paintExpected(context, look.tint, size, boardColours(canvas).policy);
+  if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
+  paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
+  if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, dpr: look.dpr });
+  if (look.thought) paintThought(context, look.thought, frame.position, size, look);
+  paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
+  if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
+}
+
+/** @param {CanvasRenderingContext2D} context @param {Mars.Frame} frame @param {number} size @param {Mars.Soil} soil */
+function paintCells(context, frame, size, { shades, edge, rockEdge }) {
+  const gap = size >= 7 ? 1 : 0;
+  context.fillStyle = shades["?"];
+  context.fillRect(0, 0, frame.cols * size, frame.rows * size);
+  frame.grid.forEach((line, row) => {
+    for (const [col, length, mark] of runs(line)) {
+      if (mark === "?") continue;
+      context.fillStyle = mark === "#" ? shades["#"] : shades["."];
+      context.fillRect(col * size, row * size, length * size, size);
+      if (gap === 0) continue;
+      context.fillStyle = mark === "#" ? rockEdge : edge;
+      for (let k = 1; k <= length; k++) context.fillRect((col + k) * size - gap, row * size, gap, size);
+      context.fillRect(col * size, (row + 1) * size - gap, length * size, gap);
+    }
+  });
+}
+
+/** @param {CanvasRenderingContext2D} context @param {Cell[]} trail @param {number} size
+ * @param {{accent: string, casing?: string, isGhost?: boolean}} look */
+function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
+  if (trail.length < 2) return;
+  context.beginPath();
+  trail.forEach(([row, col], step) => {
+    const x = (col + 0.5) * size;
+    const y = (row + 0.5) * size;
+    if (step === 0) context.moveTo(x, y);
+    else context.lineTo(x, y);
+  });
+  const width = Math.max(1.5, size * 0.16);
+  context.lineJoin = "round";
+  context.lineCap = isGhost ? "butt" : "round";
+  if (isGhost) context.setLineDash([Math.max(3, size * 0.4), Math.max(2, size * 0.3)]);
+  if (casing && size >= 5) {
+    context.strokeStyle = casing;
+    context.globalAlpha = 0.55;
+    context.lineWidth = width * 1.9;
+    context.stroke();
+  }
+  context.strokeStyle = accent;
+  context.globalAlpha = isGhost ? 0.9 : casing ? 1 : 0.8;
+  context.lineWidth = width;
+  context.stroke();
+  context.setLineDash([]);
+  context.globalAlpha = 1;
+}
+
+/** @param {CanvasRenderingContext2D} context @param {Cell} position @param {number} size
+ * @param {{reach_px: number, accent: string, dpr: number}} look */
+function paintRange(context, [row, col], size, { reach_px, accent, dpr }) {
+  context.beginPath();
+  context.arc((col + 0.5) * size, (row + 0.5) * size, reach_px, 0, 2 * Math.PI);
+  context.strokeStyle = accent;
+  context.globalAlpha = 0.55;
+  context.lineWidth = Math.max(1, dpr);
+  context.setLineDash([5 * dpr, 5 * dpr]);
+  context.stroke();
+  context.setLineDash([]);
+  context.globalAlpha = 1;
+}
+
+/** @type {Record<Action, number>} */
+const TURN = { north: -Math.PI / 2, east: 0, south: Math.PI / 2, west: Math.PI };
+
+/** @param {CanvasRenderingContext2D} context @param {Mars.Frame} frame @param {number} size
+ * @param {{accent: string, casing?: string, dpr: number}} look */
+function paintRover(context, frame, size, { accent, casing, dpr }) {
+  const [row, col] = frame.position;
+  context.save();
+  context.translate((col + 0.5) * size, (row + 0.5) * size);
+  // On a board of many cells one cell is too small to be found, so the rover is drawn larger than its own.
+  const side = casing ? Math.max(size, 7 * dpr) : size;
+  if (casing) {
+    context.fillStyle = casing;
+    context.fillRect(-side / 2 - dpr, -side / 2 - dpr, side + 2 * dpr, side + 2 * dpr);
+  }
+  context.fillStyle = accent;
+  context.fillRect(-side / 2, -side / 2, side, side);
+  if (size >= 7) {
+    context.rotate(TURN[frame.heading] ?? 0);
+    context.fillStyle = "#0e0b0d";
+    context.beginPath();
+    context.moveTo(size * 0.32, 0);
+    context.lineTo(-size * 0.22, size * 0.26);
+    context.lineTo(-size * 0.22, -size * 0.26);
+    context.fill();
+  }
+  context.restore();
+}

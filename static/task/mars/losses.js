@@ -1,0 +1,194 @@
+// @ts-check
+// The end card's question: where did I lose moves? The answers stand in a list, on the board and on the chart; each can be tried again.
+import { ApiError } from "../../common/api.js";
+import { create, put } from "../../common/page.js";
+import { chartMarkAt, markAt, paintOnCurve, placeOnCurve } from "./loss_marks.js";
+import { sentenceOf, summaryOf } from "./loss_words.js";
+
+const ASK = "Where did I lose moves?";
+
+/** @param {Mars.Frame | undefined} frame @returns whether all cells count, as the analysis of moves takes it */
+const isWhole = (frame) => frame !== undefined && frame.cells === frame.rows * frame.cols;
+
+/** @param {Mars.Board} board @param {Mars.CostlyMove} loss @returns {Mars.Board} a board as it was known before a costly move */
+export function boardBefore(board, { step, grid, position, discovered, previous }) {
+  const { frame, trail } = board;
+  const coverage = discovered / frame.cells;
+  return { ...board, trail: trail.slice(0, step + 1), frame: { ...frame, step, grid, position, discovered, coverage, heading: previous ?? "east", outcome: null } };
+}
+
+/**
+ *   load      the regret of a finished episode
+ *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
+ *   onChange  something else is to be painted
+ * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
+ *   state: () => GameState, load: (episode: string) => Promise<Mars.Analysis>, tryFrom: (state: GameState,
+ *   step: number) => void, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
+export function createLosses({ page, part, canvas, chart, state, load, tryFrom, onChange }) {
+  const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
+  /** @type {string | null} the episode whose moves are shown or asked for */
+  let episode = null;
+  /** @type {Mars.Analysis | null} */
+  let analysis = null;
+  /** @type {number | null} */
+  let pinned = null;
+  /** @type {number | null} */
+  let pointed = null;
+  /** @type {Point[]} where the numbers stand on the chart */
+  let onChart = [];
+  /** @type {Mars.Marks | null} */
+  let marks = null;
+  const chosen = () => pointed ?? pinned;
+
+  function changed() {
+    markChosen(part.losses, chosen(), pinned);
+    marks = analysis?.losses.length ? { losses: analysis.losses, chosen: chosen() } : null;
+    onChange();
+  }
+  /** @param {number | null} index */
+  function point(index) {
+    if (index === pointed) return;
+    pointed = index;
+    changed();
+  }
+  /** @param {number} index */
+  function pin(index) {
+    pinned = pinned === index ? null : index;
+    pointed = null;
+    changed();
+  }
+  /** @param {Mars.Analysis | null} found */
+  function show(found) {
+    analysis = found;
+    pinned = pointed = null;
+    onChart = [];
+    page.body.dataset.analysis = String(found !== null);
+    put(part.ask, found ? "Back to both boards" : ASK);
+    part.ask.hidden = false;
+    changed();
+  }
+  function close() {
+    episode = null;
+    show(null);
+    part.losses.hidden = true;
+  }
+  async function ask() {
+    const player = playerOf();
+    if (!player) return;
+    const asked = episode = player.frame.episode;
+    part.ask.hidden = true;
+    part.losses.hidden = false;
+    paintWorking(part.losses, player.frame.rows * player.frame.cols);
+    try {
+      const found = await load(asked);
+      if (episode !== asked) return;
+      paintLossList(part.losses, found, { onPoint: point, onPin: pin, onTry: ({ step }) => tryFrom(state(), step) });
+      show(found);
+    } catch (error) {
+      if (episode !== asked) return;
+      paintFailure(part.losses, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+      part.ask.hidden = error instanceof ApiError && error.status === 422;
+    }
+  }
+  /** @param {MouseEvent} event */
+  function onBoard(event) {
+    const frame = playerOf()?.frame;
+    if (!analysis || !frame) return null;
+    const scale = canvas.width / canvas.clientWidth;
+    return markAt(analysis.losses, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
+  }
+  /** @param {MouseEvent} event */
+  function onCurve({ clientX, clientY }) {
+    const { left, top } = chart.getBoundingClientRect();
+    return chartMarkAt(onChart, { x: clientX - left, y: clientY - top });
+  }
+  /** @type {[HTMLElement, (event: MouseEvent) => number | null][]} */
+  const pointed_at = [[canvas, onBoard], [chart, onCurve]];
+  for (const [place, find] of pointed_at) {
+    place.addEventListener("pointermove", (event) => {
+      if (!analysis || event.pointerType !== "mouse") return;
+      const index = find(event);
+      place.style.cursor = index === null ? "" : "pointer";
+      point(index);
+    });
+    place.addEventListener("pointerleave", () => { if (analysis) point(null); });
+    place.addEventListener("click", (event) => {
+      const index = analysis && find(event);
+      if (index !== null) pin(index);
+    });
+  }
+  part.ask.addEventListener("click", () => (analysis ? close() : ask()));
+  return {
+    /** Show the question where a person's episode has ended, and nothing of another episode. */
+    paint() {
+      const [{ mode }, player] = [state(), playerOf()];
+      const isAsked = mode === "practice" || mode === "ranked";
+      const ended = player?.frame.outcome && isAsked ? player.frame.episode : null;
+      if (episode !== null && episode === ended) return;
+      episode = null;
+      if (analysis) show(null);
+      part.losses.hidden = true;
+      part.ask.hidden = ended === null || player?.frame.step === 0 || !isWhole(player?.frame);
+    },
+    /** Return what is to be marked on the player's board, the same object as long as it stays the same. */
+    marks: () => marks,
+    /** Return the player's board as it is to be shown: as before the chosen move, else as it is.
+     * @param {Board} board */
+    boardOf(board) {
+      const index = chosen();
+      return analysis && index !== null ? boardBefore(/** @type {Mars.Board} */ (board), analysis.losses[index]) : board;
+    },
+    /** Return what draws the numbers on the player's curve.
+     * @param {{you: string, ground: string, ink: string}} colours @returns {ChartLook["over"]} */
+    overChart: ({ you, ground, ink }) => (context, at) => {
+      const frame = playerOf()?.frame;
+      if (!analysis || !frame) return;
+      onChart = placeOnCurve(analysis.losses, frame.cells, at);
+      paintOnCurve(context, onChart, chosen(), { ring: you, fill: ground, ink, base_px: at.y(0) });
+    },
+  };
+}
+
+/** Fill a place with the list.
+ * @param {HTMLElement} place @param {Mars.Analysis} analysis
+ * @param {{onPoint: (index: number | null) => void, onPin: (index: number) => void,
+ *   onTry: (loss: Mars.CostlyMove) => void}} how onPoint: null when the pointer or the focus has left */
+function paintLossList(place, analysis, { onPoint, onPin, onTry }) {
+  const list = create("ol", analysis.losses.map((loss, index) => {
+    const show = create("button", [create("b", String(index + 1), { "aria-hidden": "true" }), create("span", sentenceOf(loss))],
+      { type: "button", class: "loss", "aria-pressed": "false", "data-testid": `loss-${index + 1}` });
+    const again = create("button", "Try from here", { type: "button", class: "quiet", "aria-label": `Try from here: move ${loss.step + 1}` });
+    const item = create("li", [show, again]);
+    show.addEventListener("click", () => onPin(index));
+    again.addEventListener("click", () => onTry(loss));
+    item.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") onPoint(index); });
+    item.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") onPoint(null); });
+    item.addEventListener("focusin", () => { if (show.matches(":focus-visible") || again.matches(":focus-visible")) onPoint(index); });
+    item.addEventListener("focusout", () => onPoint(null));
+    return item;
+  }));
+  const hint = analysis.losses.length ? [create("p", "Choose one to see the board as you saw it: your move is the dashed arrow, the better one is green, and green cells are what it would soon have shown.", { class: "hint" })] : [];
+  place.replaceChildren(create("p", summaryOf(analysis), { role: "status" }), list, ...hint);
+}
+
+/** Show which of the list is chosen, and which is pinned.
+ * @param {HTMLElement} place @param {number | null} chosen @param {number | null} pinned */
+function markChosen(place, chosen, pinned) {
+  place.querySelectorAll("li").forEach((item, index) => {
+    item.classList.toggle("is-chosen", index === chosen);
+    item.querySelector(".loss")?.setAttribute("aria-pressed", String(index === pinned));
+  });
+}
+
+/** Show that the moves are being judged.
+ * @param {HTMLElement} place @param {number} cells of the board */
+function paintWorking(place, cells) {
+  const time = cells > 600 ? "On a board of this size that can take a minute." : "That takes a few seconds.";
+  place.replaceChildren(create("p", `Trying every other way you could have gone. ${time}`, { role: "status" }), create("progress", [], { "aria-label": "Judging your moves" }));
+}
+
+/** Show why there is no list.
+ * @param {HTMLElement} place @param {string} reason */
+function paintFailure(place, reason) {
+  place.replaceChildren(create("p", `${reason.slice(0, 1).toUpperCase()}${reason.slice(1)}.`.replace(/\.\.$/, "."), { role: "status" }));
+}

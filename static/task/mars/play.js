@@ -1,0 +1,6 @@
+// @ts-check
+// What the playground has for MarsExplorer alone.
+export { createLosses } from "./losses.js";
+export { createTerrainDialog } from "./terrain_dialog.js";
+export { createThinking } from "./thinking.js";
+export { createViews } from "./views.js";

@@ -1,0 +1,186 @@
+// @ts-check
+// 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
+import { elementsOf } from "../../common/page.js";
+
+/** Return whether this browser can draw the 3-D view, and whether its processor has to do it.
+ * @param {Document} page */
+function probeWebGL(page) {
+  try {
+    const canvas = page.createElement("canvas");
+    const context = /** @type {WebGLRenderingContext | null} */ (canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
+    if (!context) return { can3d: false, isSoftware: false };
+    const info = context.getExtension("WEBGL_debug_renderer_info");
+    const renderer = String(context.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER));
+    context.getExtension("WEBGL_lose_context")?.loseContext();
+    return { can3d: true, isSoftware: /swiftshader|llvmpipe|softpipe|software|basic render/i.test(renderer) };
+  } catch {
+    return { can3d: false, isSoftware: false };
+  }
+}
+
+/** Return whether shadows, haze and movement are drawn: as chosen ("on", "off"), else where a GPU draws and nobody asks
+ * for calm.
+ * @param {string | null} choice what is kept in mars.effects @param {boolean} isSoftware
+ * @param {boolean} isCalm the system asks for reduced motion */
+export const hasEffects = (choice, isSoftware, isCalm) => choice === "on" || (choice !== "off" && !isSoftware && !isCalm);
+
+/** @param {{page: Document, panels: Play.Panel[], storage: Storage, onChange: () => void}} how */
+export function createViews({ page, panels, storage, onChange }) {
+  const { can3d, isSoftware } = probeWebGL(page);
+  let view = can3d && storage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
+  const calm = matchMedia("(prefers-reduced-motion: reduce)");
+  /** @param {string} session */
+  const nameOf = (session) => {
+    const chosen = storage.getItem("mars.camera");
+    const effects = hasEffects(storage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
+    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: storage.getItem("mars.thoughts") === "true" ? "on" : "off" };
+    return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
+  };
+  const effectsChoice = elementsOf(page)("effects", HTMLSelectElement);
+  effectsChoice.value = storage.getItem("mars.effects") ?? "auto";
+  effectsChoice.addEventListener("change", () => { storage.setItem("mars.effects", effectsChoice.value); onChange(); });
+  const camera = panels[0].part.camera; // for both boards
+  const repaintCamera = startCameraControl(camera, storage, onChange);
+  for (const { viewer } of panels) reloadWhenLost(viewer, isSoftware);
+  const button = panels[0].part.view;
+  let isMatrixOnly = false;
+  function show() {
+    page.body.dataset.view = isMatrixOnly ? "matrix" : view;
+    button.hidden = !can3d || isMatrixOnly;
+    camera.hidden = !can3d || isMatrixOnly || view === "matrix";
+    button.textContent = view === "3d" ? "Matrix" : "3-D";
+    button.setAttribute("aria-label", view === "3d" ? "Show the state matrix large" : "Show the 3-D view");
+  }
+  button.addEventListener("click", () => {
+    view = view === "3d" ? "matrix" : "3d";
+    storage.setItem("mars.view", view);
+    show();
+    onChange();
+  });
+  show();
+  return {
+    /** Leave the 3-D view out, which is for a player's own boards, or offer it again.
+     * @param {boolean} isWanted */
+    showMatrixOnly(isWanted) {
+      if (isMatrixOnly === isWanted) return;
+      isMatrixOnly = isWanted;
+      show();
+    },
+    /** Show a session in 3-D as it is wished for now; nothing is loaded while the matrix is on stage.
+     * @param {Play.Panel} panel @param {string | null} session */
+    load({ viewer }, session) {
+      const name = session && nameOf(session);
+      if (view !== "3d" || viewer.dataset.name === (name ?? "")) return;
+      showBoard(viewer, name, isSoftware);
+    },
+    /** @param {Frame | null | undefined} frame */
+    paintCamera(frame) {
+      const { rows = 0, cols = 0 } = /** @type {Mars.Frame | undefined} */ (frame ?? undefined) ?? {};
+      repaintCamera(Math.max(rows, cols));
+    },
+  };
+}
+
+/** A board with a longer side, cells, is followed until somebody chooses (app/tasks/mars/viewer3d/scene.py). */
+export const LARGE_SIDE = 30;
+
+/** Return which camera shows a board: the one chosen, else by its size.
+ * @param {string | null} choice what is kept in mars.camera @param {number} side the longer one, cells */
+export const cameraOf = (choice, side) => (choice === "map" || choice === "follow" ? choice : side > LARGE_SIDE ? "follow" : "map");
+
+/** Fill the group with its buttons; return a function that paints them for a board's longer side.
+ * @param {HTMLElement} group @param {Storage} storage @param {() => void} onChange */
+function startCameraControl(group, storage, onChange) {
+  let side = 0;
+  const button = group.ownerDocument.createElement("button");
+  button.type = "button";
+  button.className = "quiet view";
+  button.dataset.testid = "camera";
+  button.addEventListener("click", () => {
+    storage.setItem("mars.camera", cameraOf(storage.getItem("mars.camera"), side) === "map" ? "follow" : "map");
+    onChange();
+  });
+  group.append(button);
+  return (/** @type {number} */ longer) => {
+    side = longer;
+    const isMap = cameraOf(storage.getItem("mars.camera"), side) === "map";
+    button.textContent = isMap ? "Follow" : "Whole map";
+    button.title = isMap ? "Follow the rover in 3-D. Drag the picture to turn it" : "Show the whole map in 3-D. Drag the picture to turn it";
+  };
+}
+
+// The frame of a board's 3-D view is marked with `data-drawn` only while its board is drawn (viewer/board_socket.js); without that mark
+// the board's matrix has the stage.
+
+/** How long to wait before the client of a frame is loaded again, ms; after the last the matrix keeps the stage. */
+const RELOADS_MS = [300, 3000, 15_000];
+/** A client that has drawn for so long begins to count anew, ms. */
+const HEALTHY_MS = 60_000;
+
+/** Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a
+ * canvas of its own (software_canvas.js), so that keys stay quick.
+ * @param {boolean} isSoftware */
+export function clientUrl(isSoftware) {
+  return `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
+}
+
+/** Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes
+ * its socket.
+ * @param {HTMLIFrameElement} viewer @param {string | null} name session and wishes; null: nothing
+ * @param {boolean} isSoftware */
+export function showBoard(viewer, name, isSoftware) {
+  const inside = insideOf(viewer);
+  const before = viewer.dataset.name ?? "";
+  viewer.dataset.name = name ?? "";
+  if (inside) inside.name = name ?? "";
+  if (before.split("?")[0] !== name?.split("?")[0]) viewer.removeAttribute("data-drawn"); // what is drawn is another board's
+  if (name === null) viewer.removeAttribute("src");
+  else if (!viewer.getAttribute("src")) viewer.src = clientUrl(isSoftware);
+  else inside?.showBoard?.();
+}
+
+/** Return what the page needs of the frame's window, or null where the browser keeps it closed, as it does its own
+ * error page.
+ * @param {HTMLIFrameElement} viewer @returns {{name: string, showBoard?: () => void} | null} */
+function insideOf(viewer) {
+  try {
+    const inside = /** @type {{name: string, showBoard?: () => void} | null} */ (/** @type {unknown} */ (viewer.contentWindow));
+    return inside && typeof inside.name === "string" ? inside : null;
+  } catch {
+    return null;
+  }
+}
+
+/** Load the client again where it was not served, broke, or lost what it draws with.
+ * @param {HTMLIFrameElement} viewer @param {boolean} isSoftware */
+export function reloadWhenLost(viewer, isSoftware) {
+  let reloads = 0;
+  let lost_ms = -Infinity;
+  let isDue = false;
+  function reload() {
+    isDue = false;
+    if (!viewer.getAttribute("src")) return;
+    viewer.contentWindow?.location.replace(new URL(clientUrl(isSoftware), viewer.ownerDocument.baseURI));
+  }
+  function onLost() {
+    viewer.removeAttribute("data-drawn");
+    if (isDue) return;
+    const now_ms = performance.now();
+    if (now_ms - lost_ms > HEALTHY_MS) reloads = 0;
+    lost_ms = now_ms;
+    if (reloads >= RELOADS_MS.length) return;
+    isDue = true;
+    setTimeout(reload, RELOADS_MS[reloads]);
+    reloads += 1;
+  }
+  viewer.addEventListener("viewerlost", onLost);
+  viewer.addEventListener("load", () => {
+    const inside = insideOf(viewer);
+    if (!viewer.getAttribute("src")) return;
+    if (!inside?.showBoard) onLost();
+    else if (inside.name !== viewer.dataset.name) { // it has changed while the frame was closed
+      inside.name = viewer.dataset.name ?? "";
+      inside.showBoard();
+    }
+  });
+}

@@ -1,0 +1,95 @@
+// @ts-check
+// Any environment, shown as its own picture and told in the words of its description.
+import { span, ticks, tickText } from "../../common/chart_scale.js";
+import { create } from "../../common/page.js";
+import { many, score } from "../../common/words.js";
+
+/** A picture with a shorter side, pixels, is enlarged without smoothing. */
+const SMALL = 256;
+
+/** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
+const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
+
+/** Show a picture as large as its place, in whole multiples where that makes it larger.
+ * @param {HTMLElement} place @param {{frame: Picture.Frame, trail: Mark[]}} board @param {Look} look */
+function paint(place, { frame }, { name, width_px, height_px, dpr }) {
+  const canvas = place.querySelector("canvas");
+  if (canvas) canvas.hidden = true;
+  const img = /** @type {HTMLImageElement} */ (place.querySelector("img.picture") ?? place.appendChild(create("img", [], { class: "picture", "data-testid": "picture" })));
+  img.alt = `${name}: ${inWords(frame).line}`;
+  const fit = () => {
+    const { naturalWidth: width, naturalHeight: height } = img;
+    const scale = Math.min(width_px / width, height_px / height);
+    const whole = scale * dpr >= 1 ? Math.floor(scale * dpr) / dpr : scale;
+    if (!(whole > 0 && Number.isFinite(whole))) return;
+    Object.assign(img.style, { width: `${width * whole}px`, height: `${height * whole}px`, imageRendering: Math.min(width, height) <= SMALL ? "pixelated" : "auto" });
+  };
+  img.onload = fit;
+  if (img.src !== frame.picture) img.src = frame.picture;
+  if (img.complete) fit();
+}
+
+/** @param {Picture.Frame} frame */
+function inWords({ text, step, outcome }) {
+  const rows = (text ?? "").split("\n").filter(Boolean);
+  return { line: [...rows, `${words(outcome) || "running"} after ${many(step, "move")}`].join("; "), rows };
+}
+
+/** @param {TaskAbout} about @returns {Task} */
+export function taskOf(about) {
+  const metric = about.metrics[0] ?? { name: "return", unit: "", lowest: null, highest: null };
+  const ends = [metric.lowest, metric.highest];
+  /** @param {Picture.Frame} frame */
+  const progress = ({ headline, return: earned }) => headline ?? earned ?? 0;
+  /** @param {number} value */
+  const shown = (value) => `${tickText(value)}${metric.unit ? ` ${metric.unit}` : ""}`;
+  /** @param {Picture.Course} course @param {number} step */
+  const frameAt = ({ frames }, step) => frames.filter((frame, index) => index === 0 || frame.step <= step).slice(-1)[0];
+  /** @param {Picture.Frame} frame */
+  const ending = ({ outcome, step }) => ({ title: `${words(outcome).replace(/^./, (first) => first.toUpperCase())} after ${many(step, "move")}`, line: "" });
+  return {
+    ...about, order: about.actions, target: "the end", standing: "",
+    chart: {
+      title: metric.name, say: shown,
+      axis(_, values) {
+        const [low, high] = span([...values, ...ends]) ?? [0, 1];
+        return { low, high, ticks: ticks(low, high), text: tickText };
+      },
+    },
+    paint, inWords, progress, ending,
+    mark: () => null,
+    path: (/** @type {Picture.MoveHistory} */ { headlines = [] }) => ({ trail: headlines.map(() => null), progress: headlines.map((value) => value ?? 0) }),
+    shape: () => [1, 1],
+    place: () => about.title,
+    headline(/** @type {Picture.Frame} */ frame) {
+      const [low, high] = [metric.lowest ?? 0, metric.highest ?? 1];
+      return { value: tickText(progress(frame)), unit: metric.unit || metric.name, share: Math.min(1, Math.max(0, (progress(frame) - low) / (high - low))) };
+    },
+    goal: () => about.title,
+    outcome: words,
+    status: (outcome) => words(outcome) || "running",
+    trialEnding(/** @type {Picture.Frame} */ frame) {
+      /** @type {[string, string][]} */
+      const figures = [["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
+      return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, ["Score", score(frame.score)]] };
+    },
+    scoreWhy: () => "",
+    compare(/** @type {Picture.Frame} */ _, theirs, rival) {
+      return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${many(theirs.step, "move")}, ${shown(progress(/** @type {Picture.Frame} */ (theirs)))}.` : "";
+    },
+    announcement(before, /** @type {Picture.Frame} */ after) {
+      if (before?.episode !== after.episode) return `New episode of ${about.title}.`;
+      return after.outcome && !before.outcome ? `${ending(after).title}.` : after.text ?? "";
+    },
+    hint: () => null,
+    coach: (_, keyOf) => ["Try the keys", `${about.actions.map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`],
+    ahead: () => "free",
+    sound: (_, after) => (after.outcome ? { kind: "over" } : null),
+    courseOf(name, /** @type {Picture.Frame[]} */ frames) {
+      const end = frames[frames.length - 1];
+      return end ? /** @type {Picture.Course} */ ({ name, frames, outcome: end.outcome, sentence: ending(end).title, actions: Array(end.step).fill("") }) : null;
+    },
+    boardAt: (/** @type {Picture.Course} */ course, step) => ({ frame: frameAt(course, step), trail: [] }),
+    progressAt: (/** @type {Picture.Course} */ course, step) => progress(frameAt(course, step)),
+  };
+}

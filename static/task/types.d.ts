@@ -1,0 +1,81 @@
+// What a page knows of a task: what the server says of it, and what the folder of its assets adds, static/task/ASSETS/index.js.
+// A page hands on frames, marks and courses; only the folder looks into them.
+
+/** A figure of an ended episode, its bounds null where it has none. */
+type Metric = {
+  name: string, unit: string, lowest: number | null, highest: number | null, is_better: "higher" | "lower",
+};
+/** What the server says. Keys: codes of event.code for each action, the first the one that is named; metrics: the
+ * headline first. */
+type TaskAbout = {
+  name: string, title: string, assets: "mars" | "picture", actions: Action[], keys: Keys, metrics: Metric[],
+};
+/** Codes of event.code for each action. */
+type Keys = Record<Action, string[]>;
+/** How a board is drawn: its player's name and colour, the room for it in CSS pixels, and what a folder's own parts of
+ * the page add. `ghost` is another's path; `palette` are a study's colours instead of the page's own. */
+type Look = {
+  name: string, accent: string, width_px: number, height_px: number, dpr: number, palette?: string,
+  ghost?: {trail: Mark[], accent: string} | null, [more: string]: unknown,
+};
+/** What a page knows of the ground of a move: it may be made; more is to be seen first; or why it would end the
+ * episode. */
+type Ground = "free" | "unknown" | {stop: string};
+type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
+type Hint = {id: string, gain: string, line: string};
+/** What a folder exports: `taskOf` makes it of what the server says. */
+interface Task extends TaskAbout {
+  /** The actions in the order in which they are named and stand on the pad. */
+  order: Action[];
+  /** What an episode has to reach, in words. */
+  target: string;
+  /** The curve below the boards: what it shows, the value to reach, and an axis for curves on a plot of some height;
+   * say: a value in words. */
+  chart: {
+    title: string, goal?: {at: number, text: string}, axis: (height_px: number, values: number[]) => ChartAxis,
+    say: (value: number) => string,
+  };
+
+  /** Draw a board in its place, and say it in words there. */
+  paint(place: HTMLElement, board: {frame: Frame, trail: Mark[]}, look: Look): void;
+  /** What a path is made of, and the height of the curve; the same of all steps in a history. */
+  mark(frame: Frame): Mark;
+  progress(frame: Frame): number;
+  path(history: MoveHistory, frame: Frame): {trail: Mark[], progress: number[]};
+  /** The width and the height of a board, in whatever unit, and what is played on, in short. */
+  shape(frame: Frame): [number, number];
+  place(level: string, frame: Frame): string;
+  /** The headline so far: its number, its unit, and 0..1 for a bar. */
+  headline(frame: Frame): {value: string, unit: string, share: number};
+
+  /** Sentences: of a frame in words with the rows of a board; of the task; below it; of the end. */
+  inWords(frame: Frame, name: string): {line: string, rows: string[]};
+  goal(frame: Frame | null): string;
+  standing: string;
+  /** An outcome in a word or two, "" while there is none; and as the state of a board. */
+  outcome(outcome: string | null): string;
+  status(outcome: string | null): string;
+  ending(frame: Frame): {title: string, line: string};
+  /** The same for a study; target: what the protocol asks for, in words. */
+  trialEnding(frame: Frame, target: string): {title: string, line: string, figures: [string, string][], advice: string};
+  scoreWhy(frame: Frame, paysBonus: boolean): string;
+  compare(mine: Frame, theirs: Frame | null, rival: string, who?: string): string;
+  announcement(before: Frame | null, after: Frame): string;
+  /** What the first moves of a visitor and of a participant are told. */
+  hint(before: Frame, after: Frame, said: ReadonlySet<string>): Hint | null;
+  coach(frame: Frame, keyOf: (action: Action) => string, target: string): [string, string];
+
+  /** What lies ahead of a move after others that wait; what is to be heard after one. */
+  ahead(frame: Frame, waiting: readonly Action[], action: Action): Ground;
+  sound(before: Frame, after: Frame): Sound | null;
+
+  /** A finished episode: its course, and the board after some of its moves. */
+  courseOf(name: string, frames: Frame[]): Course | null;
+  boardAt(course: Course, step: number): {frame: Frame, trail: Mark[]};
+  progressAt(course: Course, step: number): number;
+  /** Draw over a board of a replay what the last move did. */
+  paintEvents?(place: HTMLElement, course: Course, step: number, look: Look): void;
+  /** Parts of the playground that this task alone has: a 3-D view, thoughts and expected discoveries, costly moves, a
+   * choice of terrains. */
+  play?(): Promise<typeof import("./mars/play.js")>;
+}

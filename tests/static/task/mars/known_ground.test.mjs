@@ -1,0 +1,21 @@
+import assert from "node:assert/strict";
+import test from "node:test";
+import { ahead, cellAfter } from "../../../../static/task/mars/ground.js";
+
+const groundAhead = (...move) => ahead(...move).stop ?? ahead(...move);
+
+const frame = { position: [1, 1], grid: ["?#..", ".@..", "...."] };
+
+test("a move leads to ground that is known, to a rock, off the grid, or where nobody has looked", () => {
+  assert.equal(groundAhead(frame, [], "east"), "free");
+  assert.equal(groundAhead(frame, [], "north"), "Stopped before a rock");
+  assert.equal(groundAhead(frame, ["west"], "north"), "unknown");
+  assert.equal(groundAhead(frame, ["south"], "south"), "Stopped before the edge");
+  assert.equal(groundAhead(frame, ["west"], "west"), "Stopped before the edge");
+});
+
+test("moves that wait are made first", () => {
+  assert.deepEqual(["east", "south", "south", "west"].reduce(cellAfter, frame.position), [3, 1]);
+  assert.equal(groundAhead(frame, ["east", "east"], "north"), "free");
+  assert.equal(groundAhead(frame, ["east", "east"], "east"), "Stopped before the edge");
+});
