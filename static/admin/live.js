@@ -1,4 +1,3 @@
-// @ts-check
 // Boards that are being played: one socket each, with the frames that the operator may see, scores included.
 import { boardOf, received } from "../common/game_state.js";
 import { follow, socketUrl } from "../common/socket.js";
@@ -19,8 +18,8 @@ export function caption({ label, kind, phase, trial }) {
   return [who, phase ? `${stageName(phase)}${phase === "tutorial" ? "" : ` ${(trial ?? 0) + 1}`}` : "playground"];
 }
 
-/** @param {HTMLElement} place @param {string} base the page's address */
-export function createLive(place, base) {
+/** @param {HTMLElement} place */
+export function createLive(place) {
   /** @type {Map<string, Admin.Watched>} */
   const watched = new Map();
 
@@ -31,7 +30,7 @@ export function createLive(place, base) {
       { "data-testid": `live-${info.label ?? info.session}`, "data-outcome": "" });
     /** @type {Admin.Watched} */
     const one = { figure, canvas, info, board: null, task: null, link: follow({
-      url: socketUrl(info.session, base, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
+      url: socketUrl(info.session, "ws/admin/sessions"), onLink: () => {}, beforeRetry: async () => watched.has(info.session),
       async onMessage(message) {
         one.task ??= await loadTask(info.task);
         one.board = boardAfter(one.task, one.board, message);

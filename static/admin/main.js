@@ -1,20 +1,17 @@
-// @ts-check
 // Wires the operator's console: log in, ask every two seconds, paint; an answer of 401 leads back to the login.
-import { ApiError, createRequest } from "../common/api.js";
-import { create, elementsOf } from "../common/page.js";
+import { ApiError, request } from "../common/api.js";
+import { create, by } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
-import { createRecruiting } from "./recruiting.js";
+import { createRecruiting } from "./tables.js";
 import * as tables from "./tables.js";
 import { attention, exportText, summary } from "./words.js";
 
 const EVERY_MS = 2000;
-const by = elementsOf(document);
-const request = createRequest((path, options) => fetch(path, options), "");
 const password = by("password", HTMLInputElement);
 const typed = by("typed", HTMLInputElement);
-const live = createLive(by("boards"), document.baseURI);
+const live = createLive(by("boards"));
 
 /** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null, task: Task}} */
 let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask(null) };
@@ -154,7 +151,7 @@ by("study").addEventListener("change", () => {
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
-const recruiting = createRecruiting(document, { ask: (path, body) => request(ofStudy(path), body), run });
+const recruiting = createRecruiting({ ask: (path, body) => request(ofStudy(path), body), run });
 const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
 by("make-report").addEventListener("click", () => run(() => request(ofStudy("exports/report"), {})));
 by("make-release").addEventListener("click", () => {

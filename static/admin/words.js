@@ -1,4 +1,3 @@
-// @ts-check
 // The operator's console in words: times, sizes, stages, what needs attention. No document here.
 import { many } from "../common/words.js";
 

@@ -1,4 +1,3 @@
-// @ts-check
 // Every line chart of the page. uPlot draws axes, lines and bands; dots, whiskers and the goal are drawn over them.
 import uPlot from "../vendor/uplot/uPlot.js";
 import { axisEnd, movesAxis } from "./chart_scale.js";

@@ -1,4 +1,3 @@
-// @ts-check
 // Where numbers stand on a chart: ends of axes and ticks. No document here, so that node can test it.
 
 /** Return the next round number: a multiple of 20, 100 or 500, as the axis is long.

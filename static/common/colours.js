@@ -1,4 +1,3 @@
-// @ts-check
 // The colours of boards and charts, read from the custom properties of base.css while something is painted, so that a theme may change.
 
 /** @param {Element} element @returns what reads its custom properties */

@@ -1,4 +1,3 @@
-// @ts-check
 // How many people needed how many moves, as columns, with a dot for you and a line for each policy. The lower part paints.
 
 /** Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.

@@ -1,4 +1,3 @@
-// @ts-check
 // The whole state of the page in one object. `apply` returns the next state and changes nothing that it was given.
 
 /** @returns {GameState} */

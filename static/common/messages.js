@@ -1,4 +1,3 @@
-// @ts-check
 // Every message in both directions: the twin of app/play/messages.py (a test compares them). Types: types.d.ts.
 
 export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "expected", "thought", "kept"];

@@ -1,17 +1,12 @@
-// @ts-check
 // What every page does with its elements: finds them by id, makes them, and changes only what is new.
 
-/** Return a function that finds elements by id. It throws a TypeError where the page has no element of that id and
- * kind.
- * @param {Document} page */
-export function elementsOf(page) {
-  /** @template {Element} [T=HTMLElement] @param {string} id
-   * @param {new () => T} [kind] the element's class, HTMLElement unless more is needed @returns {T} */
-  return function by(id, kind = /** @type {new () => T} */ (/** @type {unknown} */ (HTMLElement))) {
-    const found = page.getElementById(id);
-    if (!(found instanceof kind)) throw new TypeError(`expected #${id} to be a ${kind.name}, found ${found}`);
-    return found;
-  };
+/** Return the element of an id; TypeError where the page has none of that id and kind.
+ * @template {Element} [T=HTMLElement] @param {string} id
+ * @param {new () => T} [kind] the element's class, HTMLElement unless more is needed @returns {T} */
+export function by(id, kind = /** @type {new () => T} */ (/** @type {unknown} */ (HTMLElement))) {
+  const found = document.getElementById(id);
+  if (!(found instanceof kind)) throw new TypeError(`expected #${id} to be a ${kind.name}, found ${found}`);
+  return found;
 }
 
 /** Return a new element.

@@ -1,4 +1,3 @@
-// @ts-check
 // The player of finished episodes, for a replay's page and a study's debrief: where the playback stands and how it goes on.
 
 /** Moves per second. */

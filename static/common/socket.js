@@ -1,5 +1,5 @@
-// @ts-check
 // One session's socket, which heals itself: it reports every message and its own health, and reconnects with growing waits.
+import { api, ROOT } from "./api.js";
 import { askHistory, parse } from "./messages.js";
 
 /** How long a socket has to answer before it is taken for lost, ms. */
@@ -11,8 +11,6 @@ export function backoff_ms(attempt) {
 }
 
 /** Follow a session until `close`.
- *   url          the socket's address
- *   onMessage    each parsed message
  *   onLink       "open" once joined, "lost" the moment it breaks
  *   beforeRetry  asked before each new attempt; it answers false when the session is gone for good
  * @param {{url: string, onMessage: (message: FromServer) => void, onLink: (link: "open" | "lost") => void,
@@ -99,20 +97,87 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   };
 }
 
-/** Return the address of a session's socket, below the page's own and with its scheme.
- * @param {string} session @param {string} base @param {string} [folder] of the sockets */
-export function socketUrl(session, base, folder = "ws/sessions") {
-  const url = new URL(`${folder}/${encodeURIComponent(session)}`, base);
+/** Return the address of a session's socket, below the app's own and with its scheme.
+ * @param {string} session @param {string} [folder] of the sockets @param {string} [root] of the app */
+export function socketUrl(session, folder = "ws/sessions", root = ROOT) {
+  const url = new URL(`${folder}/${encodeURIComponent(session)}`, root);
   url.protocol = url.protocol.replace("http", "ws");
   url.hash = url.search = "";
   return url.href;
 }
 
-/** @param {{base: string, onMessage: (role: Role, message: FromServer) => void, onLink: (role: Role, link: "open" |
- *   "lost") => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
-export function createConnections({ base, onMessage, onLink, beforeRetry }) {
+/** How often a page in use asks api/health when no message came, to find out whether a quiet connection is a lost one: a socket that
+ * broke says so itself, a network that went silent does not. A page left alone asks rarely.
+ *   silence_ms   ms since the server's last message
+ *   idle_ms      ms since the player last did something
+ *   onFailure    called with the number of failures in a row
+ *   onSuccess    called when an answer came after a failure
+ * @param {{silence_ms: () => number, idle_ms: () => number,
+ *   onFailure: (inARow: number) => void, onSuccess: () => void}} how */
+export function startHeartbeat({ silence_ms, idle_ms, onFailure, onSuccess }) {
+  let failures = 0;
+  let isAsking = false;
+  let askedAt_ms = 0;
+  return setInterval(async () => {
+    const every_ms = failures > 0 || idle_ms() < 60000 ? 1000 : 15000;
+    if (isAsking || document.hidden || silence_ms() < every_ms || performance.now() - askedAt_ms < every_ms) return;
+    isAsking = true;
+    askedAt_ms = performance.now();
+    try {
+      await api.health();
+      if (failures > 0) onSuccess();
+      failures = 0;
+    } catch {
+      failures += 1;
+      onFailure(failures);
+    }
+    isAsking = false;
+  }, 250);
+}
+
+/** Connect the boards of a page, and find out when the connection is lost and when it is back.
+ *   onAnswered  the moves that a message of the player's board answers
+ *   onBack      the server answers again
+ * @param {{moves: {receive: (message: FromServer) => Pending[], drop: () => void},
+ *   telemetry: Pick<ReturnType<import("./telemetry.js").createTelemetry>, "answered" | "reconnected">,
+ *   dispatch: (event: GameEvent) => void, isLost: () => boolean,
+ *   idle_ms: () => number, silence_ms?: () => number, onAnswered?: (moves: Pending[], message: FromServer) => void,
+ *   onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
+export function startBoards({ moves, telemetry, dispatch, isLost, idle_ms, silence_ms, onAnswered, onBack, beforeRetry }) {
   /** @type {Map<Role, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
   const open = new Map();
+  /** @param {Role} role @param {FromServer} message */
+  function onMessage(role, message) {
+    if (role === "player") {
+      const answered = moves.receive(message);
+      onAnswered?.(answered, message);
+    }
+    if (message.kind === "kept") telemetry.answered(message);
+    else dispatch({ kind: "received", role, message });
+  }
+  /** @param {Role} role @param {"open" | "lost"} link */
+  function onLink(role, link) {
+    if (link === "lost") moves.drop();
+    if (role !== "player") return;
+    if (link === "open") telemetry.reconnected();
+    dispatch({ kind: "link", link });
+  }
+  const quiet_ms = () => open.get("player")?.follower.silence_ms() ?? Infinity;
+  const restart = () => open.forEach(({ follower }) => follower.restart());
+  startHeartbeat({
+    silence_ms: silence_ms ?? quiet_ms, idle_ms,
+    onSuccess() {
+      if (!isLost()) return;
+      open.forEach(({ follower }) => follower.check());
+      onBack?.();
+    },
+    onFailure() {
+      moves.drop();
+      dispatch({ kind: "link", link: "lost" });
+    },
+  });
+  addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
+  addEventListener("online", restart);
   return {
     /** Follow the sessions of the boards, and ask for the history wherever steps are missing.
      * @param {GameState} state */
@@ -127,7 +192,7 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
         if (!board) continue;
         const { session } = board;
         if (!open.has(role)) {
-          const follower = follow({ url: socketUrl(session, base), onMessage: (message) => onMessage(role, message),
+          const follower = follow({ url: socketUrl(session), onMessage: (message) => onMessage(role, message),
             onLink: (link) => onLink(role, link), beforeRetry: () => beforeRetry(role, session) });
           open.set(role, { session, follower, askedFor: null });
         }
@@ -135,89 +200,9 @@ export function createConnections({ base, onMessage, onLink, beforeRetry }) {
         if (board.hasGap && link.askedFor !== board.frame && link.follower.send(askHistory())) link.askedFor = board.frame;
       }
     },
-    /** Send a message; return whether it left.
+    /** Send a message of a player's; return whether it left.
      * @param {Role} role @param {object} message */
     send: (role, message) => open.get(role)?.follower.send(message) ?? false,
-    silence_ms: () => open.get("player")?.follower.silence_ms() ?? Infinity,
-    restart() {
-      for (const { follower } of open.values()) follower.restart();
-    },
-    /** Find out whether the sockets still answer, and start those again that do not. */
-    check() {
-      for (const { follower } of open.values()) follower.check();
-    },
+    silence_ms: quiet_ms,
   };
-}
-
-/** How often a page in use asks api/health when no message came, to find out whether a quiet connection is a lost one: a socket that
- * broke says so itself, a network that went silent does not. A page left alone asks rarely.
- *   silence_ms   ms since the server's last message
- *   idle_ms      ms since the player last did something
- *   ask          api/health; rejects when no answer comes
- *   onFailure    called with the number of failures in a row
- *   onSuccess    called when an answer came after a failure
- * @param {{silence_ms: () => number, idle_ms: () => number, ask: () => Promise<unknown>,
- *   onFailure: (inARow: number) => void, onSuccess: () => void}} how */
-export function startHeartbeat({ silence_ms, idle_ms, ask, onFailure, onSuccess }) {
-  let failures = 0;
-  let isAsking = false;
-  let askedAt_ms = 0;
-  return setInterval(async () => {
-    const every_ms = failures > 0 || idle_ms() < 60000 ? 1000 : 15000;
-    if (isAsking || document.hidden || silence_ms() < every_ms || performance.now() - askedAt_ms < every_ms) return;
-    isAsking = true;
-    askedAt_ms = performance.now();
-    try {
-      await ask();
-      if (failures > 0) onSuccess();
-      failures = 0;
-    } catch {
-      failures += 1;
-      onFailure(failures);
-    }
-    isAsking = false;
-  }, 250);
-}
-
-/** Connect the boards of a page, and find out when the connection is lost and when it is back.
- *   onAnswered  the moves that a message of the player's board answers
- *   onBack      the server answers again
- * @param {{base: string, moves: {receive: (message: FromServer) => Pending[], drop: () => void},
- *   telemetry: Pick<ReturnType<import("./telemetry.js").createTelemetry>, "answered" | "reconnected">,
- *   dispatch: (event: GameEvent) => void, api: {health: () => Promise<unknown>}, isLost: () => boolean,
- *   idle_ms: () => number, silence_ms?: () => number, onAnswered?: (moves: Pending[], message: FromServer) => void,
- *   onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
-export function startBoards({ base, moves, telemetry, dispatch, api, isLost, idle_ms, silence_ms, onAnswered, onBack, beforeRetry }) {
-  const connections = createConnections({
-    base, beforeRetry,
-    onMessage(role, message) {
-      if (role === "player") {
-        const answered = moves.receive(message);
-        onAnswered?.(answered, message);
-      }
-      if (message.kind === "kept") telemetry.answered(message);
-      else dispatch({ kind: "received", role, message });
-    },
-    onLink(role, link) {
-      if (link === "lost") moves.drop();
-      if (role !== "player") return;
-      if (link === "open") telemetry.reconnected();
-      dispatch({ kind: "link", link });
-    },
-  });
-  startHeartbeat({
-    silence_ms: silence_ms ?? connections.silence_ms, idle_ms, ask: api.health,
-    onSuccess() {
-      if (!isLost()) return;
-      connections.check();
-      onBack?.();
-    },
-    onFailure() {
-      moves.drop();
-      dispatch({ kind: "link", link: "lost" });
-    },
-  });
-  addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
-  addEventListener("online", connections.restart);
-  return connections;
 }

@@ -1,4 +1,3 @@
-// @ts-check
 // The task of a page: its module, and the parts of the page that differ from task to task.
 import { create } from "./page.js";
 
@@ -12,17 +11,17 @@ export async function loadTask(about) {
 const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
 
 /** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
- * @param {Document} page @param {Task} task */
-export function showTask(page, { assets, order, keys, title, chart, play }) {
-  for (const part of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
+ * @param {Task} task */
+export function showTask({ assets, order, keys, title, chart, play }) {
+  for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
   if (assets === "mars") return; // the pages are written for it
-  if (!play) page.body.dataset.view = "matrix";
-  for (const name of page.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
-  page.title = page.title.replace("MarsExplorer", title);
-  for (const line of page.querySelectorAll(".keys")) {
+  if (!play) document.body.dataset.view = "matrix";
+  for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
+  document.title = document.title.replace("MarsExplorer", title);
+  for (const line of document.querySelectorAll(".keys")) {
     line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action} `]));
   }
-  const pad = page.querySelector(".pad");
+  const pad = document.querySelector(".pad");
   pad?.classList.toggle("is-row", !order.every((action) => keys[action]?.[0] in DIRECTIONS));
   pad?.replaceChildren(...order.map((action) => padButton(action, keys[action]?.[0] ?? "")));
 }

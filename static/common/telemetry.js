@@ -1,4 +1,3 @@
-// @ts-check
 // Keys, touches, focus and visibility as input events, until the server says that it keeps them: in batches of one
 // episode, 200 events at most. The events that caused a move are sent before it, on the same socket, since the server
 // compares the two.
@@ -31,11 +30,9 @@ export function onScreen(frame, painted, round_trip_ms) {
 }
 
 /**
- *   context   the episode and step on screen and the newest round trip; episode null while no board is shown: then
- *   nothing is kept
+ *   context   what is on screen; nothing is kept while its episode is null
  *   send      true when the message left
- *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps those of this one for
- *   the next
+ *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps them for the next
  * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null},
  *   now_ms: () => number, send: (message: object) => boolean, stored?: Batch[],
  *   store?: (batches: Batch[]) => void}} how */
@@ -110,10 +107,8 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
 
 /** Record raw events before any other listener can stop them; call this before the controls are started.
  *   frames      in which keys drive as well, such as the 3-D views
- *   note        keeps an event
  *   flush       sends what is kept; `leave` does it when the page may never come back
  *   drives      whether a key's code makes a move now
- *   onActivity  anything was pressed: the user is there
  * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   note: (kind: RecordedEvent["kind"], fields?: object) => void, flush: () => void, leave: () => void,
  *   drives: (code: string) => boolean, onActivity: () => void}} how */

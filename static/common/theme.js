@@ -1,4 +1,3 @@
-// @ts-check
 // The choice of colours: automatic (as the system asks), dark or light. A plain script in the head, before the style sheets, so that
 // no page is ever painted in the wrong colours. `theme` is dispatched on the window when the colours have changed.
 {

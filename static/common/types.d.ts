@@ -27,6 +27,23 @@ type Watched = {
   frames: Frame[] | null, task: Task,
 };
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
+type Wished = Record<string, unknown>;
+type Api = {
+  health(): Promise<unknown>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
+  policies(): Promise<Choice[]>, humanLevel(): Promise<HumanLevel>,
+  episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
+  /** Of a finished episode. */
+  regret(id: string): Promise<Mars.Analysis>,
+  /** Make a move that no key made. */
+  act(id: string, move: {episode: string, step: number, action: string}): Promise<Frame>,
+  createSession(wish: Wished): Promise<About>, about(id: string): Promise<About>,
+  /** The board that this browser's player goes on with; null without one. A question names another of their boards: by
+   * its id, or by what a link to watch it holds. */
+  mySession(question?: {session?: string, watch?: string}): Promise<About | null>,
+  /** Of a board by its id for watching, or of an episode. */
+  watched(id: string): Promise<Watched>,
+  nextEpisode(id: string, wish: Wished): Promise<About>, setPace(id: string, pace: Wished): Promise<Pace>,
+};
 /** Of labels, the goal's line, the axis and the grid. */
 type Inks = {text: string, goal: string, base: string, line: string};
 /** In CSS pixels, or device pixels of a board. */
@@ -110,6 +127,5 @@ type RecordedEvent = {
   round_trip_ms: number | null,
 };
 type Pending = {episode: string, step: number, action: Action, pressed_ms: number, sent_ms: number};
-type PendingMoves = {pending: readonly Pending[], limit: number};
 type Batch = ReturnType<typeof import("./messages.js").events>;
 type StudyListing = {name: string, title: string, status: string, recruitment: string, warm_up: number, ranked: number};

@@ -1,4 +1,3 @@
-// @ts-check
 // Numbers in words; no document here, so node can test every sentence.
 
 /** @param {number} share 0..1; rounded down, so that 99.0 never stands before the goal is reached */

@@ -1,19 +1,17 @@
-// @ts-check
 // The daily page: today's board, one attempt, and what it came to. The only module of this page that knows all the others.
-import { ApiError, createApi, createRequest, withTask } from "../common/api.js";
-import { startBoards } from "../common/socket.js";
+import { api, ApiError, request, withTask } from "../common/api.js";
+import { boardColours } from "../common/colours.js";
+import { paintDistribution } from "../common/distribution.js";
 import { apply, initialState } from "../common/game_state.js";
-import { create, createRepaint, elementsOf, put } from "../common/page.js";
+import { create, createRepaint, createSizes, by, paintLink, paintNotices, partsOf, put } from "../common/page.js";
+import { startBoards } from "../common/socket.js";
 import { loadTask } from "../common/task.js";
+import { promptText } from "../play/first_visit.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
-import { createBoard } from "./board.js";
-import { createResults } from "./results.js";
-import { countdown, dayText, streakText } from "./words.js";
+import { paintNumbers } from "../play/panels.js";
+import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
-const by = elementsOf(document);
-const request = createRequest((path, options) => fetch(path, options), "");
-const api = createApi((path, options) => fetch(path, options));
 let state = initialState();
 let actedAt_ms = performance.now();
 /** @type {Daily.Today | null} */
@@ -22,19 +20,27 @@ Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { ret
 
 const task = await loadTask(null);
 const modules = await task.play?.();
-const board = createBoard(document, { task, createViews: modules?.createViews, onChange: () => repaint(true), dismiss: (id) => dispatch({ kind: "dismiss", id }) });
-const repaint = createRepaint(() => board.paint(state));
-addEventListener("theme", () => repaint(true));
-const results = createResults(document, { task, load: (day) => request(`daily/${day}/results`), onWrong: (text) => dispatch({ kind: "notice", text }) });
+const root = by("board");
+const part = partsOf(root);
+const viewer = /** @type {HTMLIFrameElement} */ (part.viewer);
+const panel = { role: /** @type {const} */ ("player"), root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer };
+const views = modules?.createViews({ panels: [panel], onChange: () => repaint() });
+const sizes = createSizes(() => repaint());
+sizes.watch(part.matrix);
+put(by("prompt-text"), promptText(matchMedia("(pointer: coarse)").matches));
+/** @type {Board | null} */
+let painted = null;
+const repaint = createRepaint(paint);
+addEventListener("theme", () => repaint());
 
 const { moves, telemetry } = startInput({
-  page: window, task, board: board.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [board.viewer],
+  page: window, task, board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
-  onActivity: () => { actedAt_ms = performance.now(); }, send: (message) => connections.send("player", message), painted: board.painted,
+  onActivity: () => { actedAt_ms = performance.now(); }, send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
-  base: document.baseURI, moves, telemetry, dispatch, api, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
+  moves, telemetry, dispatch, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
   silence_ms: () => (state.mode === "spectator" ? 0 : connections.silence_ms()),
   async beforeRetry(_, session) {
     const about = await api.about(session);
@@ -42,7 +48,24 @@ const connections = startBoards({
     return true;
   },
 });
-keepFocusOnBoard(document, { board: board.root, next: () => null });
+keepFocusOnBoard({ board: root, next: () => null });
+
+function paint() {
+  const { player: board, link, notices } = state;
+  paintLink(by("link"), link, "live");
+  paintNotices(by("notices"), notices, (id) => dispatch({ kind: "dismiss", id }));
+  views?.showMatrixOnly(!board?.session);
+  if (!board) return;
+  const { frame } = board;
+  task.paint(part.matrix, board, { name: "You", accent: boardColours(document.documentElement).you, ...sizes.of(part.matrix), dpr: devicePixelRatio || 1 });
+  paintNumbers(root, part, task, frame);
+  document.body.dataset.ended = String(Boolean(frame.outcome));
+  document.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
+  by("prompt").hidden = frame.step > 0 || Boolean(frame.outcome);
+  views?.load(panel, board.session || null);
+  views?.paintCamera(frame);
+  painted = board;
+}
 
 /** Apply an event: the only place where the state changes.
  * @param {GameEvent} event */
@@ -63,7 +86,7 @@ function dispatch(event) {
 /** @param {Daily.Today} of */
 function ended({ day }) {
   put(by("standing"), "That was your attempt for today. The next terrain comes at midnight UTC.");
-  results.show(day);
+  showResults(day);
 }
 
 /** Show the board of an attempt that had ended before this page was loaded.
@@ -97,7 +120,7 @@ async function begin() {
     put(by("streak"), streakText(today.streak));
     put(by("commitment"), today.commitment);
     startCountdown(today);
-    if (today.yesterday) results.showYesterday(today.yesterday).catch((error) => dispatch({ kind: "notice", text: error.message }));
+    if (today.yesterday) showYesterday(today.yesterday).catch((error) => dispatch({ kind: "notice", text: error.message }));
     if (today.attempt?.state === "ended") await showEnded(today.attempt.episode);
     else dispatch({ kind: "begun", about: await withTask(request("daily", {})) });
   } catch (error) {
@@ -109,4 +132,71 @@ async function begin() {
 }
 
 document.body.dataset.pad = localStorage.getItem("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
+
+/** How often policies that are still exploring are asked for. */
+const ASK_AGAIN_MS = 2000;
+
+/** Return a row of a table of results: who, and what they came to.
+ * @param {string} who @param {string} what @param {"you" | "person" | "policy"} kind
+ * @param {string} [episode] whose replay the row leads to */
+function row(who, what, kind, episode) {
+  const name = episode ? create("a", who, { href: `replay/${encodeURIComponent(episode)}` }) : create("span", who);
+  return create("li", [name, create("b", what)], { class: kind });
+}
+
+/** @param {Daily.PolicyResult[]} policies */
+const policyRows = (policies) => policies.map((policy) => row(policy.name, policyText(policy), "policy"));
+
+/** @param {Daily.Results} results */
+function paintResults({ day, attempt, people, policies }) {
+  if (!attempt) return;
+  put(by("end-title"), resultText(task, attempt).replace(/^./, (first) => first.toUpperCase()));
+  put(by("end-rank"), rankText(attempt, people, policies));
+  area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href);
+  by("replay").setAttribute("href", `replay/${encodeURIComponent(attempt.episode)}`);
+  const marks = policies.flatMap(({ name, moves }) => (moves === null ? [] : [{ name, moves }]));
+  paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
+  put(by("people-note"), peopleText(task, people));
+  by("policies").replaceChildren(...policyRows(policies));
+  by("end").hidden = by("results").hidden = false;
+}
+
+/** Show what a player's attempt came to, and the policies as soon as they are ready.
+ * @param {string} day */
+async function showResults(day) {
+  try {
+    const found = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
+    paintResults(found);
+    if (found.policies.some(({ state: of }) => of === "waiting" || of === "computing")) setTimeout(() => showResults(day), ASK_AGAIN_MS);
+  } catch (error) {
+    dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
+  }
+}
+
+/** Show the results of the day before.
+ * @param {{day: string, commitment: string, key: string | null}} yesterday */
+async function showYesterday({ day, commitment, key }) {
+  put(by("key"), key ?? "");
+  put(by("key-commitment"), commitment);
+  by("key-link").setAttribute("href", `api/daily/${day}`);
+  by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
+  const { people, policies } = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
+  put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
+  const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
+  by("yesterday-rows").replaceChildren(...best, ...policyRows(policies.filter(({ moves }) => moves !== null)));
+  put(by("yesterday-note"), peopleText(task, people));
+  by("yesterday").hidden = false;
+}
+
+const area = by("share-text", HTMLTextAreaElement);
+by("copy").addEventListener("click", async () => {
+  area.select();
+  try {
+    await navigator.clipboard.writeText(area.value);
+    put(by("copy"), "Copied");
+  } catch {
+    put(by("copy"), document.execCommand("copy") ? "Copied" : "Press Ctrl+C"); // a page without TLS may not write to the clipboard
+  }
+  setTimeout(() => put(by("copy"), "Copy"), 2500);
+});
 begin();

@@ -1,4 +1,3 @@
-// @ts-check
 // The sentences of the daily page; no document here, so that node can test every one.
 import { many, wholePercent } from "../common/words.js";
 

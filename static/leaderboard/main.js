@@ -1,16 +1,12 @@
-// @ts-check
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
-import { createRequest } from "../common/api.js";
-import { create, elementsOf } from "../common/page.js";
+import { request } from "../common/api.js";
+import { create, by } from "../common/page.js";
 import { loadTask } from "../common/task.js";
-import { paintCoverage, paintTrials } from "./charts.js";
-import { GRADIENT, paintMaps, topOf } from "./maps.js";
+import { GRADIENT, paintCoverage, paintMaps, paintTrials, topOf } from "./charts.js";
 import { breakOf, invitation, paintRanks, scaleOf } from "./ranks.js";
 import * as standing from "./standing.js";
 
-const by = elementsOf(document);
 const boardSelect = by("board", HTMLSelectElement);
-const request = createRequest((path, options) => fetch(path, options), "");
 const task = await loadTask(null);
 const SOON_MS = 1500;
 const LATER_MS = 20000;

@@ -1,4 +1,3 @@
-// @ts-check
 // The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
 import { ticks, tickText } from "../common/chart_scale.js";
 import { create } from "../common/page.js";

@@ -1,4 +1,3 @@
-// @ts-check
 // From the server's answer to what stands on the page: order, scale, sentences. No document here.
 import { roundUp } from "../common/chart_scale.js";
 import { many } from "../common/words.js";

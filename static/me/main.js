@@ -1,14 +1,11 @@
-// @ts-check
 // A player's own page: bests, place among people, every episode. The only module of this page that knows all the others.
-import { createRequest } from "../common/api.js";
+import { request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
-import { create, elementsOf, put } from "../common/page.js";
+import { create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
 import { bestText, standingText, summary, terrainText } from "./words.js";
 
-const by = elementsOf(document);
-const request = createRequest((path, options) => fetch(path, options), "");
 const task = await loadTask(null);
 const PAGE = 50;
 let shown = 0;

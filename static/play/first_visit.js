@@ -1,4 +1,3 @@
-// @ts-check
 // The first episode of somebody who has never been here: the prompt for the first key, and the coach for the moves after it. The
 // policy's board comes once that episode has ended.
 import { put } from "../common/page.js";
@@ -8,13 +7,10 @@ export const promptText = (isTouch) => (isTouch ? "Swipe or tap an arrow" : "Pre
 
 const VISITED = "mars.visited";
 
-/**
- *   part     of the player's panel
- *   onEnded  the first episode has ended, and the page has room for two boards
- * @param {{page: Document, part: Record<string, HTMLElement>, storage: Storage, isTouch: boolean,
+/** @param {{part: Record<string, HTMLElement>, isTouch: boolean,
  *   onEnded: () => void}} how */
-export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
-  const { body } = page;
+export function createFirstVisit({ part, isTouch, onEnded }) {
+  const { body } = document;
   /** @type {Set<string>} */
   const said = new Set();
   /** @type {Hint | null} */
@@ -43,7 +39,7 @@ export function createFirstVisit({ page, part, storage, isTouch, onEnded }) {
     follow(before, after) {
       const [was, is] = [before.player?.frame, after.player?.frame];
       if (!isFirst() || !is || was === is || after.mode === "watch") return;
-      if (is.step > 0) storage.setItem(VISITED, "yes");
+      if (is.step > 0) localStorage.setItem(VISITED, "yes");
       const isNext = was?.episode === is.episode && is.step > was.step && !is.outcome;
       hint = (isNext && after.task?.hint(was, is, said)) || null;
       if (hint?.id) said.add(hint.id);

@@ -1,15 +1,10 @@
-// @ts-check
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
-import { startControls } from "../common/controls.js";
-import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
-import { actionOf, timeOf_ms } from "../common/keyboard.js";
+import { actionOf, startControls, timeOf_ms } from "../common/keyboard.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
+import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
 import { many } from "../common/words.js";
-import { createHeldKey, paceOf } from "./held_key.js";
 import { createPressQueue } from "./press_queue.js";
-import { createSound, soundOf } from "./sound.js";
-import { startSwipes } from "./swipe.js";
 
 /** Where events without an answer wait for the next load of this tab. */
 const KEPT = "mars.events";
@@ -17,17 +12,12 @@ const KEPT = "mars.events";
 const REPEAT_SETTING = "mars.repeat";
 
 /** Start the controls; return the moves and the telemetry, for the server's answers.
- *   task        what is played: its actions and keys
  *   board       the player's: it can be swiped on, and says which presses were dropped
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
  *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
- *   send        true when the message left
  *   driven      the newest frame of a board that is driven here, else null
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
- *   isConnecting  whether the socket of the board's session is being opened
- *   announce    says a sentence to screen readers, politely
- *   onActivity  anything was pressed: the user is there
  * @param {{page: Window & typeof globalThis, task: Task, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
@@ -148,4 +138,202 @@ function createDropMark(board, announce) {
       hiding = setTimeout(() => { mark.hidden = true; shown = null; }, SHOWN_MS);
     },
   };
+}
+
+/** Held for so long, a key repeats. */
+export const DELAY_MS = 250;
+/** Moves a second that can be chosen; 0 turns repeating off. */
+const PACES = Object.freeze([0, 4, 8, 12]);
+export const DEFAULT_PACE = 8;
+
+/** @param {string | null} stored @returns the moves a second that a stored setting stands for */
+export function paceOf(stored) {
+  const pace = Number(stored ?? DEFAULT_PACE);
+  return PACES.includes(pace) ? pace : DEFAULT_PACE;
+}
+
+/**
+ *   mayRepeat  asked before each repetition: whether a held key drives now
+ *   repeat     moves once more; false lets go of the key
+ *   after      calls a function in so many ms and returns what cancels it
+ * @param {{pace: () => number, mayRepeat: () => boolean, repeat: (action: Action) => boolean, now_ms: () => number,
+ *   after: (wait_ms: number, work: () => void) => () => void}} how */
+export function createHeldKey({ pace, mayRepeat, repeat, now_ms, after }) {
+  /** @type {{holder: string, action: Action} | null} */
+  let held = null;
+  let due_ms = 0;
+  let cancel = () => {};
+
+  function stop() {
+    cancel();
+    held = null;
+  }
+  function schedule() {
+    cancel = after(Math.max(0, due_ms - now_ms()), () => {
+      if (!held) return;
+      if (pace() === 0 || !mayRepeat() || !repeat(held.action)) return stop();
+      const between_ms = 1000 / pace();
+      due_ms = Math.max(due_ms, now_ms() - between_ms / 2) + between_ms; // a page that was busy catches up on nothing
+      schedule();
+    });
+  }
+  return {
+    /** A key went down, after which its own move was made; it takes the place of the one that was held before.
+     * @param {string} holder what is held: a key's code, or the name of a button @param {Action} action */
+    down(holder, action) {
+      stop();
+      if (pace() === 0 || !mayRepeat()) return;
+      held = { holder, action };
+      due_ms = now_ms() + DELAY_MS;
+      schedule();
+    },
+    /** A key came up; nothing changes when it is not the one that is held.
+     * @param {string} holder */
+    up(holder) { if (held?.holder === holder) stop(); },
+    stop,
+    holder: () => held?.holder ?? null,
+  };
+}
+
+/** A finger that went so far has swiped. */
+export const SWIPE_PX = 22;
+/** So many times further along one axis than along the other: what is more diagonal waits until it is clear. */
+const CLEAR = 1.25;
+
+/** Return the arrow key that a finger's way stands for, or null while that is not clear.
+ * @param {number} right_px @param {number} down_px */
+export function directionOf(right_px, down_px) {
+  const [across, along] = [Math.abs(right_px), Math.abs(down_px)];
+  if (Math.max(across, along) < SWIPE_PX) return null;
+  if (across > along * CLEAR) return right_px > 0 ? "ArrowRight" : "ArrowLeft";
+  if (along > across * CLEAR) return down_px > 0 ? "ArrowDown" : "ArrowUp";
+  return null;
+}
+
+/** Return what follows the fingers on one surface.
+ *   onSwipe  a swipe, with the event that made it clear
+ *   onEnd    the finger that swiped came up
+ * @param {{isOn: () => boolean, actionOf: (code: string) => Action | undefined,
+ *   onSwipe: (action: Action, event: PointerEvent) => void, onEnd: (action: Action,
+ *   event: PointerEvent) => void}} how */
+export function createSwipe({ isOn, actionOf, onSwipe, onEnd }) {
+  /** The first finger; `isOver` once it has swiped, or a second one has joined it.
+   * @type {{id: number, x: number, y: number, action: Action | null, isOver: boolean} | null} */
+  let finger = null;
+  /** Take a pointer event; return whether it belongs to a swipe, so that nothing else is to be done with it.
+   * @param {PointerEvent} event */
+  return function take(event) {
+    if (event.pointerType === "mouse") return false;
+    if (event.type === "pointerdown") {
+      if (!isOn()) return false;
+      if (event.isPrimary) finger = { id: event.pointerId, x: event.clientX, y: event.clientY, action: null, isOver: false };
+      else if (finger) finger.isOver = true; // two fingers swipe nothing, and zoom nothing either
+      return true;
+    }
+    if (event.pointerId !== finger?.id) return finger !== null;
+    if (event.type === "pointermove") {
+      const code = finger.isOver ? null : directionOf(event.clientX - finger.x, event.clientY - finger.y);
+      const action = code && actionOf(code);
+      if (!action) return true;
+      Object.assign(finger, { action, isOver: true });
+      onSwipe(action, event);
+      return true;
+    }
+    const { action } = finger;
+    finger = null;
+    if (action) onEnd(action, event);
+    return true;
+  };
+}
+
+const TYPES = /** @type {const} */ (["pointerdown", "pointermove", "pointerup", "pointercancel"]);
+
+/** Follow the swipes on elements of the page and inside frames on it, before any other listener.
+ *   onSwipe, onEnd  as of `createSwipe`, with the window in which the event happened
+ * @param {{page: Window & typeof globalThis, surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
+ *   actionOf: (code: string) => Action | undefined, onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void, onEnd: (action: Action,
+ *   event: PointerEvent, view: Window & typeof globalThis) => void}} how */
+export function startSwipes({ page, surfaces, frames, isOn, actionOf, onSwipe, onEnd }) {
+  /** @param {HTMLElement | (Window & typeof globalThis)} target @param {Window & typeof globalThis} view */
+  function follow(target, view) {
+    const take = createSwipe({ isOn, actionOf, onSwipe: (action, event) => onSwipe(action, event, view), onEnd: (action, event) => onEnd(action, event, view) });
+    for (const type of TYPES) {
+      target.addEventListener(type, (event) => {
+        if (!take(/** @type {PointerEvent} */ (event))) return;
+        event.stopImmediatePropagation();
+        if (event.cancelable) event.preventDefault();
+      }, true);
+    }
+    // a finger that stays down must not bring up a menu
+    target.addEventListener("contextmenu", (event) => { if (isOn() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
+  }
+  for (const surface of surfaces) follow(surface, page);
+  for (const frame of frames) {
+    frame.addEventListener("load", () => frame.contentWindow && follow(/** @type {Window & typeof globalThis} */ (frame.contentWindow),
+      /** @type {Window & typeof globalThis} */ (frame.contentWindow)));
+  }
+}
+
+/** Where the choice is kept: "on" or absent. */
+export const SOUND_SETTING = "mars.sound";
+/** A pentatonic scale upwards, in semitones: no two of its tones are unpleasant together. */
+const SCALE = [0, 2, 4, 7, 9, 12, 14, 16, 19, 21, 24, 26, 28];
+const LOWEST_HZ = 262;
+
+/** Return the sound of a new frame of one's own board, or null where nothing is to be heard.
+ * @param {Pick<Task, "sound">} task @param {Frame | null | undefined} before @param {Frame | null | undefined} after */
+export function soundOf(task, before, after) {
+  if (!before || !after || before.episode !== after.episode || after.step <= before.step) return null;
+  return task.sound(before, after);
+}
+
+/** @param {Sound} sound @returns {Play.Tone[]} the tones of a sound; the more is gained, the higher */
+export function tonesOf(sound) {
+  const tone = (/** @type {number} */ semitones, /** @type {number} */ at_s, /** @type {Partial<Play.Tone>} */ other = {}) =>
+    ({ hertz: LOWEST_HZ * 2 ** (semitones / 12), at_s, for_s: 0.11, wave: /** @type {const} */ ("sine"), loud: 0.1, ...other });
+  switch (sound.kind) {
+    case "gain": return [tone(SCALE[Math.min(sound.count, SCALE.length) - 1], 0)];
+    case "blocked": return [tone(-17, 0, { wave: "triangle", for_s: 0.09, loud: 0.14 })];
+    case "crash": return [tone(-12, 0, { wave: "sawtooth", for_s: 0.16, loud: 0.09 }), tone(-19, 0.11, { wave: "sawtooth", for_s: 0.3, loud: 0.09 })];
+    case "over": return [tone(4, 0, { for_s: 0.2 }), tone(-5, 0.16, { for_s: 0.3 })];
+    case "finish": return [0, 4, 7, 12].map((semitones, index) => tone(semitones, 0.1 * index, { for_s: index === 3 ? 0.4 : 0.14 }));
+  }
+}
+
+/** Return what plays sounds while the button is pressed.
+ * @param {HTMLElement} button @param {{storage: Storage, makeContext: () => AudioContext}} how */
+export function createSound(button, { storage, makeContext }) {
+  let isOn = storage.getItem(SOUND_SETTING) === "on";
+  /** @type {AudioContext | null} */
+  let context = null;
+  const show = () => button.setAttribute("aria-pressed", String(isOn));
+
+  /** @param {AudioContext} audio @param {Play.Tone} tone */
+  function sound(audio, { hertz, at_s, for_s, wave, loud }) {
+    const from_s = audio.currentTime + at_s;
+    const gain = new GainNode(audio, { gain: 0 });
+    gain.gain.setValueAtTime(0, from_s);
+    gain.gain.linearRampToValueAtTime(loud, from_s + 0.012);
+    gain.gain.exponentialRampToValueAtTime(0.0005, from_s + for_s);
+    const source = new OscillatorNode(audio, { type: wave, frequency: hertz });
+    source.connect(gain).connect(audio.destination);
+    source.start(from_s);
+    source.stop(from_s + for_s + 0.02);
+  }
+  /** @param {Sound | null} what */
+  function play(what) {
+    if (!isOn || !what) return;
+    context ??= makeContext();
+    if (context.state === "suspended") context.resume();
+    for (const each of tonesOf(what)) sound(context, each);
+  }
+  button.addEventListener("click", () => {
+    isOn = !isOn;
+    if (isOn) storage.setItem(SOUND_SETTING, "on");
+    else storage.removeItem(SOUND_SETTING);
+    show();
+    play({ kind: "gain", count: 5 });
+  });
+  show();
+  return { play };
 }

@@ -1,20 +1,16 @@
-// @ts-check
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
-import { ApiError, createApi } from "../common/api.js";
+import { api, ApiError } from "../common/api.js";
 import { startBoards } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
-import { copyOnClick, createRepaint, createSizes, elementsOf, paintLink, paintNotices } from "../common/page.js";
+import { copyOnClick, createRepaint, createSizes, by, paintLink, paintNotices } from "../common/page.js";
 import { loadTask, showTask } from "../common/task.js";
-import { createVolunteers, startDialog, startTabs } from "./bar.js";
+import { createPanel, createVolunteers, offerPolicies, startDialog, startPace, startTabs } from "./panels.js";
 import { createFirstVisit } from "./first_visit.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
-import { createLeaving, showInstead } from "./leaving.js";
-import { createPanel, offerPolicies, startPace } from "./panels.js";
+import { createLeaving, createSessions, findBoard, patiently, showInstead, taskInSearch } from "./sessions.js";
 import { createPainter } from "./painter.js";
-import { createSessions, findBoard, patiently, taskInSearch } from "./sessions.js";
 
-const by = elementsOf(document);
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
@@ -27,11 +23,10 @@ const template = by("board-template", HTMLTemplateElement);
 const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
 const panels = { player: createPanel(rootOf("player"), template, [by("end-card")]), rival: createPanel(rootOf("rival"), template) };
 const { part } = panels.player;
-const api = createApi((path, options) => fetch(path, options));
 const sizes = createSizes(() => repaint(true));
 const announce = (/** @type {string} */ text) => { by("announcer").textContent = text; };
 const dismiss = (/** @type {number} */ id) => dispatch({ kind: "dismiss", id });
-const showTab = startTabs(document);
+const showTab = startTabs();
 const repaint = createRepaint((isWhole) => {
   if (isWhole) painter?.forget();
   painter?.paint(state);
@@ -55,13 +50,13 @@ const [found, levels, policies, maps] = await patiently(() => Promise.all([
 if (found === undefined) await new Promise(() => {}); // the page is being left for somebody else's board
 const task = found?.about?.task ?? await loadTask(null);
 const modules = await task.play?.();
-showTask(document, task);
+showTask(task);
 
 /** @type {Play.Parts} */
 const parts = {
-  views: modules?.createViews({ page: document, panels: ROLES.map((role) => panels[role]), storage: localStorage, onChange: () => repaint(true) }) ?? null,
-  thinking: modules?.createThinking({ page: document, storage: localStorage, send: (role, message) => connections.send(role, message), onChange: () => repaint(true) }) ?? null,
-  losses: modules?.createLosses({ page: document, part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.regret,
+  views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
+  thinking: modules?.createThinking({ send: (role, message) => connections.send(role, message), onChange: () => repaint(true) }) ?? null,
+  losses: modules?.createLosses({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.regret,
     tryFrom: (on, step) => sessions.tryFrom(on, step), onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -69,9 +64,9 @@ const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDial
   onWrong: (text) => dispatch({ kind: "notice", text }),
 });
 const wish = () => terrainDialog?.wish() ?? { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: task.name };
-const visit = createFirstVisit({ page: document, part, storage: localStorage, isTouch: matchMedia("(pointer: coarse)").matches, onEnded: () => repaint(true) });
-painter = createPainter({ page: document, task, panels, sizes, visit, parts, dismiss, rivalName: () => wish().rival, paysBonus: (level) => terrainDialog?.paysBonus(level) ?? false });
-const volunteers = createVolunteers({ page: document, api, state: () => state, dispatch });
+const visit = createFirstVisit({ part, isTouch: matchMedia("(pointer: coarse)").matches, onEnded: () => repaint(true) });
+painter = createPainter({ task, panels, sizes, visit, parts, dismiss, rivalName: () => wish().rival, paysBonus: (level) => terrainDialog?.paysBonus(level) ?? false });
+const volunteers = createVolunteers({ state: () => state, dispatch });
 const sessions = createSessions({
   api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
@@ -89,7 +84,7 @@ const { moves, telemetry } = startInput({
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
-  base: document.baseURI, moves, telemetry, dispatch, api, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
+  moves, telemetry, dispatch, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
   onAnswered: (answered) => painter?.answered(answered),
   async beforeRetry(role, session) {
     try {
@@ -139,8 +134,8 @@ window.addEventListener("hashchange", () => location.reload()); // a link pasted
 for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
   button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
 }
-startDialog(document, "terrain");
-const help = startDialog(document, "help");
+startDialog("terrain");
+const help = startDialog("help");
 document.addEventListener("keydown", (event) => {
   if (event.key !== "?" || event.ctrlKey || event.metaKey || document.querySelector("dialog[open]")) return;
   if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
@@ -153,7 +148,7 @@ pad.addEventListener("change", () => {
   localStorage.setItem("mars.pad", String(pad.checked));
   document.body.dataset.pad = String(pad.checked);
 });
-keepFocusOnBoard(document, { board: panels.player.root, next: () => (state.player?.frame.outcome ? part.next : null) });
+keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? part.next : null) });
 part.next.addEventListener("click", goNext);
 copyOnClick(part["copy-replay"], () => /** @type {HTMLAnchorElement} */ (part["replay-link"]).href, announce);
 part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });

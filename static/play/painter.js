@@ -1,27 +1,21 @@
-// @ts-check
 // From the state to the page: boards first, since a key press waits for them, then numbers, chart and the rest, each only where it changed.
 import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { ghostOf } from "../common/game_state.js";
-import { elementsOf, paintNotices, put } from "../common/page.js";
+import { by, paintNotices, put } from "../common/page.js";
 import { score } from "../common/words.js";
-import { hasTwoBoards, paintBar } from "./bar.js";
+import { hasTwoBoards, paintBar } from "./panels.js";
 import * as panel from "./panels.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 /** The mark on the page's timeline at which the player's matrix was painted for the first time. */
 const FIRST_FRAME = "mars.first-frame";
 
-/**
- *   visit      paints what a first visit has, and knows whether this is one
- *   parts      those that the task adds
- *   paysBonus  whether the level being played pays for finishing
- * @param {{page: Document, task: Task, panels: Record<string, Play.Panel>, parts: Play.Parts,
+/** @param {{task: Task, panels: Record<string, Play.Panel>, parts: Play.Parts,
  *   sizes: ReturnType<import("../common/page.js").createSizes>,
  *   visit: Pick<ReturnType<import("./first_visit.js").createFirstVisit>, "isFirst" | "paint">, rivalName: () => string,
  *   paysBonus: (level: string) => boolean, dismiss: (id: number) => void}} how */
-export function createPainter({ page, task, panels, sizes, visit, parts: { views, thinking, losses }, rivalName, paysBonus, dismiss }) {
-  const by = elementsOf(page);
+export function createPainter({ task, panels, sizes, visit, parts: { views, thinking, losses }, rivalName, paysBonus, dismiss }) {
   const chart = by("chart");
   /** @type {GameState | null} */
   let painted = null;
@@ -32,7 +26,7 @@ export function createPainter({ page, task, panels, sizes, visit, parts: { views
 
   /** @param {GameState} state @param {GameState | null} before @param {number} dpr */
   function paintBoards(state, before, dpr) {
-    const { you, policy } = boardColours(page.documentElement);
+    const { you, policy } = boardColours(document.documentElement);
     const colours = { player: you, rival: policy };
     for (const role of ROLES) {
       const board = state[role];
@@ -64,7 +58,7 @@ export function createPainter({ page, task, panels, sizes, visit, parts: { views
   }
   /** @param {GameState} state */
   function paintCurves(state) {
-    const { inks, font, you, policy, ground } = chartColours(page.documentElement);
+    const { inks, font, you, policy, ground } = chartColours(document.documentElement);
     const colours = { player: you, rival: policy };
     const shown = hasTwoBoards(state, visit.isFirst()) ? ROLES : /** @type {const} */ (["player"]);
     const curves = shown.flatMap((role) => {
@@ -87,15 +81,15 @@ export function createPainter({ page, task, panels, sizes, visit, parts: { views
       const before = painted;
       painted = state;
       const dpr = window.devicePixelRatio || 1;
-      page.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
+      document.body.dataset.boards = hasTwoBoards(state, visit.isFirst()) ? "2" : "1";
       paintBoards(state, before, dpr);
       paintPanels(state, before);
       views?.paintCamera(state.player?.frame);
       if (state.player !== before?.player || state.rival !== before?.rival) paintCurves(state);
       visit.paint(state);
-      paintBar(state, page, rivalName());
+      paintBar(state, rivalName());
       const hasJustEnded = paintEndCard(panels.player.part, task, state, paysBonus(state.level));
-      if (hasJustEnded && !page.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
+      if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
       if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
     },
     /** Paint everything next time, because sizes changed. */

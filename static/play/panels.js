@@ -1,7 +1,7 @@
-// @ts-check
 // One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
-import { put } from "../common/page.js";
-import { signed } from "../common/words.js";
+import { api } from "../common/api.js";
+import { by, paintLink, put } from "../common/page.js";
+import { notCounted, score, signed } from "../common/words.js";
 
 /** Make the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root @param {HTMLTemplateElement} template
@@ -104,4 +104,100 @@ export function startPace(bar, ask) {
   slider.addEventListener("change", askSpeed);
   // A slider left focused by the pointer would keep the arrow keys from the board.
   slider.addEventListener("pointerup", () => slider.blur());
+}
+
+/** Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
+ * @param {GameState} state
+ * @param {string} rival the policy that will play after a ranked episode */
+export function paintBar(state, rival) {
+  const { task, player } = state;
+  for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
+    button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
+  }
+  const badge = by("badge");
+  badge.dataset.counts = String(state.counts);
+  put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
+  badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
+  put(by("terrain"), task && player ? task.place(state.level, player.frame) : "");
+  paintLink(by("link"), state.link, "live");
+  if (task) put(by("goal"), task.goal(player?.frame ?? null));
+  put(by("standing"), standing(state, rival));
+  const watched = state.mode === "watch" ? state : null;
+  put(by("tab-player"), watched?.player?.name ?? "You");
+  put(by("tab-rival"), watched?.rival?.name ?? "Policy");
+  put(by("key-player"), watched?.player?.name ?? "you");
+  put(by("key-rival"), watched?.rival?.name ?? "policy");
+  document.body.dataset.mode = state.mode;
+  document.body.dataset.ended = String(Boolean(player?.frame.outcome));
+}
+
+/** @param {GameState} state @param {string} rival @returns what stands below the goal while one board fills the page */
+export function standing({ mode, counts, player, task }, rival) {
+  if (mode !== "ranked" || !player) return task?.standing ?? "";
+  const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
+    : "This episode does not count: its terrain was chosen or met before, or a script has moved.";
+  return rival ? `${what} After the end, ${rival} explores the same terrain beside you.` : what;
+}
+
+/** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until
+ * the end.
+ * @param {GameState} state @param {boolean} isFirstVisit */
+export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
+  if (mode === "watch") return true;
+  if (!player) return !isFirstVisit;
+  return rival !== null && !isFirstVisit;
+}
+
+/** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the
+ * chart.
+ * @returns {(name: string) => void} shows one of them */
+export function startTabs() {
+  const buttons = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("[data-show]")]);
+  /** @param {string} name */
+  function show(name) {
+    document.body.dataset.tab = name;
+    for (const button of buttons) button.setAttribute("aria-pressed", String(button.dataset.show === name));
+  }
+  for (const button of buttons) button.addEventListener("click", () => show(button.dataset.show ?? "player"));
+  return show;
+}
+
+/** Open and close a dialog by its buttons, or by a click beside it.
+ * @param {string} name */
+export function startDialog(name) {
+  const dialog = by(`${name}-dialog`, HTMLDialogElement);
+  by(`open-${name}`).addEventListener("click", () => dialog.showModal());
+  by(`close-${name}`).addEventListener("click", () => dialog.close());
+  dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
+  return dialog;
+}
+
+/** @param {{state: () => GameState, dispatch: (event: GameEvent) => void}} how */
+export function createVolunteers({ state, dispatch }) {
+
+  /** Ask for the figure and paint it: that of the terrain being played, and the server's sentence. */
+  async function load() {
+    const answer = await api.humanLevel().catch(() => null);
+    if (!answer) return;
+    const { level, player, task } = state();
+    const shape = player && task ? String(task.shape(player.frame)) : "";
+    const found = answer.figures.find((each) => each.level === level && `${each.cols},${each.rows}` === shape);
+    const line = by("human-figure");
+    line.hidden = !found;
+    if (found) put(line, `${found.steps.mean.toFixed(1)} steps \u00b7 score ${score(found.score.mean)}`);
+    put(by("human-level"), answer.sentence);
+  }
+  return {
+    load,
+    /** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
+    async ended() {
+      const { mode, counts, player } = state();
+      const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
+      if (about?.not_attested) {
+        dispatch({ kind: "begun", about });
+        dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
+      }
+      await load();
+    },
+  };
 }

@@ -1,4 +1,3 @@
-// @ts-check
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
 // stops before what the page knows to end the episode; elsewhere each press is a move. No press acts on a terrain that it was not made for.
 // Presses on a session whose socket is not open yet wait for its first frame.
@@ -12,10 +11,7 @@ export const MAX_WAITING = 400;
 
 /**
  *   sender       sends moves, and says which wait for their answer
- *   frame        the newest of the board that is driven here, else null
- *   isPractice   whether presses that are known to end the episode are dropped
- *   isConnecting  whether the socket of the session on the board is being opened: nothing can be sent, and nothing is
- *   lost
+ *   isConnecting  whether the session's socket is being opened: nothing can be sent, and nothing is lost
  *   sendEvents   sends the input events of the presses, which go before their moves
  *   onDropped    some presses will make no move; 0 where a held key has stopped
  * @param {{task: Pick<Task, "ahead">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,

@@ -1,6 +1,7 @@
-// @ts-check
 // Sessions and episodes: which to open, when the next begins, what follows the end of a ranked one.
 import { ApiError } from "../common/api.js";
+import { put } from "../common/page.js";
+import { many } from "../common/words.js";
 
 /** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed" | "task">} wish */
 function terrainOf({ level, map, size, seed, task }) {
@@ -49,7 +50,7 @@ const orNull = (asked) => asked.catch((error) => {
  * undefined when somebody else's board is watched instead.
  *   storage   of this tab: its session, and the id for watching that it put into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
- * @param {{api: ReturnType<import("../common/api.js").createApi>, hash: string, storage: Storage,
+ * @param {{api: Api, hash: string, storage: Storage,
  *   watch: (id: string) => Promise<void>, note: (text: string) => void}} how
  * @returns {Promise<{about: About | null, isNewest: boolean} | undefined>} */
 export async function findBoard({ api, hash, storage, watch, note }) {
@@ -67,7 +68,7 @@ export async function findBoard({ api, hash, storage, watch, note }) {
 
 /**
  *   setHash   puts the shareable link into the address
- * @param {{api: ReturnType<import("../common/api.js").createApi>, wish: () => Play.Wish, storage: Storage,
+ * @param {{api: Api, wish: () => Play.Wish, storage: Storage,
  *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
 export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
   let isBusy = false;
@@ -151,4 +152,60 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       });
     },
   };
+}
+
+/** @param {GameState} state @returns whether leaving the board would abandon an episode that counts */
+export function isUnfinished({ mode, counts, player }) {
+  return mode === "ranked" && counts && player !== null && player.frame.step > 0 && player.frame.outcome === null;
+}
+
+/** Return whether a wish asks for the very board that is being played: it goes on then.
+ * @param {GameState} state @param {Mode} wanted @param {Play.Wish} wish */
+export function isSameBoard({ mode, level, player, task }, wanted, wish) {
+  const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
+  const shape = player && task ? String(task.shape(player.frame)) : "";
+  return wanted === mode && wish.seed === null && wish.level === level && shape === `${cols},${rows}`;
+}
+
+/** @param {HTMLDialogElement} dialog @param {Window} view
+ * @param {{state: () => GameState, start: (mode: Mode, wish: Play.Wish) => unknown}} how */
+export function createLeaving(dialog, view, { state, start }) {
+  const part = (/** @type {string} */ name) => /** @type {HTMLElement} */ (dialog.querySelector(`[data-part=${name}]`));
+  /** @type {(() => void) | null} */
+  let work = null;
+  dialog.addEventListener("close", () => {
+    const leave = work;
+    work = null;
+    if (dialog.returnValue === "leave") leave?.();
+  });
+  view.addEventListener("beforeunload", (event) => {
+    if (isUnfinished(state())) event.preventDefault();
+  });
+  /** @param {() => void} leave */
+  function ask(leave) {
+    work = leave;
+    dialog.returnValue = "";
+    const { player, task } = state();
+    const [cols, rows] = player && task ? task.shape(player.frame) : [0, 0];
+    put(part("moves"), many(player?.frame.step ?? 0, "move"));
+    put(part("limit"), String(rows * cols));
+    dialog.showModal();
+  }
+  return {
+    /** Begin a board, once the player has agreed where that abandons a ranked episode.
+     * @param {Mode} mode @param {Play.Wish} wish */
+    start(mode, wish) {
+      if (!isUnfinished(state()) || isSameBoard(state(), mode, wish)) start(mode, wish);
+      else ask(() => start(mode, wish));
+    },
+  };
+}
+
+/** Leave the playground for the live view of a board; ApiError 404 where there is none to watch, and nothing is left
+ * then.
+ * @param {string} id @param {(id: string) => Promise<unknown>} load asks the server for it
+ * @param {{replace: (url: string) => void}} place the address of the page */
+export async function showInstead(id, load, place) {
+  await load(id);
+  place.replace(`watch/${encodeURIComponent(id)}`);
 }

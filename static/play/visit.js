@@ -1,4 +1,3 @@
-// @ts-check
 // Marks the page before it is painted for the first time: a first visit has one board, and a touch screen has arrow buttons. A plain
 // script at the start of the body, so that nothing moves once the modules run.
 {

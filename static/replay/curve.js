@@ -1,4 +1,3 @@
-// @ts-check
 // The scrubber: how far both runs have come over moves, bright as far as the replay has come, and the pointer on it.
 import { drawDot, paintChart } from "../common/chart.js";
 import { movesAxis } from "../common/chart_scale.js";

@@ -1,20 +1,17 @@
-// @ts-check
 // Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
-import { ApiError, createRequest } from "../common/api.js";
+import { ApiError, request } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { ownsKeys } from "../common/keyboard.js";
-import { copyOnClick, create, createRepaint, createSizes, elementsOf, partsOf, put } from "../common/page.js";
+import { copyOnClick, create, createRepaint, createSizes, by, partsOf, put } from "../common/page.js";
 import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
 import { loadTask, showTask } from "../common/task.js";
 import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
-const by = elementsOf(document);
 const data = /** @type {ReplayData} */ (JSON.parse(by("replay-data", HTMLScriptElement).textContent ?? ""));
 const task = await loadTask(data.task);
-showTask(document, task);
-const request = createRequest((path, options) => fetch(path, options), "../");
+showTask(task);
 const rootOf = (/** @type {string} */ name) => /** @type {HTMLElement} */ (document.querySelector(`[data-run=${name}]`));
 const parts = { run: partsOf(rootOf("run")), ghost: partsOf(rootOf("ghost")) };
 const select = by("ghost", HTMLSelectElement);

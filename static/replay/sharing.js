@@ -1,4 +1,3 @@
-// @ts-check
 // Addresses of a replay: what a link holds besides the episode, and where its files are. No document here, so that node can test it.
 
 /** @param {string} hash @returns the move in an address, null without one */

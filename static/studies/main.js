@@ -1,11 +1,8 @@
-// @ts-check
 // The page /study: lists the studies that anybody may join.
-import { createRequest } from "../common/api.js";
-import { create, elementsOf } from "../common/page.js";
+import { request } from "../common/api.js";
+import { create, by } from "../common/page.js";
 import { joinable, lengthLine } from "./words.js";
 
-const by = elementsOf(document);
-const request = createRequest((path, options) => fetch(path, options), "");
 
 async function load() {
   try {

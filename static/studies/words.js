@@ -1,4 +1,3 @@
-// @ts-check
 // Which studies the page /study lists, and what it says of each. No document here, so that node can test it.
 
 /** Return the studies that anybody may join now: those by invitation or from a panel are nobody else's.

@@ -1,20 +1,14 @@
-// @ts-check
 // What the buttons of the study's screens do, and which of them Enter presses.
-import { elementsOf } from "../common/page.js";
+import { by } from "../common/page.js";
 import { goesOn, knowsTheEnd, screenOf } from "./state.js";
 
 /**
- *   state       the newest state
  *   onPassed    the end card of this episode was passed by
- *   resume      ends the pause
  *   look        shows the debrief again to whoever has finished, or the completion code
- *   isBlocked   whether a dialog is open
- * @param {Document} page
  * @param {{state: () => Study.State, study: ReturnType<import("./api.js").createStudyApi>,
- *   navigation: ReturnType<import("./navigation.js").createNavigation>, onPassed: (episode: string) => void,
+ *   navigation: ReturnType<import("./api.js").createNavigation>, onPassed: (episode: string) => void,
  *   resume: () => void, look: (back: boolean) => void, isBlocked: () => boolean}} how */
-export function startActions(page, { state, study, navigation, onPassed, resume, look, isBlocked }) {
-  const by = elementsOf(page);
+export function startActions({ state, study, navigation, onPassed, resume, look, isBlocked }) {
   const frame = () => state().game.player?.frame;
   const stage = () => state().participant?.stage;
 
@@ -46,7 +40,7 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   }
   async function copyCode() {
     const isCopied = await navigator.clipboard?.writeText(by("code").textContent ?? "").then(() => true, () => false);
-    if (!isCopied) page.getSelection()?.selectAllChildren(by("code"));
+    if (!isCopied) document.getSelection()?.selectAllChildren(by("code"));
     by("copied").textContent = isCopied ? "Copied." : "The code is selected: copy it with your browser.";
   }
 
@@ -65,7 +59,7 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
   return {
     /** Press the screen's button with Enter, unless Enter belongs to another one; return whether it was used. */
     onEnter() {
-      const focused = page.activeElement;
+      const focused = document.activeElement;
       if (isBlocked()) return false;
       const playing = state().isPaused ? "resume" : frame()?.outcome ? "next" : null;
       const id = { play: playing, ready: "begin", break: "end-break", instructions: "to-tutorial" }[/** @type {"play"} */ (screenOf(state()))];
@@ -74,5 +68,40 @@ export function startActions(page, { state, study, navigation, onPassed, resume,
       main.click();
       return true;
     },
+  };
+}
+
+/** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
+ * @param {() => number} now_ms */
+export function createIdleTimer(now_ms) {
+  let touchedAt_ms = now_ms();
+  return {
+    touch() { touchedAt_ms = now_ms(); },
+    /** @param {number} limit_s 0 never pauses @returns whether a board that waits for a key should pause */
+    isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
+  };
+}
+
+/** Return what begins and ends pauses.
+ *   episode    the id of the episode on the board, or ""
+ *   note       records an input event; `flush` sends what is recorded
+ *   storage    of this tab; `key` is where the paused episode stands in it
+ * @param {{idle: ReturnType<typeof createIdleTimer>, episode: () => string, note: (kind: "pause" | "resume") => void,
+ *   flush: () => void, announce: (text: string) => void, dispatch: (event: Study.Event) => void, storage: Storage,
+ *   key: string}} how */
+export function createPause({ idle, episode, note, flush, announce, dispatch, storage, key }) {
+  return {
+    /** @param {boolean} isPaused */
+    set(isPaused) {
+      note(isPaused ? "pause" : "resume");
+      idle.touch();
+      if (isPaused) storage.setItem(key, episode());
+      else storage.removeItem(key);
+      announce(isPaused ? "Paused. Press a driving key or Go on." : "Going on.");
+      dispatch({ kind: "paused", isPaused });
+      flush();
+    },
+    /** @param {string} id @returns whether an episode was paused before a reload */
+    wasPaused: (id) => storage.getItem(key) === id,
   };
 }

@@ -1,6 +1,5 @@
-// @ts-check
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
-import { create, elementsOf, put } from "../common/page.js";
+import { create, by, put } from "../common/page.js";
 import { begun, createPlayer, stepOf } from "../common/player.js";
 import { many, score } from "../common/words.js";
 import { screenOf } from "./state.js";
@@ -9,12 +8,10 @@ import { debriefLine } from "./words.js";
 /** Moves per second. */
 const SPEED = 6.25;
 
-/** @param {Document} page
- * @param {{look: () => Study.Look, terrain: (index: number, phase: Study.Shown) => Promise<Study.Runs>,
+/** @param {{look: () => Study.Look, terrain: (index: number, phase: Study.Shown) => Promise<Study.Runs>,
  *   losses: (index: number, phase: Study.Shown) => Promise<Regret>, dispatch: (event: Study.Event) => void,
  *   warmUps: () => number, index: () => number | undefined}} how index of the terrain whose replay is shown */
-export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, index: shown }) {
-  const by = elementsOf(page);
+export function createDebrief({ look, terrain, losses, dispatch, warmUps, index: shown }) {
   /** @type {ReturnType<typeof createPlayer> | null} */
   let player = null;
   /** @type {Task} */
@@ -67,7 +64,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
   }
   /** @param {Study.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
   function trialTable(episodes) {
-    const table = page.createElement("table");
+    const table = document.createElement("table");
     table.className = "bars";
     table.innerHTML = "<thead><tr><th scope=\"col\">Terrain</th><th scope=\"col\">Outcome</th><th scope=\"col\">Moves</th><th scope=\"col\">Score</th></tr></thead>";
     const body = table.createTBody();
@@ -77,7 +74,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       row.insertCell().textContent = task.status(outcome);
       row.insertCell().textContent = String(steps);
       const cell = row.insertCell();
-      const bar = page.createElement("i");
+      const bar = document.createElement("i");
       bar.style.setProperty("--share", String(Math.max(0, Math.min(1, value))));
       cell.append(bar, score(value));
     }
@@ -101,7 +98,7 @@ export function createDebrief(page, { look, terrain, losses, dispatch, warmUps, 
       const { step: moves, outcome } = board.frame;
       place.style.aspectRatio = task.shape(board.frame).join(" / ");
       task.paint(place, board, { name: course.name, palette, accent: run === "own" ? accent : rival, width_px: place.clientWidth,
-        height_px: place.clientHeight, dpr: page.defaultView?.devicePixelRatio || 1 });
+        height_px: place.clientHeight, dpr: devicePixelRatio || 1 });
       const { value, unit } = task.headline(board.frame);
       put(by(`${run}-now`), `${many(moves, "move")}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
     }

@@ -1,29 +1,18 @@
-// @ts-check
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
-import { createApi, createRequest } from "../common/api.js";
 import { startBoards } from "../common/socket.js";
-import { startControls } from "../common/controls.js";
-import { actionOf } from "../common/keyboard.js";
+import { actionOf, startControls } from "../common/keyboard.js";
 import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
-import { createRepaint, elementsOf, paintLink, paintNotices } from "../common/page.js";
+import { createRepaint, by, paintLink, paintNotices } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { keyName, showTask } from "../common/task.js";
-import { startActions } from "./actions.js";
-import { createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
+import { createIdleTimer, createPause, startActions } from "./actions.js";
+import { createNavigation, createStudyApi, invitationIn, outsideIds, studyName, withoutInvitation } from "./api.js";
 import { createDebrief } from "./debrief.js";
-import { startDialogs, startSupervision } from "./dialogs.js";
-import { createNavigation } from "./navigation.js";
-import { createPages } from "./pages.js";
-import { PALETTES } from "./palettes.js";
-import { createIdleTimer, createPause } from "./pause.js";
+import { createPages, createQuiz, startDialogs, startSupervision } from "./pages.js";
+import { createSettings, createSettingsSync, PALETTES } from "./settings.js";
 import { createPlayScreen } from "./play_screen.js";
-import { createQuiz } from "./quiz.js";
-import { createSettings } from "./settings.js";
-import { createSettingsSync } from "./settings_sync.js";
 import { apply, initialState, isDriving, knowsTheEnd, screenOf } from "./state.js";
 
-const by = elementsOf(document);
-const ROOT = "../";
 const now_ms = () => performance.now();
 const name = studyName(location.pathname);
 const keep = (/** @type {string} */ what) => `mars.study.${name}.${what}`;
@@ -33,14 +22,11 @@ let state = initialState();
 let painted = null;
 /** @type {Study.Layout | undefined} */
 let layout;
-/** @type {typeof fetch} */
-const fetcher = (path, options) => fetch(path, options);
-const api = createApi(fetcher, ROOT);
-const study = createStudyApi(createRequest(fetcher, ROOT), name);
+const study = createStudyApi(name);
 const channel = "BroadcastChannel" in window ? new BroadcastChannel(`mars.study.${name}`) : null;
 const idle = createIdleTimer(now_ms);
 const frame = () => state.game.player?.frame;
-const dialogs = startDialogs(document, { game: () => state.game, onClose: () => { if (state.isPaused) by("resume").focus(); } });
+const dialogs = startDialogs({ game: () => state.game, onClose: () => { if (state.isPaused) by("resume").focus(); } });
 Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() { return state; }, get painted() { return painted; }, get screen() { return screenOf(state); },
   get waiting() { return telemetry.waiting(); } }) });
 
@@ -49,7 +35,7 @@ const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendA
 const telemetry = createTelemetry({ now_ms, send,
   stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
   context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
-const settings = createSettings(document, { storage: localStorage, layout: () => layout, onChange: () => {
+const settings = createSettings({ layout: () => layout, onChange: () => {
   paintKeys();
   settingsSync.changed();
   repaint(true);
@@ -64,26 +50,26 @@ const look = () => {
   const { palette } = settings.get();
   return { palette, inks: PALETTES[palette].inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
 };
-const pages = createPages(document);
+const pages = createPages();
 const paintKeys = () => pages.paintKeys(state.participant?.task.order ?? [], settings.get().keys, layout);
-const playScreen = createPlayScreen(document, { look, keyOf: (action) => keyName(settings.get().keys[action][0], layout) });
-const supervision = startSupervision(document, { supervise: study.supervise, dispatch });
-const debrief = createDebrief(document, {
+const playScreen = createPlayScreen({ look, keyOf: (action) => keyName(settings.get().keys[action][0], layout) });
+const supervision = startSupervision({ supervise: study.supervise, dispatch });
+const debrief = createDebrief({
   look, terrain: study.terrain, losses: study.losses, dispatch, index: () => state.replay?.index,
   warmUps: () => state.participant?.debrief?.warm_up_terrains ?? 0,
 });
-const quiz = createQuiz(document, (answers) => navigation.go(() => study.answers(answers), "questions"));
+const quiz = createQuiz((answers) => navigation.go(() => study.answers(answers), "questions"));
 const navigation = createNavigation({ study, dispatch, ids: outsideIds(location.search), invitation: invitationIn(location.search), channel, onJoined(participant) {
   history.replaceState(history.state, "", withoutInvitation(location.href));
   settings.begin(participant.task.keys);
-  showTask(document, participant.task);
+  showTask(participant.task);
   if (participant.settings.keys) settings.adopt(participant.settings);
   else settingsSync.changed();
 } });
 const pause = createPause({ idle, dispatch, note: telemetry.note, flush: telemetry.flush, episode: () => frame()?.episode ?? "",
   announce: (text) => { by("announcer").textContent = text; }, storage: sessionStorage, key: keep("paused") });
 const connections = startBoards({
-  base: new URL(ROOT, location.href).href, moves, telemetry, dispatch, api, isLost: () => state.game.link === "lost",
+  moves, telemetry, dispatch, isLost: () => state.game.link === "lost",
   idle_ms: () => (idle.isOver(60) ? Infinity : 0), onBack: navigation.refresh,
   onAnswered(_, message) {
     if (message.kind === "refused" || (message.kind === "kept" && message.reason !== null)) navigation.refresh();
@@ -138,7 +124,7 @@ function paint(before) {
   paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, "connected");
 }
 
-const actions = startActions(document, { state: () => state, study, navigation, resume: () => pause.set(false), isBlocked: dialogs.isOpen,
+const actions = startActions({ state: () => state, study, navigation, resume: () => pause.set(false), isBlocked: dialogs.isOpen,
   look: (looksBack) => dispatch({ kind: "looked-back", looksBack }),
   onPassed(episode) {
     sessionStorage.setItem(keep("passed"), episode);

@@ -1,17 +1,15 @@
-// @ts-check
 // The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
-import { create, elementsOf, put } from "../common/page.js";
+import { create, by, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
 import * as words from "./words.js";
+import { questionsTitle, sentence, supervisedLine } from "./words.js";
 
 /** @param {string[]} lines */
 const paragraphs = (lines) => lines.map((text) => create("p", text));
 
-/** @param {Document} page */
-export function createPages(page) {
-  const by = elementsOf(page);
-  const sections = /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("main > [data-screen]"));
+export function createPages() {
+  const sections = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("main > [data-screen]"));
   /** @type {string | null} */
   let shown = null;
 
@@ -21,12 +19,12 @@ export function createPages(page) {
     if (shown === screen) return;
     const isFirst = shown === null || shown === "loading";
     shown = screen;
-    page.body.dataset.screen = screen;
+    document.body.dataset.screen = screen;
     for (const section of sections) section.hidden = section.dataset.screen !== screen;
     const current = [...sections].find((section) => section.dataset.screen === screen);
     const target = screen === "play" ? by("field") : current?.querySelector("h1");
     if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
-    page.defaultView?.scrollTo(0, 0);
+    scrollTo(0, 0);
   }
   /** @param {Study.Participant} participant */
   function paintConsent({ title, consent, invited }) {
@@ -38,7 +36,7 @@ export function createPages(page) {
   /** Put the numbers of the protocol into the page's own sentences.
    * @param {Study.Participant} participant */
   function paintRules({ rules }) {
-    for (const place of /** @type {NodeListOf<HTMLElement>} */ (page.querySelectorAll("[data-rule]"))) {
+    for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-rule]"))) {
       put(place, rules[place.dataset.rule ?? ""] ?? "");
     }
   }
@@ -69,7 +67,7 @@ export function createPages(page) {
           paintRules(participant);
           put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
           by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
-          page.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
+          document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
           if (participant.note) put(by("withdrawn-note"), participant.note);
         }
         if (participant && screen === "consent") paintConsent(participant);
@@ -85,10 +83,130 @@ export function createPages(page) {
      * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
     paintKeys(order, keys, layout) {
       const slots = [...(keys[order[0]] ?? []).keys()];
-      for (const line of page.querySelectorAll("[data-keys]")) {
+      for (const line of document.querySelectorAll("[data-keys]")) {
         line.replaceChildren(...slots.flatMap((slot) =>
           [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
       }
+    },
+  };
+}
+
+const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
+
+/** @param {(answers: number[]) => void} onAnswers */
+export function createQuiz(onAnswers) {
+  const form = by("quiz", HTMLFormElement);
+  /** @type {{question: string, choices: string[]}[]} */
+  let asked = [];
+  /** @type {boolean[] | null} */
+  let shown = null;
+
+  /** @param {{question: string, choices: string[]}} each @param {number} number */
+  function item({ question, choices }, number) {
+    const labels = choices.map((choice, value) =>
+      create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
+    const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
+    const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
+    return field;
+  }
+  /** @param {number} number @returns {number} -1 while nothing is chosen */
+  const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
+
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const answers = asked.map((_, number) => chosen(number));
+    const open = answers.indexOf(-1);
+    if (open < 0) return onAnswers(answers);
+    by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;
+    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
+  });
+  form.addEventListener("change", (event) => {
+    const field = /** @type {HTMLElement} */ (event.target).closest("fieldset");
+    if (!field) return;
+    delete field.dataset.right;
+    /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
+    by("quiz-status").textContent = "";
+  });
+  /** @param {Study.Participant} participant */
+  function showVerdicts({ right, why }) {
+    if (!right || right === shown) return;
+    shown = right;
+    form.querySelectorAll("fieldset").forEach((field, number) => {
+      field.dataset.right = String(right[number]);
+      const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
+      verdict.hidden = false;
+      verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
+    });
+    const wrong = right.filter((each) => !each).length;
+    by("quiz-status").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
+    if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
+    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
+  }
+  return {
+    /** @param {Study.Participant} participant */
+    paint(participant) {
+      if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
+        asked = participant.questions;
+        by("quiz-list").replaceChildren(...asked.map(item));
+        by("quiz-title").textContent = questionsTitle(asked.length, "short");
+        if (asked.length === 0) onAnswers([]);
+      }
+      showVerdicts(participant);
+    },
+  };
+}
+
+/** @param {{game: () => GameState, onClose: () => void}} how */
+export function startDialogs({ game, onClose }) {
+  for (const dialog of document.querySelectorAll("dialog")) {
+    for (const opener of [by(`open-${dialog.id}`), ...document.querySelectorAll(`[data-open=${dialog.id}]`)]) {
+      opener.addEventListener("click", () => {
+        if (dialog.id === "map") fillMap();
+        dialog.showModal();
+      });
+    }
+    dialog.addEventListener("click", (event) => {
+      if (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) dialog.close();
+    });
+    dialog.addEventListener("close", onClose);
+  }
+  by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).showModal());
+
+  function fillMap() {
+    const { player, task } = game();
+    if (!player || !task) return;
+    const { line, rows } = task.inWords(player.frame, "the terrain");
+    by("map-here").textContent = line;
+    by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
+  }
+  return { isOpen: () => Boolean(document.querySelector("dialog[open]")) };
+}
+
+/** @param {{supervise: (code: string) => Promise<Study.Participant>, dispatch: (event: Study.Event) => void}} how */
+export function startSupervision({ supervise, dispatch }) {
+  const code = by("code-typed", HTMLInputElement);
+  const dialog = by("supervise", HTMLDialogElement);
+
+  by("supervise-form").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    put(by("supervise-status"), "");
+    try {
+      const participant = await supervise(code.value);
+      dispatch({ kind: "participant", participant });
+      dialog.close();
+    } catch (error) {
+      put(by("supervise-status"), sentence(/** @type {Error} */ (error).message));
+      code.select();
+    }
+  });
+  dialog.addEventListener("close", () => {
+    code.value = "";
+    put(by("supervise-status"), "");
+  });
+  return {
+    /** @param {Study.Participant} participant */
+    paint(participant) {
+      for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-supervised]"))) put(line, supervisedLine(participant.supervised_until_ms, Date.now()));
     },
   };
 }

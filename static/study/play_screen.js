@@ -1,15 +1,12 @@
-// @ts-check
 // The screen on which one drives: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintProgress } from "../common/chart.js";
-import { create, elementsOf, put } from "../common/page.js";
+import { create, by, put } from "../common/page.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import * as words from "./words.js";
 
-/** @param {Document} page
- * @param {{look: () => Study.Look, keyOf: (action: Action) => string}} how keyOf: what stands on an action's first key */
-export function createPlayScreen(page, { look, keyOf }) {
-  const by = elementsOf(page);
+/** @param {{look: () => Study.Look, keyOf: (action: Action) => string}} how keyOf: what stands on an action's first key */
+export function createPlayScreen({ look, keyOf }) {
 
   /** @param {Frame} frame @param {Study.Participant} participant */
   function paintNumbers(frame, { phase, rules, task }) {
@@ -53,19 +50,19 @@ export function createPlayScreen(page, { look, keyOf }) {
     paint(state, before) {
       const { game, participant, isPaused } = state;
       const { player } = game;
-      page.body.dataset.paused = String(isPaused);
+      document.body.dataset.paused = String(isPaused);
       if (screenOf(state) !== "play" || !player || !participant) return;
       const isNew = before === null || screenOf(before) !== "play";
       const { palette, accent, inks, font } = look();
       if (isNew || player !== before.game.player) {
         const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
-        participant.task.paint(by("matrix"), player, { name: "the terrain", palette, accent, width_px, height_px, dpr: page.defaultView?.devicePixelRatio || 1 });
+        participant.task.paint(by("matrix"), player, { name: "the terrain", palette, accent, width_px, height_px, dpr: devicePixelRatio || 1 });
       }
       if (isNew || player !== before.game.player || participant !== before.participant) {
         paintNumbers(player.frame, participant);
         paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
-        page.body.dataset.ended = String(player.frame.outcome !== null);
-        page.body.dataset.phase = participant.phase ?? "";
+        document.body.dataset.ended = String(player.frame.outcome !== null);
+        document.body.dataset.phase = participant.phase ?? "";
       }
       const pause = by("pause");
       if (pause.hidden === isPaused) {
@@ -73,9 +70,9 @@ export function createPlayScreen(page, { look, keyOf }) {
         if (isPaused) by("resume").focus({ preventScroll: true });
         else by("field").focus({ preventScroll: true });
       }
-      const hadFocus = by("end").contains(page.activeElement);
+      const hadFocus = by("end").contains(document.activeElement);
       if (paintEnd(state)) {
-        if (!page.querySelector("dialog[open]")) by("next").focus({ preventScroll: true });
+        if (!document.querySelector("dialog[open]")) by("next").focus({ preventScroll: true });
       } else if (hadFocus && by("end").hidden) by("field").focus({ preventScroll: true });
     },
   };

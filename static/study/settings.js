@@ -1,9 +1,6 @@
-// @ts-check
 // Keys, colours and arrow buttons: chosen in a dialog, kept in this browser, sent to the server.
-import { create, elementsOf, put } from "../common/page.js";
+import { create, by, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
-import { assign, readKeys, spokenKey } from "./keymap.js";
-import { PALETTES, readPalette } from "./palettes.js";
 
 const KEPT = "mars.study.settings";
 
@@ -25,14 +22,11 @@ function parsed(text) {
   }
 }
 
-/** @param {Document} page
- * @param {{storage: Storage, layout: () => Study.Layout | undefined, onChange: (choices: Study.Choices) => void}} how
+/** @param {{layout: () => Study.Layout | undefined, onChange: (choices: Study.Choices) => void}} how
  */
-export function createSettings(page, { storage, layout, onChange }) {
-  const by = elementsOf(page);
-  const view = /** @type {Window} */ (page.defaultView);
-  const isAsked = (/** @type {string} */ query) => view.matchMedia(query).matches;
-  const kept = parsed(storage.getItem(KEPT));
+export function createSettings({ layout, onChange }) {
+  const isAsked = (/** @type {string} */ query) => matchMedia(query).matches;
+  const kept = parsed(localStorage.getItem(KEPT));
   const system = { wantsContrast: isAsked("(prefers-contrast: more)"), isTouch: isAsked("(pointer: coarse), (max-width: 700px)") };
   /** @type {Keys} the task's own, none before it is known */
   let own = {};
@@ -43,16 +37,16 @@ export function createSettings(page, { storage, layout, onChange }) {
   /** @param {Partial<Study.Choices>} changed */
   function change(changed) {
     choices = { ...choices, ...changed };
-    storage.setItem(KEPT, JSON.stringify(choices));
+    localStorage.setItem(KEPT, JSON.stringify(choices));
     paint();
     onChange(choices);
   }
   function paint() {
-    page.documentElement.dataset.palette = choices.palette;
-    page.body.dataset.pad = String(choices.pad);
+    document.documentElement.dataset.palette = choices.palette;
+    document.body.dataset.pad = String(choices.pad);
     by("show-pad", HTMLInputElement).checked = choices.pad;
-    for (const input of /** @type {NodeListOf<HTMLInputElement>} */ (page.querySelectorAll("#palettes input"))) input.checked = input.value === choices.palette;
-    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (page.querySelectorAll("#keymap button"))) {
+    for (const input of /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll("#palettes input"))) input.checked = input.value === choices.palette;
+    for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("#keymap button"))) {
       const action = /** @type {Action} */ (button.dataset.drive);
       const slot = Number(button.dataset.slot);
       const isAwaited = awaited?.action === action && awaited.slot === slot;
@@ -63,18 +57,18 @@ export function createSettings(page, { storage, layout, onChange }) {
   }
   function build() {
     by("palettes").replaceChildren(...Object.entries(PALETTES).map(([name, { title, hint }]) => {
-      const label = page.createElement("label");
+      const label = document.createElement("label");
       label.dataset.palette = name;
-      const input = Object.assign(page.createElement("input"), { type: "radio", name: "palette", value: name });
+      const input = Object.assign(document.createElement("input"), { type: "radio", name: "palette", value: name });
       input.dataset.testid = `palette-${name}`;
       label.append(input, create("span", [create("b", title), create("small", hint)]));
       return label;
     }));
     by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) => {
-      const row = page.createElement("tr");
+      const row = document.createElement("tr");
       row.append(create("th", action, { scope: "row" }));
       for (const slot of codes.keys()) {
-        const button = Object.assign(page.createElement("button"), { type: "button", className: "quiet" });
+        const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet" });
         Object.assign(button.dataset, { drive: action, slot: String(slot), testid: `key-${action}-${slot}` });
         row.insertCell().append(button);
       }
@@ -129,11 +123,114 @@ export function createSettings(page, { storage, layout, onChange }) {
     adopt(stored) {
       if (!stored.keys || !stored.palette) return;
       choices = { ...choices, keys: readKeys(stored.keys, own), palette: readPalette(stored.palette, false), modality: stored.modality ?? choices.modality };
-      storage.setItem(KEPT, JSON.stringify(choices));
+      localStorage.setItem(KEPT, JSON.stringify(choices));
       paint();
     },
     /** Note how the last move was made.
      * @param {Study.Settings["modality"]} modality */
     drove(modality) { if (modality !== choices.modality) change({ modality }); },
+  };
+}
+
+const DRIVING = /^(Key[A-Z]|Digit\d|Numpad\w+|Arrow(Up|Right|Down|Left)|Comma|Period|Slash|Semicolon|Quote|Bracket(Left|Right)|Backslash|Minus|Equal|Backquote|Intl\w+|Home|End|PageUp|PageDown|Insert|Delete)$/;
+const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arrow down", ArrowLeft: "arrow left" };
+
+/** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
+export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
+
+/** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places
+ * with the one it replaces.
+ * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code
+ * @returns {Keys | string} */
+export function assign(keys, action, slot, code) {
+  if (!mayDrive(code)) return `${keyName(code)} cannot drive here: choose a letter, a digit, an arrow or a number-pad key.`;
+  const old = keys[action][slot];
+  return Object.fromEntries(Object.entries(keys).map(([each, codes]) => [each, codes.map((known, place) => {
+    if (each === action && place === slot) return code;
+    return known === code ? old : known;
+  })]));
+}
+
+/** Return a kept map if it is a whole one of the task's, else the task's own.
+ * @param {Record<string, unknown> | null | undefined} kept @param {Keys} own @returns {Keys} */
+export function readKeys(kept, own) {
+  const lists = Object.entries(own).map(([action, codes]) => ({ list: kept?.[action], of: codes.length }));
+  const isWhole = lists.every(({ list, of }) => Array.isArray(list) && list.length === of && list.every((code) => typeof code === "string" && mayDrive(code)));
+  const codes = lists.flatMap(({ list }) => list);
+  return isWhole && new Set(codes).size === codes.length ? Object.fromEntries(Object.keys(own).map((action, index) => [action, /** @type {string[]} */ (lists[index].list)])) : { ...own };
+}
+
+/** @param {string} code @param {Study.Layout} [layout] @returns the same for a screen reader */
+export const spokenKey = (code, layout) => /** @type {Record<string, string>} */ (SPOKEN)[code] ?? keyName(code, layout);
+
+/** @type {Record<Study.PaletteName, Study.Palette>} */
+export const PALETTES = {
+  mars: {
+    title: "Mars", hint: "Soil and night",
+    inks: { text: "#a8988d", goal: "#e8ddd3", base: "#5a453a", line: "#2a2023" },
+  },
+  "colour-blind": {
+    title: "Colour-blind", hint: "Blue and yellow, told apart by lightness too",
+    inks: { text: "#a9b7c6", goal: "#e6ecf2", base: "#4b5f76", line: "#1f2b39" },
+  },
+  "high-contrast": {
+    title: "High contrast", hint: "White on black, strong edges",
+    inks: { text: "#ffffff", goal: "#ffffff", base: "#ffffff", line: "#5a5a5a" },
+  },
+};
+
+/** Return a kept name if it is one of ours, else what the system asks for.
+ * @param {unknown} name @param {boolean} wantsContrast @returns {Study.PaletteName} */
+export function readPalette(name, wantsContrast) {
+  if (typeof name === "string" && Object.hasOwn(PALETTES, name)) return /** @type {Study.PaletteName} */ (name);
+  return wantsContrast ? "high-contrast" : "mars";
+}
+
+/**
+ *   save         sends the choices as they are now; `signal` ends the request
+ *   settle_ms    how long the choices must stay the same before they are sent
+ *   retry_ms     how long to wait after a request that failed
+ *   patience_ms  how long a request may take
+ * @param {{save: (signal: AbortSignal) => Promise<unknown>, settle_ms?: number, retry_ms?: number,
+ *   patience_ms?: number}} how */
+export function createSettingsSync({ save, settle_ms = 300, retry_ms = 2000, patience_ms = 15000 }) {
+  /** @type {AbortController | null} the request that waits for its answer */
+  let current = null;
+  let isDue = false;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  let timer;
+
+  /** @param {number} wait_ms */
+  function later(wait_ms) {
+    clearTimeout(timer);
+    timer = setTimeout(send, wait_ms);
+  }
+  async function send() {
+    clearTimeout(timer);
+    if (current || !isDue) return;
+    const request = current = new AbortController();
+    const patience = setTimeout(() => request.abort(), patience_ms);
+    isDue = false;
+    const status = await save(request.signal).then(() => 200, (error) => error.status ?? 0);
+    clearTimeout(patience);
+    if (current !== request) return;
+    current = null;
+    const isLost = status === 0 || status >= 500; // what the server declines it would decline again
+    isDue ||= isLost;
+    if (isDue) later(isLost ? retry_ms : settle_ms);
+  }
+  return {
+    /** Note that something was chosen. */
+    changed() {
+      isDue = true;
+      later(settle_ms);
+    },
+    /** Send at once what is not sent yet, in place of a request without an answer: the page may go at any moment. */
+    flush() {
+      if (!isDue) return;
+      current?.abort();
+      current = null;
+      send();
+    },
   };
 }

@@ -1,4 +1,3 @@
-// @ts-check
 // The whole state of the study's page in one object. `apply` returns the next state; `screenOf` says which screen belongs to it.
 import * as gameState from "../common/game_state.js";
 

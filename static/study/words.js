@@ -1,4 +1,3 @@
-// @ts-check
 // The study's sentences; no document here, so node can test every one.
 import { many, notCounted } from "../common/words.js";
 

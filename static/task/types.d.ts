@@ -23,8 +23,9 @@ type Look = {
 type Ground = "free" | "unknown" | {stop: string};
 type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
 type Hint = {id: string, gain: string, line: string};
-/** What a folder exports: `taskOf` makes it of what the server says. */
-interface Task extends TaskAbout {
+/** What a folder exports: `taskOf` makes it of what the server says, for its own frames, marks, courses and histories. */
+type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
+interface TaskOf<F, M, C, H> extends TaskAbout {
   /** The actions in the order in which they are named and stand on the pad. */
   order: Action[];
   /** What an episode has to reach, in words. */
@@ -37,44 +38,44 @@ interface Task extends TaskAbout {
   };
 
   /** Draw a board in its place, and say it in words there. */
-  paint(place: HTMLElement, board: {frame: Frame, trail: Mark[]}, look: Look): void;
+  paint(place: HTMLElement, board: {frame: F, trail: M[]}, look: Look): void;
   /** What a path is made of, and the height of the curve; the same of all steps in a history. */
-  mark(frame: Frame): Mark;
-  progress(frame: Frame): number;
-  path(history: MoveHistory, frame: Frame): {trail: Mark[], progress: number[]};
+  mark(frame: F): M;
+  progress(frame: F): number;
+  path(history: H, frame: F): {trail: M[], progress: number[]};
   /** The width and the height of a board, in whatever unit, and what is played on, in short. */
-  shape(frame: Frame): [number, number];
-  place(level: string, frame: Frame): string;
+  shape(frame: F): [number, number];
+  place(level: string, frame: F): string;
   /** The headline so far: its number, its unit, and 0..1 for a bar. */
-  headline(frame: Frame): {value: string, unit: string, share: number};
+  headline(frame: F): {value: string, unit: string, share: number};
 
   /** Sentences: of a frame in words with the rows of a board; of the task; below it; of the end. */
-  inWords(frame: Frame, name: string): {line: string, rows: string[]};
-  goal(frame: Frame | null): string;
+  inWords(frame: F, name: string): {line: string, rows: string[]};
+  goal(frame: F | null): string;
   standing: string;
   /** An outcome in a word or two, "" while there is none; and as the state of a board. */
   outcome(outcome: string | null): string;
   status(outcome: string | null): string;
-  ending(frame: Frame): {title: string, line: string};
+  ending(frame: F): {title: string, line: string};
   /** The same for a study; target: what the protocol asks for, in words. */
-  trialEnding(frame: Frame, target: string): {title: string, line: string, figures: [string, string][], advice: string};
-  scoreWhy(frame: Frame, paysBonus: boolean): string;
-  compare(mine: Frame, theirs: Frame | null, rival: string, who?: string): string;
-  announcement(before: Frame | null, after: Frame): string;
+  trialEnding(frame: F, target: string): {title: string, line: string, figures: [string, string][], advice: string};
+  scoreWhy(frame: F, paysBonus: boolean): string;
+  compare(mine: F, theirs: F | null, rival: string, who?: string): string;
+  announcement(before: F | null, after: F): string;
   /** What the first moves of a visitor and of a participant are told. */
-  hint(before: Frame, after: Frame, said: ReadonlySet<string>): Hint | null;
-  coach(frame: Frame, keyOf: (action: Action) => string, target: string): [string, string];
+  hint(before: F, after: F, said: ReadonlySet<string>): Hint | null;
+  coach(frame: F, keyOf: (action: Action) => string, target: string): [string, string];
 
   /** What lies ahead of a move after others that wait; what is to be heard after one. */
-  ahead(frame: Frame, waiting: readonly Action[], action: Action): Ground;
-  sound(before: Frame, after: Frame): Sound | null;
+  ahead(frame: F, waiting: readonly Action[], action: Action): Ground;
+  sound(before: F, after: F): Sound | null;
 
   /** A finished episode: its course, and the board after some of its moves. */
-  courseOf(name: string, frames: Frame[]): Course | null;
-  boardAt(course: Course, step: number): {frame: Frame, trail: Mark[]};
-  progressAt(course: Course, step: number): number;
+  courseOf(name: string, frames: F[]): C | null;
+  boardAt(course: C, step: number): {frame: F, trail: M[]};
+  progressAt(course: C, step: number): number;
   /** Draw over a board of a replay what the last move did. */
-  paintEvents?(place: HTMLElement, course: Course, step: number, look: Look): void;
+  paintEvents?(place: HTMLElement, course: C, step: number, look: Look): void;
   /** Parts of the playground that this task alone has: a 3-D view, thoughts and expected discoveries, costly moves, a
    * choice of terrains. */
   play?(): Promise<typeof import("./mars/play.js")>;

@@ -1,18 +1,13 @@
-// @ts-check
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
-import { ApiError, createApi, createRequest } from "../common/api.js";
+import { api, ApiError, request } from "../common/api.js";
 import { paintProgress } from "../common/chart.js";
 import { boardColours, chartColours } from "../common/colours.js";
 import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
-import { copyOnClick, createRepaint, createSizes, elementsOf, paintLink, partsOf, put } from "../common/page.js";
+import { copyOnClick, createRepaint, createSizes, by, paintLink, partsOf, put } from "../common/page.js";
 import { sizeText } from "../common/words.js";
 import { idInPath, liveHeadline, watchedName } from "./words.js";
 
-const by = elementsOf(document);
-const ROOT = new URL("../", document.baseURI).href;
-const api = createApi((path, options) => fetch(path, options), "../");
-const request = createRequest((path, options) => fetch(path, options), "../");
 const id = idInPath(location.pathname) ?? "";
 const part = partsOf(document);
 const chart = by("chart");
@@ -103,7 +98,7 @@ async function begin() {
     else setTimeout(begin, 1000);
     return;
   }
-  follower = follow({ url: socketUrl(id, ROOT, "ws/watch"), beforeRetry: load, onLink: (link) => dispatch({ kind: "link", link }),
+  follower = follow({ url: socketUrl(id, "ws/watch"), beforeRetry: load, onLink: (link) => dispatch({ kind: "link", link }),
     onMessage(message) {
       const before = state.player?.frame.episode;
       dispatch({ kind: "received", role: "player", message });
@@ -112,7 +107,7 @@ async function begin() {
 }
 
 copyOnClick(by("copy-link"), () => location.href, (text) => put(by("announcer"), text));
-startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0, ask: api.health,
+startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0,
   onSuccess: () => { if (state.link === "lost") follower?.restart(); }, onFailure: () => dispatch({ kind: "link", link: "lost" }) });
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
 sizes.watch(part.ground);

@@ -1,4 +1,3 @@
-// @ts-check
 // A watched board in words. No document here, so that node can test it.
 
 /** Return what the address of the page names, if anything: a board by its id for watching, or an episode.

@@ -75,7 +75,8 @@ def test_declared_types_say_the_type(path):
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_a_module_is_checked_and_alone(path):
     text = path.read_text()
-    assert text.startswith("// @ts-check\n")
+    assert "@ts-nocheck" not in text
+    assert "@ts-ignore" not in text
     assert not ANY.search(text), "say the type"
     for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
         assert (path.parent / name).is_file(), (
@@ -83,6 +84,14 @@ def test_a_module_is_checked_and_alone(path):
         )
     if path.name != "main.js":
         assert "main.js" not in re.findall(r'from "\./([^"]+)"', text)
+
+
+def test_the_types_of_every_module_are_checked():
+    settings = json.loads((ROOT / "tsconfig.json").read_text())
+    assert settings["compilerOptions"]["checkJs"] is True
+    assert settings["compilerOptions"]["strict"] is True
+    assert settings["include"] == ["static"]
+    assert settings["exclude"] == ["static/vendor"]
 
 
 def test_the_page_asks_nobody_but_us():
@@ -247,7 +256,7 @@ def test_the_board_reads_in_greyscale():
 
 def test_the_board_of_a_study_keeps_its_lightness():
     shades = re.search(
-        r"const MARS_SHADES = (\{.*\});", (STATIC / "task/mars/soils.js").read_text()
+        r"const MARS_SHADES = (\{.*\});", (STATIC / "task/mars/board.js").read_text()
     ).group(1)
     unknown, free, rock = json.loads(shades).values()
     order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
@@ -257,7 +266,7 @@ def test_the_board_of_a_study_keeps_its_lightness():
 
 @pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])
 def test_the_boards_of_the_study_read_in_greyscale(name, least):
-    block = (STATIC / "task/mars/soils.js").read_text().split(f'"{name}": {{')[1]
+    block = (STATIC / "task/mars/board.js").read_text().split(f'"{name}": {{')[1]
     unknown, free, rock = (
         re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#"
     )

@@ -1,4 +1,3 @@
-// @ts-check
 // The pictures of the page about the rules: real boards, painted as on the playground.
 import { boardColours } from "../../common/colours.js";
 import { many } from "../../common/words.js";

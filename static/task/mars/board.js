@@ -1,22 +1,11 @@
-// @ts-check
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
-import { boardColours } from "../../common/colours.js";
+import { boardColours, reader } from "../../common/colours.js";
 import { paintLossMarks } from "./loss_marks.js";
 import { paintExpected, paintThought } from "./thoughts.js";
-import { soilOf } from "./soils.js";
 import { describe, runs } from "./words.js";
 
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
 const LIDAR_CELLS = 6;
-
-/** @param {Mars.Frame} frame @returns what a path is made of */
-export const mark = ({ position }) => position;
-/** @param {Mars.Frame} frame @returns the share of the cells that is known, 0..1 */
-export const progress = ({ discovered, cells }) => discovered / cells;
-/** @param {Mars.MoveHistory} history @param {Mars.Frame} frame @returns path and shares of an episode so far */
-export const path = ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) });
-/** @param {Mars.Frame} frame @returns {[number, number]} width and height in cells */
-export const shape = ({ rows, cols }) => [cols, rows];
 
 /** Return the largest whole number of device pixels per cell that fits.
  * @param {number} width_px @param {number} height_px @param {number} rows @param {number} cols @param {number} dpr */
@@ -140,4 +129,21 @@ function paintRover(context, frame, size, { accent, casing, dpr }) {
     context.fill();
   }
   context.restore();
+}
+
+/** The paper's values 0, 0.3, 1 as greys with a tint of soil; the rover (0.6) wears its board's colour, of the same lightness. */
+const MARS_SHADES = { "?": "#070506", ".": "#57483f", "#": "#f4e9dc" };
+/** @type {Record<string, Mars.Soil>} */
+const SOILS = {
+  mars: { shades: MARS_SHADES, edge: "#3a2d28", rockEdge: "#cdbfb0" },
+  "colour-blind": { shades: { "?": "#04070b", ".": "#3f5068", "#": "#f2f4f7" }, edge: "#27374c", rockEdge: "#b9c3cf" },
+  "high-contrast": { shades: { "?": "#000000", ".": "#6e6e6e", "#": "#ffffff" }, edge: "#000000", rockEdge: "#000000" },
+};
+
+/** @param {Element} element the board's canvas @param {string} [palette] of a study @returns {Mars.Soil} */
+export function soilOf(element, palette) {
+  if (palette) return SOILS[palette];
+  const read = reader(element);
+  const shades = { "?": read("--board-unknown"), ".": read("--board-ground"), "#": read("--board-rock") };
+  return { shades, edge: read("--board-ground-edge"), rockEdge: read("--board-rock-edge"), casing: read("--board-casing") };
 }

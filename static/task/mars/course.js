@@ -1,4 +1,3 @@
-// @ts-check
 // A finished episode: its course, the board after any number of moves, and what the last of them did.
 import { cellAfter } from "./ground.js";
 

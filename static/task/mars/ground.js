@@ -1,4 +1,3 @@
-// @ts-check
 // The four ways over a grid, and what the page knows of the ground ahead.
 
 /** Rows down and columns right of a move, in the order of the codes of actions.

@@ -1,9 +1,8 @@
-// @ts-check
 // MarsExplorer on the page: all that is drawn and said of rovers, lidar, rocks and maps.
-import * as board from "./board.js";
-import * as course from "./course.js";
+import { paint } from "./board.js";
+import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
 import { ahead } from "./ground.js";
-import * as words from "./words.js";
+import { words } from "./words.js";
 
 /** What a server says that has this task alone.
  * @type {TaskAbout} */
@@ -12,7 +11,12 @@ const ABOUT = {
   keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
 };
 
-/** @param {TaskAbout} [about] @returns {Task} */
-export function taskOf(about = ABOUT) {
-  return { ...about, ...board, ...course, ...words, ahead, order: ["north", "west", "south", "east"], play: () => import("./play.js") };
-}
+/** @param {TaskAbout} [about] @returns {Mars.Task} */
+export const taskOf = (about = ABOUT) => ({
+  ...about, ...words, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents,
+  mark: ({ position }) => position,
+  progress: ({ discovered, cells }) => discovered / cells,
+  path: ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) }),
+  shape: ({ rows, cols }) => [cols, rows],
+  play: () => import("./play.js"),
+});

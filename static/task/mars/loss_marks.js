@@ -1,4 +1,3 @@
-// @ts-check
 // Costly moves marked on a board: a number at the cell of each, the move made and the better one as arrows, and what was missed;
 // and on the chart: a number on the player's curve at the step of each.
 import { WAYS } from "./ground.js";
@@ -37,7 +36,7 @@ export function placeMarks(losses, size, radius) {
 
 /** Return the index of the number at a point of a board, null where there is none.
  * @param {Mars.CostlyMove[]} losses @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
-export function markAt(losses, point, size, dpr) {
+export function numberAt(losses, point, size, dpr) {
   const radius = markRadius(size, dpr);
   return nearest(placeMarks(losses, size, radius), point, radius + 6 * dpr);
 }

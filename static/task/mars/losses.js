@@ -1,9 +1,9 @@
-// @ts-check
 // The end card's question: where did I lose moves? The answers stand in a list, on the board and on the chart; each can be tried again.
 import { ApiError } from "../../common/api.js";
 import { create, put } from "../../common/page.js";
-import { chartMarkAt, markAt, paintOnCurve, placeOnCurve } from "./loss_marks.js";
-import { sentenceOf, summaryOf } from "./loss_words.js";
+import { many } from "../../common/words.js";
+import { cellAfter, markAt, WAYS } from "./ground.js";
+import { chartMarkAt, numberAt, paintOnCurve, placeOnCurve } from "./loss_marks.js";
 
 const ASK = "Where did I lose moves?";
 
@@ -18,13 +18,11 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
 }
 
 /**
- *   load      the regret of a finished episode
  *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
- *   onChange  something else is to be painted
- * @param {{page: Document, part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
+ * @param {{part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
  *   state: () => GameState, load: (episode: string) => Promise<Mars.Analysis>, tryFrom: (state: GameState,
  *   step: number) => void, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
-export function createLosses({ page, part, canvas, chart, state, load, tryFrom, onChange }) {
+export function createLosses({ part, canvas, chart, state, load, tryFrom, onChange }) {
   const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
   /** @type {string | null} the episode whose moves are shown or asked for */
   let episode = null;
@@ -62,7 +60,7 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
     analysis = found;
     pinned = pointed = null;
     onChart = [];
-    page.body.dataset.analysis = String(found !== null);
+    document.body.dataset.analysis = String(found !== null);
     put(part.ask, found ? "Back to both boards" : ASK);
     part.ask.hidden = false;
     changed();
@@ -95,7 +93,7 @@ export function createLosses({ page, part, canvas, chart, state, load, tryFrom, 
     const frame = playerOf()?.frame;
     if (!analysis || !frame) return null;
     const scale = canvas.width / canvas.clientWidth;
-    return markAt(analysis.losses, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
+    return numberAt(analysis.losses, { x: event.offsetX * scale, y: event.offsetY * scale }, canvas.width / frame.cols, scale);
   }
   /** @param {MouseEvent} event */
   function onCurve({ clientX, clientY }) {
@@ -191,4 +189,53 @@ function paintWorking(place, cells) {
  * @param {HTMLElement} place @param {string} reason */
 function paintFailure(place, reason) {
   place.replaceChildren(create("p", `${reason.slice(0, 1).toUpperCase()}${reason.slice(1)}.`.replace(/\.\.$/, "."), { role: "status" }));
+}
+
+/** Return "low" or "high" where numbers reach that end of 0..length-1 and lie in its half alone, "" otherwise.
+ * @param {number[]} numbers @param {number} length */
+function endOf(numbers, length) {
+  const [low, high] = [Math.min(...numbers), Math.max(...numbers)];
+  if (low === 0 && high < length / 2) return "low";
+  return high === length - 1 && low >= length / 2 ? "high" : "";
+}
+
+/** Return where on the map cells lie: in a corner, at an edge, or "" for anywhere else.
+ * @param {Cell[]} cells @param {string[]} grid */
+export function placeOf(cells, grid) {
+  const up = { low: "north", high: "south", "": "" }[endOf(cells.map(([row]) => row), grid.length)];
+  const across = { low: "west", high: "east", "": "" }[endOf(cells.map(([, col]) => col), grid[0].length)];
+  if (up && across) return ` in the ${up}-${across} corner`;
+  return up || across ? ` at the ${up || across} edge` : "";
+}
+
+/** @param {Mars.CostlyMove} loss */
+function whatWasDone({ action, previous, position, grid, kind }) {
+  if (kind === "ended early") return markAt(grid, cellAfter(position, action)) ? "you drove into a rock" : "you drove over the edge of the map";
+  if (previous === null) return `you began by going ${action}`;
+  if (action === previous) return `you went on ${action}`;
+  const isBack = WAYS[previous].every((way, index) => way + WAYS[action][index] === 0);
+  return `you turned ${isBack ? "back " : ""}${action}`;
+}
+
+/** @param {Mars.CostlyMove} loss */
+function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind }) {
+  if (kind === "ended early") return `going ${better} was free`;
+  if (missed.length) {
+    const seen = seen_at === null ? "which you never saw" : `which you saw only ${many(seen_at - step, "move")} later`;
+    return `going ${better} would soon have shown ${many(missed.length, "unknown cell")}${placeOf(missed, grid)}, ${seen}`;
+  }
+  return kind === "last cells" ? `going ${better} was the shorter way to the last cells` : `going ${better} was the shorter way`;
+}
+
+/** @param {Mars.CostlyMove} loss @returns the sentence about a move */
+export function sentenceOf(loss) {
+  return `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
+}
+
+/** @param {Mars.Analysis} analysis @returns the sentence above the list of moves */
+export function summaryOf({ policy, losses, given_up }) {
+  const judged = `Judged by how ${policy} would have finished from each move, with the whole terrain known.`;
+  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there. ${judged}`;
+  if (!losses.length) return `No single move cost you much. ${judged}`;
+  return losses.length === 1 ? `One move cost you the most. ${judged}` : `These ${losses.length} moves cost you the most. ${judged}`;
 }

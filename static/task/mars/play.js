@@ -1,4 +1,3 @@
-// @ts-check
 // What the playground has for MarsExplorer alone.
 export { createLosses } from "./losses.js";
 export { createTerrainDialog } from "./terrain_dialog.js";

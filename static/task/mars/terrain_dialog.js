@@ -1,4 +1,3 @@
-// @ts-check
 // The dialog in which a terrain and the policies are chosen.
 
 export const MAX_SEED = 2 ** 53 - 1;

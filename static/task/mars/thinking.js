@@ -1,9 +1,8 @@
-// @ts-check
 // What the policies think, beside their boards: the legend of the heat map, and what they expect to earn as a strip below the chart.
 import { paintChart } from "../../common/chart.js";
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { askExpected } from "../../common/messages.js";
-import { elementsOf, put } from "../../common/page.js";
+import { by, put } from "../../common/page.js";
 import { expectedOf, goalText, mostExpected, nextLooks, thoughtOf } from "./thoughts.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -23,16 +22,15 @@ function newestText(name, values) {
   return newest === undefined || newest === null ? `${name} has not said yet what it expects` : `${name} expects ${newest.toFixed(1)}`;
 }
 
-/** @param {{page: Document, storage: Storage, send: (role: Role, message: object) => boolean,
+/** @param {{send: (role: Role, message: object) => boolean,
  *   onChange: () => void}} how onChange: the switch was used */
-export function createThinking({ page, storage, send, onChange }) {
-  const by = elementsOf(page);
+export function createThinking({ send, onChange }) {
   const wanted = by("show-thoughts", HTMLInputElement);
-  wanted.checked = storage.getItem("mars.thoughts") === "true";
-  const arrange = () => { page.body.dataset.thinking = String(wanted.checked); };
-  wanted.addEventListener("change", () => { storage.setItem("mars.thoughts", String(wanted.checked)); arrange(); onChange(); });
+  wanted.checked = localStorage.getItem("mars.thoughts") === "true";
+  const arrange = () => { document.body.dataset.thinking = String(wanted.checked); };
+  wanted.addEventListener("change", () => { localStorage.setItem("mars.thoughts", String(wanted.checked)); arrange(); onChange(); });
   arrange();
-  const isShown = () => wanted.checked && page.body.dataset.boards !== "1";
+  const isShown = () => wanted.checked && document.body.dataset.boards !== "1";
   /** @type {Map<Role, Mars.Frame>} the frame that was asked about last */
   const asked = new Map();
   /** @type {Set<string>} policies that have said what they expect: their strip stays between two episodes */

@@ -1,4 +1,3 @@
-// @ts-check
 // What a policy thinks, drawn on its own board: action probabilities as wedges round its rover, the longer the more probable; the
 // cell that it heads for; and what a look from each cell should show, as a heat map. The server works the numbers out when asked.
 import { cellAfter, markAt, WAYS } from "./ground.js";

@@ -1,12 +1,11 @@
-// @ts-check
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
-import { elementsOf } from "../../common/page.js";
+import { by } from "../../common/page.js";
 
 /** Return whether this browser can draw the 3-D view, and whether its processor has to do it.
- * @param {Document} page */
-function probeWebGL(page) {
+ */
+function probeWebGL() {
   try {
-    const canvas = page.createElement("canvas");
+    const canvas = document.createElement("canvas");
     const context = /** @type {WebGLRenderingContext | null} */ (canvas.getContext("webgl2") ?? canvas.getContext("webgl"));
     if (!context) return { can3d: false, isSoftware: false };
     const info = context.getExtension("WEBGL_debug_renderer_info");
@@ -24,28 +23,28 @@ function probeWebGL(page) {
  * @param {boolean} isCalm the system asks for reduced motion */
 export const hasEffects = (choice, isSoftware, isCalm) => choice === "on" || (choice !== "off" && !isSoftware && !isCalm);
 
-/** @param {{page: Document, panels: Play.Panel[], storage: Storage, onChange: () => void}} how */
-export function createViews({ page, panels, storage, onChange }) {
-  const { can3d, isSoftware } = probeWebGL(page);
-  let view = can3d && storage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
+/** @param {{panels: Play.Panel[], onChange: () => void}} how */
+export function createViews({ panels, onChange }) {
+  const { can3d, isSoftware } = probeWebGL();
+  let view = can3d && localStorage.getItem("mars.view") !== "matrix" ? "3d" : "matrix";
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   /** @param {string} session */
   const nameOf = (session) => {
-    const chosen = storage.getItem("mars.camera");
-    const effects = hasEffects(storage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
-    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: storage.getItem("mars.thoughts") === "true" ? "on" : "off" };
+    const chosen = localStorage.getItem("mars.camera");
+    const effects = hasEffects(localStorage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
+    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: localStorage.getItem("mars.thoughts") === "true" ? "on" : "off" };
     return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
   };
-  const effectsChoice = elementsOf(page)("effects", HTMLSelectElement);
-  effectsChoice.value = storage.getItem("mars.effects") ?? "auto";
-  effectsChoice.addEventListener("change", () => { storage.setItem("mars.effects", effectsChoice.value); onChange(); });
+  const effectsChoice = by("effects", HTMLSelectElement);
+  effectsChoice.value = localStorage.getItem("mars.effects") ?? "auto";
+  effectsChoice.addEventListener("change", () => { localStorage.setItem("mars.effects", effectsChoice.value); onChange(); });
   const camera = panels[0].part.camera; // for both boards
-  const repaintCamera = startCameraControl(camera, storage, onChange);
+  const repaintCamera = startCameraControl(camera, onChange);
   for (const { viewer } of panels) reloadWhenLost(viewer, isSoftware);
   const button = panels[0].part.view;
   let isMatrixOnly = false;
   function show() {
-    page.body.dataset.view = isMatrixOnly ? "matrix" : view;
+    document.body.dataset.view = isMatrixOnly ? "matrix" : view;
     button.hidden = !can3d || isMatrixOnly;
     camera.hidden = !can3d || isMatrixOnly || view === "matrix";
     button.textContent = view === "3d" ? "Matrix" : "3-D";
@@ -53,7 +52,7 @@ export function createViews({ page, panels, storage, onChange }) {
   }
   button.addEventListener("click", () => {
     view = view === "3d" ? "matrix" : "3d";
-    storage.setItem("mars.view", view);
+    localStorage.setItem("mars.view", view);
     show();
     onChange();
   });
@@ -89,21 +88,21 @@ export const LARGE_SIDE = 30;
 export const cameraOf = (choice, side) => (choice === "map" || choice === "follow" ? choice : side > LARGE_SIDE ? "follow" : "map");
 
 /** Fill the group with its buttons; return a function that paints them for a board's longer side.
- * @param {HTMLElement} group @param {Storage} storage @param {() => void} onChange */
-function startCameraControl(group, storage, onChange) {
+ * @param {HTMLElement} group @param {() => void} onChange */
+function startCameraControl(group, onChange) {
   let side = 0;
   const button = group.ownerDocument.createElement("button");
   button.type = "button";
   button.className = "quiet view";
   button.dataset.testid = "camera";
   button.addEventListener("click", () => {
-    storage.setItem("mars.camera", cameraOf(storage.getItem("mars.camera"), side) === "map" ? "follow" : "map");
+    localStorage.setItem("mars.camera", cameraOf(localStorage.getItem("mars.camera"), side) === "map" ? "follow" : "map");
     onChange();
   });
   group.append(button);
   return (/** @type {number} */ longer) => {
     side = longer;
-    const isMap = cameraOf(storage.getItem("mars.camera"), side) === "map";
+    const isMap = cameraOf(localStorage.getItem("mars.camera"), side) === "map";
     button.textContent = isMap ? "Follow" : "Whole map";
     button.title = isMap ? "Follow the rover in 3-D. Drag the picture to turn it" : "Show the whole map in 3-D. Drag the picture to turn it";
   };

@@ -1,13 +1,9 @@
-// @ts-check
 // MarsExplorer in words; no document here, so that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
 import { many, percent, score, wholePercent } from "../../common/words.js";
 import { CELL_STATES, cellAfter, markAt, WAYS } from "./ground.js";
 
-export const target = "99 %";
-/** @type {Task["chart"]} */
-export const chart = { title: "Coverage", goal: { at: 0.99, text: target }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` };
-export const standing = "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.";
+const TARGET = "99 %";
 
 /** An outcome in a word, as the state of a board, and what the ends of an episode and of a trial say.
  * @type {Record<string, {word: string, status: string, title: string, line: string, trial: [string, string]}>} */
@@ -24,64 +20,12 @@ const ENDINGS = {
     trial: ["Abandoned", "The episode was left before its end."] },
 };
 
-/** @param {string | null} found @returns the state of a board in a word or two; "" while it explores */
-export const outcome = (found) => (found ? ENDINGS[found]?.word ?? found : "");
-/** @param {string | null} found */
-export const status = (found) => (found ? ENDINGS[found]?.status ?? found : "exploring");
-
 /** Return what coverage is a share of: the whole ground, or where walls hide some of it, what the rover can see of it.
  * @param {Pick<Mars.Frame, "rows" | "cols" | "cells">} frame */
 const ground = ({ rows, cols, cells }) => (cells < rows * cols ? "what can be seen" : "the ground");
 
-/** @param {Mars.Frame | null} frame @returns the task in one sentence */
-export const goal = (frame) => `Map ${target} of ${frame ? ground(frame) : "the ground"} in as few moves as you can`;
-/** @param {string} level @param {Mars.Frame} frame */
-export const place = (level, { rows, cols }) => `${level} \u00b7 ${rows} \u00d7 ${cols}`;
-/** @param {Mars.Frame} frame */
-export const headline = ({ coverage }) => ({ value: percent(coverage), unit: "% mapped", share: coverage });
-
-/** @param {Mars.Frame} frame @returns how an episode ended, as a heading and as a sentence */
-export function ending(frame) {
-  const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
-  return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
-}
-
-/** @param {Mars.Frame} frame @param {string} wanted the share that completes a terrain, in words
- * @returns {ReturnType<Task["trialEnding"]>} what a study says at the end of a terrain */
-export function trialEnding({ outcome: found, step, coverage, score: value }, wanted) {
-  const [title, line] = ENDINGS[found ?? ""]?.trial ?? [found ?? "", ""];
-  const isLost = found === "collided" || found === "out_of_bounds";
-  const advice = found === "explored" ? "That is all there is to it." : isLost ? "In the study that would have ended this terrain. Try once more, or go on." : "";
-  /** @type {[string, string][]} */
-  const figures = [["Moves", String(step)], ["Coverage", `${percent(coverage)} %`]];
-  return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
-}
-
-/** Return the sentence that explains the score of an ended episode.
- * @param {Mars.Frame} frame @param {boolean} paysBonus whether the level pays for finishing and fines a failure */
-export function scoreWhy({ outcome: found, score: value }, paysBonus) {
-  if (value === null) return "";
-  const earned = "The score adds up what you discovered";
-  const scale = "0 is a crash on the first move, and nobody reaches 1.";
-  if (!paysBonus) return `${earned}, less a little for each move. ${scale}`;
-  if (found === "explored") return `${earned} and a bonus for finishing, less a little for each move. ${scale}`;
-  return `${earned}, less a little for each move${found === "timed_out" || found === "abandoned" ? "" : " and a fine for the accident"}. Finishing would have added a bonus. ${scale}`;
-}
-
 /** @param {Mars.Frame} frame @returns the moves until the goal was reached, or null when it never was */
 export const stepsToGoal = ({ outcome: found, step }) => (found === "explored" ? step : null);
-
-/** Return one sentence that compares the player with the rival on the same terrain.
- * @param {Mars.Frame} mine @param {Mars.Frame | null} theirs @param {string} rival @param {string} [who] "You" or a policy's name */
-export function compare(mine, theirs, rival, who = "You") {
-  if (!theirs) return "";
-  if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
-  const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
-  if (a === null && b !== null) return `${rival} reached ${target} in ${many(b, "move")}, score ${score(theirs.score)}.`;
-  if (a === null || b === null) return `${rival} did not reach ${target}${a === null ? " here either" : ""}: ${status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
-  if (a === b) return `${who} and ${rival} both needed ${many(a, "move")}.`;
-  return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${rival} (${b}, score ${score(theirs.score)}).`;
-}
 
 /** Return the matrix in words: where the rover stands and what lies next to it.
  * @param {Mars.Frame} frame @param {string} name */
@@ -96,33 +40,6 @@ const stateOf = (mark) => /** @type {Record<string, string>} */ (CELL_STATES)[ma
 /** Return the maximal runs of equal characters: [start, length, character].
  * @param {string} line @returns {[number, number, string][]} */
 export const runs = (line) => Array.from(line.matchAll(/(.)\1*/g), ({ index, 0: run, 1: mark }) => [index ?? 0, run.length, mark]);
-
-/** Return the board in words, with its rows: "rover, 3 free, 2 rock, 15 unknown".
- * @param {Mars.Frame} frame @param {string} name */
-export function inWords(frame, name) {
-  const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>
-    (mark === "@" ? stateOf(mark) : `${length} ${mark === "#" ? "rock" : stateOf(mark)}`)).join(", "));
-  return { line: describe(frame, name), rows };
-}
-
-/** Return what a screen reader announces after a change: each tenth of the ground, and the end; "" for all else.
- * @param {Mars.Frame | null} before @param {Mars.Frame} after */
-export function announcement(before, after) {
-  if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
-  if (after.outcome && !before.outcome) {
-    return `${ending(after).title.replace("%", "percent")}.${after.score === null ? "" : ` Score ${score(after.score)}.`}`;
-  }
-  const tenth = Math.floor(after.coverage * 10);
-  return tenth > Math.floor(before.coverage * 10) ? `${tenth * 10} percent mapped in ${many(after.step, "move")}.` : "";
-}
-
-/** @param {Mars.Frame} before @param {Mars.Frame} after @returns {Sound | null} */
-export function sound(before, after) {
-  const ends = { explored: "finish", collided: "crash", out_of_bounds: "crash" };
-  if (after.outcome) return { kind: /** @type {"finish"} */ (/** @type {Record<string, string>} */ (ends)[after.outcome] ?? "over") };
-  const count = after.discovered - before.discovered;
-  return count > 0 ? { kind: "gain", count } : null;
-}
 
 /** The first moves, each of which says how many cells it uncovered. */
 const FIRST_MOVES = 8;
@@ -144,23 +61,77 @@ const LINES = [
   ["most", ({ coverage }) => coverage >= 0.9, "Nearly there. The last dark cells hide behind rocks and in corners."],
 ];
 
-/** @param {Mars.Frame} before @param {Mars.Frame} after @param {ReadonlySet<string>} said the ids of what was said before
- * @returns {Hint | null} what a visitor is told after a move */
-export function hint(before, after, said) {
-  const gained = after.discovered - before.discovered;
-  const gain = gained > 0 && after.step <= FIRST_MOVES ? `+${many(gained, "new cell")}` : "";
-  const [id, , line] = LINES.find(([name, fits]) => !said.has(name) && fits(after, gained)) ?? ["", null, ""];
-  return gain || line ? { id, gain, line } : null;
-}
-
-/** Return what the coach says during the practice drive of a study.
- * @param {Mars.Frame} frame @param {(action: Action) => string} keyOf @param {string} wanted share of the cells that
- *   completes a terrain, in words @returns {[string, string]} */
-export function coach({ step, coverage }, keyOf, wanted) {
-  if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keyOf("east")} or ${keyOf("south")} to drive one cell.`];
-  if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
-  if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
-  if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
-  if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
-  return ["Nearly there", `The terrain is done at ${wanted}. The last black cells are often behind rocks and in corners.`];
-}
+/** @type {Mars.Words} */
+export const words = {
+  target: TARGET,
+  chart: { title: "Coverage", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
+  standing: "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.",
+  outcome: (found) => (found ? ENDINGS[found]?.word ?? found : ""),
+  status: (found) => (found ? ENDINGS[found]?.status ?? found : "exploring"),
+  goal: (frame) => `Map ${TARGET} of ${frame ? ground(frame) : "the ground"} in as few moves as you can`,
+  place: (level, { rows, cols }) => `${level} \u00b7 ${rows} \u00d7 ${cols}`,
+  headline: ({ coverage }) => ({ value: percent(coverage), unit: "% mapped", share: coverage }),
+  ending(frame) {
+    const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
+    return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
+  },
+  trialEnding({ outcome: found, step, coverage, score: value }, wanted) {
+    const [title, line] = ENDINGS[found ?? ""]?.trial ?? [found ?? "", ""];
+    const isLost = found === "collided" || found === "out_of_bounds";
+    const advice = found === "explored" ? "That is all there is to it." : isLost ? "In the study that would have ended this terrain. Try once more, or go on." : "";
+    /** @type {[string, string][]} */
+    const figures = [["Moves", String(step)], ["Coverage", `${percent(coverage)} %`]];
+    return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
+  },
+  scoreWhy({ outcome: found, score: value }, paysBonus) {
+    if (value === null) return "";
+    const earned = "The score adds up what you discovered";
+    const scale = "0 is a crash on the first move, and nobody reaches 1.";
+    if (!paysBonus) return `${earned}, less a little for each move. ${scale}`;
+    if (found === "explored") return `${earned} and a bonus for finishing, less a little for each move. ${scale}`;
+    return `${earned}, less a little for each move${found === "timed_out" || found === "abandoned" ? "" : " and a fine for the accident"}. Finishing would have added a bonus. ${scale}`;
+  },
+  compare(mine, theirs, rival, who = "You") {
+    if (!theirs) return "";
+    if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
+    const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
+    if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}, score ${score(theirs.score)}.`;
+    if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
+    if (a === b) return `${who} and ${rival} both needed ${many(a, "move")}.`;
+    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${rival} (${b}, score ${score(theirs.score)}).`;
+  },
+  inWords(frame, name) {
+    const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>
+      (mark === "@" ? stateOf(mark) : `${length} ${mark === "#" ? "rock" : stateOf(mark)}`)).join(", "));
+    return { line: describe(frame, name), rows };
+  },
+  /** Each tenth of the ground, and the end. */
+  announcement(before, after) {
+    if (!before || before.episode !== after.episode) return `New terrain, ${after.rows} by ${after.cols}. ${percent(after.coverage)} percent in sight.`;
+    if (after.outcome && !before.outcome) {
+      return `${words.ending(after).title.replace("%", "percent")}.${after.score === null ? "" : ` Score ${score(after.score)}.`}`;
+    }
+    const tenth = Math.floor(after.coverage * 10);
+    return tenth > Math.floor(before.coverage * 10) ? `${tenth * 10} percent mapped in ${many(after.step, "move")}.` : "";
+  },
+  sound(before, after) {
+    const ends = { explored: "finish", collided: "crash", out_of_bounds: "crash" };
+    if (after.outcome) return { kind: /** @type {"finish"} */ (/** @type {Record<string, string>} */ (ends)[after.outcome] ?? "over") };
+    const count = after.discovered - before.discovered;
+    return count > 0 ? { kind: "gain", count } : null;
+  },
+  hint(before, after, said) {
+    const gained = after.discovered - before.discovered;
+    const gain = gained > 0 && after.step <= FIRST_MOVES ? `+${many(gained, "new cell")}` : "";
+    const [id, , line] = LINES.find(([name, fits]) => !said.has(name) && fits(after, gained)) ?? ["", null, ""];
+    return gain || line ? { id, gain, line } : null;
+  },
+  coach({ step, coverage }, keyOf, wanted) {
+    if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keyOf("east")} or ${keyOf("south")} to drive one cell.`];
+    if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
+    if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
+    if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
+    if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
+    return ["Nearly there", `The terrain is done at ${wanted}. The last black cells are often behind rocks and in corners.`];
+  },
+};

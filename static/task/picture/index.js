@@ -1,4 +1,3 @@
-// @ts-check
 // Any environment, shown as its own picture and told in the words of its description.
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { create } from "../../common/page.js";
@@ -11,7 +10,7 @@ const SMALL = 256;
 const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 
 /** Show a picture as large as its place, in whole multiples where that makes it larger.
- * @param {HTMLElement} place @param {{frame: Picture.Frame, trail: Mark[]}} board @param {Look} look */
+ * @param {HTMLElement} place @param {{frame: Picture.Frame}} board @param {Look} look */
 function paint(place, { frame }, { name, width_px, height_px, dpr }) {
   const canvas = place.querySelector("canvas");
   if (canvas) canvas.hidden = true;
@@ -35,7 +34,7 @@ function inWords({ text, step, outcome }) {
   return { line: [...rows, `${words(outcome) || "running"} after ${many(step, "move")}`].join("; "), rows };
 }
 
-/** @param {TaskAbout} about @returns {Task} */
+/** @param {TaskAbout} about @returns {TaskOf<Picture.Frame, null, Picture.Course, Picture.MoveHistory>} */
 export function taskOf(about) {
   const metric = about.metrics[0] ?? { name: "return", unit: "", lowest: null, highest: null };
   const ends = [metric.lowest, metric.highest];
@@ -58,26 +57,26 @@ export function taskOf(about) {
     },
     paint, inWords, progress, ending,
     mark: () => null,
-    path: (/** @type {Picture.MoveHistory} */ { headlines = [] }) => ({ trail: headlines.map(() => null), progress: headlines.map((value) => value ?? 0) }),
+    path: ({ headlines = [] }) => ({ trail: headlines.map(() => null), progress: headlines.map((value) => value ?? 0) }),
     shape: () => [1, 1],
     place: () => about.title,
-    headline(/** @type {Picture.Frame} */ frame) {
+    headline(frame) {
       const [low, high] = [metric.lowest ?? 0, metric.highest ?? 1];
       return { value: tickText(progress(frame)), unit: metric.unit || metric.name, share: Math.min(1, Math.max(0, (progress(frame) - low) / (high - low))) };
     },
     goal: () => about.title,
     outcome: words,
     status: (outcome) => words(outcome) || "running",
-    trialEnding(/** @type {Picture.Frame} */ frame) {
+    trialEnding(frame) {
       /** @type {[string, string][]} */
       const figures = [["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
       return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, ["Score", score(frame.score)]] };
     },
     scoreWhy: () => "",
-    compare(/** @type {Picture.Frame} */ _, theirs, rival) {
-      return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${many(theirs.step, "move")}, ${shown(progress(/** @type {Picture.Frame} */ (theirs)))}.` : "";
+    compare(_, theirs, rival) {
+      return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${many(theirs.step, "move")}, ${shown(progress(theirs))}.` : "";
     },
-    announcement(before, /** @type {Picture.Frame} */ after) {
+    announcement(before, after) {
       if (before?.episode !== after.episode) return `New episode of ${about.title}.`;
       return after.outcome && !before.outcome ? `${ending(after).title}.` : after.text ?? "";
     },
@@ -85,11 +84,11 @@ export function taskOf(about) {
     coach: (_, keyOf) => ["Try the keys", `${about.actions.map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`],
     ahead: () => "free",
     sound: (_, after) => (after.outcome ? { kind: "over" } : null),
-    courseOf(name, /** @type {Picture.Frame[]} */ frames) {
+    courseOf(name, frames) {
       const end = frames[frames.length - 1];
-      return end ? /** @type {Picture.Course} */ ({ name, frames, outcome: end.outcome, sentence: ending(end).title, actions: Array(end.step).fill("") }) : null;
+      return end ? { name, frames, outcome: end.outcome, sentence: ending(end).title, actions: Array(end.step).fill("") } : null;
     },
-    boardAt: (/** @type {Picture.Course} */ course, step) => ({ frame: frameAt(course, step), trail: [] }),
-    progressAt: (/** @type {Picture.Course} */ course, step) => progress(frameAt(course, step)),
+    boardAt: (course, step) => ({ frame: frameAt(course, step), trail: [] }),
+    progressAt: (course, step) => progress(frameAt(course, step)),
   };
 }

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { timing } from "../../../static/common/controls.js";
+import { timing } from "../../../static/common/keyboard.js";
 
 test("only a trusted event in a browser that nobody drives is a key or a touch", () => {
   assert.equal(timing("key", { isTrusted: true }, false, 1, null, 2).input, "key");

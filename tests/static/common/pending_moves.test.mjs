@@ -1,28 +1,36 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { answeredBy, createMoveSender, nextStep, noMoves, withMove, withoutMoves } from "../../../static/common/pending_moves.js";
+import { createMoveSender } from "../../../static/common/pending_moves.js";
 
 const frame = (step, changes = {}) => ({ episode: "e1", step, outcome: null, ...changes });
-const push = (moves, step) => withMove(moves, { episode: "e1", step, pressed_ms: 0, sent_ms: 0 });
+/** A sender of whose moves `steps` says which left; all of them wait. */
+function sender(presses) {
+  const steps = [];
+  const moves = createMoveSender({ send: ({ step }) => steps.push(step) > 0, sendEvents: () => {}, now_ms: () => 0 });
+  for (const [index] of Array(presses).entries()) moves.press(frame(0), "east", {}, index);
+  return { moves, steps, receive: (step, changes) => moves.receive({ kind: "frame", ...frame(step, changes) }) };
+}
 
 test("presses made before an answer are due at the steps that follow", () => {
-  const moves = push(push(noMoves(4), 5), 6);
-  assert.equal(nextStep(moves, frame(5)), 7);
-  const { moves: rest, answered } = answeredBy(moves, frame(6));
-  assert.deepEqual(answered.map((move) => move.step), [5]);
-  assert.equal(nextStep(rest, frame(6)), 7);
+  const { moves, steps, receive } = sender(2);
+  assert.deepEqual(receive(1).map((move) => move.step), [0]);
+  assert.equal(moves.press(frame(1), "east", {}, 9), true);
+  assert.deepEqual(steps, [0, 1, 2]);
 });
 
 test("no move is due while too many wait, and none after the end of the episode", () => {
-  assert.equal(nextStep(push(push(noMoves(2), 0), 1), frame(0)), null);
-  assert.equal(nextStep(noMoves(), frame(3, { outcome: "explored" })), null);
+  const { moves, steps } = sender(5);
+  assert.equal(moves.isFull(), true);
+  assert.deepEqual(steps, [0, 1, 2, 3]);
+  assert.equal(sender(0).moves.press(frame(3, { outcome: "explored" }), "east", {}, 0), false);
 });
 
 test("a refusal, an ending and a new episode drop all moves that wait", () => {
-  const moves = push(push(noMoves(), 0), 1);
-  assert.equal(withoutMoves(moves).pending.length, 0);
-  assert.equal(answeredBy(moves, frame(1, { outcome: "collided" })).moves.pending.length, 0);
-  assert.equal(answeredBy(moves, frame(0, { episode: "e2" })).moves.pending.length, 0);
+  for (const end of [({ moves }) => moves.drop(), ({ moves }) => moves.receive({ kind: "refused" }), ({ receive }) => receive(1, { outcome: "collided" }), ({ receive }) => receive(0, { episode: "e2" })]) {
+    const on = sender(2);
+    end(on);
+    assert.equal(on.moves.pending().length, 0);
+  }
 });
 
 test("a sender sends the step that is due, measures the round trip, and returns what was answered", () => {

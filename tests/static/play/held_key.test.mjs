@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createHeldKey, DEFAULT_PACE, DELAY_MS, paceOf } from "../../../static/play/held_key.js";
+import { createHeldKey, DEFAULT_PACE, DELAY_MS, paceOf } from "../../../static/play/input.js";
 
 /** A held key in front of a clock that a test moves. */
 function clockwork({ pace = 8, may = () => true, repeat = () => true } = {}) {

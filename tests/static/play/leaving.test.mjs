@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { isSameBoard, isUnfinished, showInstead } from "../../../static/play/leaving.js";
+import { isSameBoard, isUnfinished, showInstead } from "../../../static/play/sessions.js";
 
 const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 2, rows: 9, cols: 12, grid: [], position: [0, 0], discovered: 3, outcome: null, ...changes });
 const task = { shape: ({ rows, cols }) => [cols, rows] };

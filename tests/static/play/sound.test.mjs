@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createSound, soundOf, SOUND_SETTING, tonesOf } from "../../../static/play/sound.js";
+import { createSound, soundOf, SOUND_SETTING, tonesOf } from "../../../static/play/input.js";
 import { taskOf } from "../../../static/task/mars/index.js";
 
 const task = taskOf();

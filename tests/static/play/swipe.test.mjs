@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createSwipe, directionOf, SWIPE_PX } from "../../../static/play/swipe.js";
+import { createSwipe, directionOf, SWIPE_PX } from "../../../static/play/input.js";
 
 const pointer = (type, x, y, other = {}) => ({ type, clientX: x, clientY: y, pointerId: 1, pointerType: "touch", isPrimary: true, ...other });
 

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createRequest } from "../../../static/common/api.js";
+import { ROOT } from "../../../static/common/api.js";
 import { createStudyApi, outsideIds, studyName } from "../../../static/study/api.js";
 
 test("the name of the study and the ids of another site are read from the address", () => {
@@ -10,13 +10,13 @@ test("the name of the study and the ids of another site are read from the addres
   assert.deepEqual(outsideIds("?PROLIFIC_PID=p%201&STUDY_ID=&x=" + "y".repeat(201)), { PROLIFIC_PID: "p 1" });
 });
 
-test("calls go below api, from wherever the page lies", async () => {
+test("calls go below api, wherever the app is mounted", async () => {
   const asked = [];
-  const fetcher = async (path, options) => { asked.push([path, options.body]); return { ok: true, json: async () => ({}) }; };
-  const study = createStudyApi(createRequest(fetcher, "../"), "demo");
+  globalThis.fetch = async (path, options) => { asked.push([path.replace(ROOT, ""), options.body]); return { ok: true, json: async () => ({}) }; };
+  const study = createStudyApi("demo");
   await study.join({ A: "1" });
   await study.giveUp("e1", 3);
   await study.terrain(2, "ranked");
-  assert.deepEqual(asked, [["../api/studies/demo/join", '{"outside_ids":{"A":"1"}}'], ["../api/studies/demo/give-up", '{"episode":"e1","step":3}'],
-    ["../api/studies/demo/debrief/2?phase=ranked", undefined]]);
+  assert.deepEqual(asked, [["api/studies/demo/join", '{"outside_ids":{"A":"1"}}'], ["api/studies/demo/give-up", '{"episode":"e1","step":3}'],
+    ["api/studies/demo/debrief/2?phase=ranked", undefined]]);
 });

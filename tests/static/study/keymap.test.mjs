@@ -3,7 +3,7 @@ import test from "node:test";
 import { actionOf } from "../../../static/common/keyboard.js";
 import { keyName } from "../../../static/common/task.js";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { assign, mayDrive } from "../../../static/study/keymap.js";
+import { assign, mayDrive } from "../../../static/study/settings.js";
 
 const { keys: DEFAULT_KEYS } = taskOf();
 

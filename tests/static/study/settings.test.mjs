@@ -1,8 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { assign, readKeys } from "../../../static/study/keymap.js";
-import { readPalette } from "../../../static/study/palettes.js";
-import { readChoices } from "../../../static/study/settings.js";
+import { assign, readChoices, readKeys, readPalette } from "../../../static/study/settings.js";
 import { taskOf } from "../../../static/task/mars/index.js";
 
 const { keys: DEFAULT_KEYS } = taskOf();

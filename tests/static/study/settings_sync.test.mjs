@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createSettingsSync } from "../../../static/study/settings_sync.js";
+import { createSettingsSync } from "../../../static/study/settings.js";
 
 /** A settings sync of `chosen.now`; `requests` are those that were begun, each ended by the test or by its signal. */
 function saving(how = {}) {

@@ -1,4 +1,3 @@
-// @ts-check
 // Inside the 3-D view, which is one page for all boards: the name of its frame is "SESSION" or "SESSION?camera=...", and the
 // client's socket goes there. Under the address /viewer/SESSION/ the client finds its socket by itself. The frame is marked with
 // `data-drawn` while the board that it names is drawn, and hears "viewerlost" when nothing can be drawn any more. A plain script.

@@ -1,4 +1,3 @@
-// @ts-check
 // Inside the 3-D view, where the processor draws it (`?software-canvas` in its address). To show such a canvas a browser waits for
 // each picture on the page's own thread, and keys wait with it. So that canvas stays hidden. One picture is drawn at a time, read back
 // without waiting, and copied to an overlay once it is complete. A plain script: it has to run before the client's own.

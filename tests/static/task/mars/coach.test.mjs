@@ -1,6 +1,8 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { hint as hintAfter, inFront as ahead } from "../../../../static/task/mars/words.js";
+import { inFront as ahead, words } from "../../../../static/task/mars/words.js";
+
+const hintAfter = words.hint;
 
 const frame = (changes = {}) => ({ episode: "e1", step: 1, rows: 4, cols: 5, grid: ["@....", ".....", "?????", "?????"], position: [0, 0],
   discovered: 10, coverage: 0.1, heading: "east", outcome: null, ...changes });

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { chartMarkAt, markAt, markRadius, placeMarks, placeOnCurve } from "../../../../static/task/mars/loss_marks.js";
+import { chartMarkAt, numberAt, markRadius, placeMarks, placeOnCurve } from "../../../../static/task/mars/loss_marks.js";
 import { boardBefore } from "../../../../static/task/mars/losses.js";
 
 const at = (row, col) => ({ position: [row, col] });
@@ -14,9 +14,9 @@ test("numbers stand at their cells, and aside where another stands there already
 
 test("a number is found by a point near it, and by no other", () => {
   const losses = [at(2, 3), at(9, 9)];
-  assert.equal(markAt(losses, { x: 75, y: 44 }, 20, 1), 0);
-  assert.equal(markAt(losses, { x: 190, y: 190 }, 20, 1), 1);
-  assert.equal(markAt(losses, { x: 130, y: 130 }, 20, 1), null);
+  assert.equal(numberAt(losses, { x: 75, y: 44 }, 20, 1), 0);
+  assert.equal(numberAt(losses, { x: 190, y: 190 }, 20, 1), 1);
+  assert.equal(numberAt(losses, { x: 130, y: 130 }, 20, 1), null);
   assert.ok(markRadius(4, 2) >= 17, "and it stays large enough for a finger on small cells");
 });
 

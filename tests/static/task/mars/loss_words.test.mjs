@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placeOf, sentenceOf, summaryOf } from "../../../../static/task/mars/loss_words.js";
+import { placeOf, sentenceOf, summaryOf } from "../../../../static/task/mars/losses.js";
 
 const GRID = ["@.#??", "...??", "?????"];
 const loss = (rest = {}) => ({ step: 22, regret: 4, action: "west", best_action: "south", kind: "early detour", previous: "east", position: [0, 0],

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { hasTwoBoards, standing } from "../../../../static/play/bar.js";
-import * as words from "../../../../static/task/mars/words.js";
+import { hasTwoBoards, standing } from "../../../../static/play/panels.js";
+import { describe, stepsToGoal, words } from "../../../../static/task/mars/words.js";
 
 const frame = (changes = {}) => ({ episode: "e", step: 16, rows: 3, cols: 4, coverage: 0.2899, score: 0.281, outcome: null, ...changes });
 
@@ -66,12 +66,12 @@ test("the comparison says who needed fewer moves", () => {
 });
 
 test("only an explored terrain has steps to 99 %", () => {
-  assert.equal(words.stepsToGoal(board({ outcome: "explored" })), 60);
-  assert.equal(words.stepsToGoal(board({ outcome: "timed_out" })), null);
+  assert.equal(stepsToGoal(board({ outcome: "explored" })), 60);
+  assert.equal(stepsToGoal(board({ outcome: "timed_out" })), null);
 });
 
 test("the matrix in words names the four neighbours, edges too", () => {
-  const said = words.describe(board(), "You");
+  const said = describe(board(), "You");
   assert.match(said, /3 rows, 4 columns/);
   assert.match(said, /north edge, east free, south obstacle, west edge/);
 });
