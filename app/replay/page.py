@@ -117,7 +117,7 @@ def _inlined() -> Inlined:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """Return the text of a module, of its task's and of all that they import, by path below `static/`; each imports by that path."""
+    """Return the text of a module, of its task and of all that they import, by path below `static/`, by which they import."""
     found: dict[str, str] = {}
     waiting = [entry, TASK]
     while waiting:

@@ -1,6 +1,7 @@
 // Every line chart of the page. uPlot draws axes, lines and bands; dots, whiskers and the goal are drawn over them.
 import uPlot from "../vendor/uplot/uPlot.js";
 import { axisEnd, movesAxis } from "./chart_scale.js";
+import { create, createSvg } from "./page.js";
 
 /** Dashes of a policy's line beside a player's. */
 const DASHES = [6, 4];
@@ -138,18 +139,7 @@ export function paintLegend(place, lines) {
   if (place.dataset.painted === painted) return;
   place.dataset.painted = painted;
   place.replaceChildren(...lines.map(({ name, colour, dash }) => {
-    const item = document.createElement("span");
-    const svg = shape("svg", { viewBox: "0 0 22 8" });
-    const line = { x1: "0", x2: "22", y1: "4", y2: "4", stroke: colour, "stroke-width": "3", "stroke-dasharray": dash };
-    svg.append(shape("line", line));
-    item.append(svg, name);
-    return item;
+    const line = { x1: 0, x2: 22, y1: 4, y2: 4, stroke: colour, "stroke-width": 3, "stroke-dasharray": dash };
+    return create("span", [createSvg("svg", { viewBox: "0 0 22 8" }, createSvg("line", line)), name]);
   }));
-}
-
-/** @param {string} kind @param {Record<string, string>} attributes */
-function shape(kind, attributes) {
-  const element = document.createElementNS("http://www.w3.org/2000/svg", kind);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  return element;
 }

@@ -1,4 +1,5 @@
 // How many people needed how many moves, as columns, with a dot for you and a line for each policy. The lower part paints.
+import { createSvg } from "./page.js";
 
 /** Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.
  * @param {[number, number][]} counts [moves, how many people]
@@ -38,15 +39,6 @@ export function describe(target, bins, you, marks) {
 
 const WIDTH = 480;
 const BASE = 118;
-const SPACE = "http://www.w3.org/2000/svg";
-
-/** @param {string} kind @param {Record<string, string | number>} attributes @param {string} [text] */
-function drawn(kind, attributes, text = "") {
-  const element = document.createElementNS(SPACE, kind);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
-  element.textContent = text;
-  return element;
-}
 
 /** Paint a distribution into an element.
  * @param {HTMLElement} root
@@ -61,24 +53,24 @@ export function paintDistribution(root, { target, counts, you, marks = [] }) {
   const sorted = [...marks].sort((a, b) => a.moves - b.moves);
   const rows = rowsOf(sorted.map(({ name, moves }) => ({ at: at(moves + 0.5), width: 6.4 * name.length + 8 })), 3);
   const depth = Math.max(0, ...rows.map((row) => (row === null ? 0 : row + 1)));
-  const svg = drawn("svg", { class: "distribution", viewBox: `0 0 ${WIDTH} ${BASE + 20 + 15 * depth}`, role: "img", "aria-label": describe(target, bins, you, marks) });
+  const svg = createSvg("svg", { class: "distribution", viewBox: `0 0 ${WIDTH} ${BASE + 20 + 15 * depth}`, role: "img", "aria-label": describe(target, bins, you, marks) });
   for (const { from, to, count } of bins) {
     const isYours = you !== null && you >= from && you < to;
     const height = count ? 6 + (70 * count) / most : 0;
-    svg.append(drawn("rect", { class: isYours ? "bar-yours" : "bar-people", x: at(from) + 1.5, y: BASE - height, width: Math.max(2, at(to) - at(from) - 3), height, rx: 2 }));
+    svg.append(createSvg("rect", { class: isYours ? "bar-yours" : "bar-people", x: at(from) + 1.5, y: BASE - height, width: Math.max(2, at(to) - at(from) - 3), height, rx: 2 }));
   }
   sorted.forEach(({ name, moves }, index) => {
     const x = at(moves + 0.5);
     const row = rows[index];
-    svg.append(drawn("line", { class: "policy", x1: x, x2: x, y1: 34, y2: BASE }));
-    if (row !== null) svg.append(drawn("text", { class: "policy-text", x: Math.min(WIDTH - 3.2 * name.length - 4, Math.max(3.2 * name.length + 4, x)), y: BASE + 31 + 15 * row, "text-anchor": "middle" }, name));
+    svg.append(createSvg("line", { class: "policy", x1: x, x2: x, y1: 34, y2: BASE }));
+    if (row !== null) svg.append(createSvg("text", { class: "policy-text", x: Math.min(WIDTH - 3.2 * name.length - 4, Math.max(3.2 * name.length + 4, x)), y: BASE + 31 + 15 * row, "text-anchor": "middle" }, name));
   });
-  svg.append(drawn("line", { class: "axis", x1: 8, x2: WIDTH - 8, y1: BASE + 0.5, y2: BASE + 0.5 }));
-  svg.append(drawn("text", { x: 8, y: BASE + 15 }, `${low} moves`), drawn("text", { x: WIDTH - 8, y: BASE + 15, "text-anchor": "end" }, String(high)));
+  svg.append(createSvg("line", { class: "axis", x1: 8, x2: WIDTH - 8, y1: BASE + 0.5, y2: BASE + 0.5 }));
+  svg.append(createSvg("text", { x: 8, y: BASE + 15 }, `${low} moves`), createSvg("text", { x: WIDTH - 8, y: BASE + 15, "text-anchor": "end" }, String(high)));
   if (you !== null) {
     const x = at(you + 0.5);
-    svg.append(drawn("circle", { class: "you", cx: x, cy: 24, r: 7 }));
-    svg.append(drawn("text", { class: "you-text", x: x > WIDTH - 80 ? x - 13 : x + 13, y: 28, "text-anchor": x > WIDTH - 80 ? "end" : "start" }, `you ${Math.round(10 * you) / 10}`));
+    svg.append(createSvg("circle", { class: "you", cx: x, cy: 24, r: 7 }));
+    svg.append(createSvg("text", { class: "you-text", x: x > WIDTH - 80 ? x - 13 : x + 13, y: 28, "text-anchor": x > WIDTH - 80 ? "end" : "start" }, `you ${Math.round(10 * you) / 10}`));
   }
   root.replaceChildren(svg);
 }

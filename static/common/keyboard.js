@@ -49,19 +49,22 @@ export function timeOf_ms(event, view, page) {
  *   onLetGo    any key came up, wherever the focus was: its code; null when the window lost the focus or a chord
  *              began, after which some systems report no key that comes up
  *   actionOf   the action of a key's code; undefined lets the key pass
+ *   onEvent    any key went down or came up, whatever becomes of it; `isOwn` where it belongs to what has the focus
  * @param {Window & typeof globalThis} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void, onRelease: (at_ms: number) => void,
  *   onEnter: (event: KeyboardEvent) => boolean, actionOf: (code: string) => Action | undefined,
- *   onLetGo?: (code: string | null) => void}} handlers
+ *   onLetGo?: (code: string | null) => void, onEvent?: (event: KeyboardEvent, isOwn: boolean, at_ms: number) => void}} handlers
  * @param {Window & typeof globalThis} page with the clock that counts */
 export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
   const at_ms = (event) => timeOf_ms(event, view, page);
   /** @param {KeyboardEvent} event */
   function handle(event) {
+    const isOwn = ownsKeys(keyOrigin(event));
+    handlers.onEvent?.(event, isOwn, at_ms(event));
     if (event.ctrlKey || event.metaKey || event.altKey) handlers.onLetGo?.(null);
     else if (event.type === "keyup") handlers.onLetGo?.(event.code);
-    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || ownsKeys(keyOrigin(event))) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.isComposing || isOwn) return;
     if (event.key === "Enter" && event.type === "keydown" && !event.repeat) {
       if (handlers.onEnter(event)) swallow(event);
       return;
@@ -94,64 +97,77 @@ export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
 /** @param {number} ms */
 const round = (ms) => Math.round(ms * 10) / 10;
 
-/** Start the controls, and return how another gesture presses.
+/** Start the controls, and return how another gesture presses. Raw events are noted before anything is made of them.
+ *   frames   in which keys drive as well, such as the 3-D views
+ *   pad      whose buttons may change
+ *   drives   whether a key's code is noted
  *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
  *   onLetGo  what came up; null where all counts as let go
- * @param {{page: Window & typeof globalThis, frames: HTMLIFrameElement[], pad: HTMLElement, onAct: (action: Action,
- *   timing: Timing, pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
+ * @param {{frames: HTMLIFrameElement[], pad: HTMLElement, telemetry: Pick<Telemetry, "note" | "flush" | "leave">,
+ *   drives: (code: string) => boolean, onActivity: () => void, onAct: (action: Action, timing: Timing,
+ *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
  *   actionOf: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
-export function startControls({ page, frames, pad, onAct, onEnter, actionOf, onLetGo }) {
+export function startControls({ frames, pad, telemetry: { note, flush, leave }, drives, onActivity, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
-  const isDriven = () => page.navigator.webdriver === true;
   /** @param {"key" | "touch"} input @param {Action} action @param {globalThis.Event} event @param {number} at_ms
    * @param {string} holder */
   function press(input, action, event, at_ms, holder) {
     const previous_ms = up_ms;
     up_ms = null;
-    onAct(action, timing(input, event, isDriven(), at_ms, previous_ms, page.performance.now()), at_ms, holder);
+    onAct(action, timing(input, event, navigator.webdriver === true, at_ms, previous_ms, performance.now()), at_ms, holder);
   }
   /** @param {string} holder @param {number} at_ms */
   function release(holder, at_ms) {
     up_ms = at_ms;
     onLetGo?.(holder);
   }
+  /** @type {Parameters<typeof hookKeys>[1]} */
   const handlers = {
-    /** @param {Action} action @param {KeyboardEvent} event @param {number} at_ms */
     onPress: (action, event, at_ms) => press("key", action, event, at_ms, event.code),
-    /** @param {number} at_ms */
     onRelease: (at_ms) => { up_ms = at_ms; },
-    onEnter,
-    actionOf,
-    onLetGo,
+    onEnter, actionOf, onLetGo,
+    onEvent({ type, code, repeat, isTrusted: trusted }, isOwn, at_ms) {
+      if (type === "keydown") onActivity();
+      if (drives(code) && !isOwn) note(/** @type {"keydown"} */ (type), { code, repeat, trusted, at_ms });
+    },
   };
-  hookKeys(page, handlers, page);
+  hookKeys(window, handlers, window);
   for (const frame of frames) {
-    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, page));
+    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, window));
   }
-  for (const kind of /** @type {const} */ (["pointerdown", "pointerup", "pointercancel", "pointerout", "click", "contextmenu"])) {
-    pad.addEventListener(kind, (event) => touch(kind, /** @type {PointerEvent} */ (event)));
-  }
-  /** @param {string} kind @param {PointerEvent} event on the pad, whose buttons may change */
-  function touch(kind, event) {
+  const NOTED = /** @type {const} */ ({ pointerdown: ["touchdown"], pointerup: ["touchup"], pointercancel: ["touchup"], click: ["touchdown", "touchup"] });
+  /** @param {PointerEvent} event */
+  function touch(event) {
+    const { type, detail, isTrusted: trusted } = event;
     const button = /** @type {HTMLElement | null} */ (/** @type {Element} */ (event.target).closest("[data-action]"));
-    if (!button) return;
-    const [action, at_ms] = [button.dataset.action ?? "", timeOf_ms(event, page, page)];
+    if (!button || (type === "click" && detail !== 0)) return; // a click without a pointer comes from a keyboard or an assistive tool
+    const [action, at_ms] = [button.dataset.action ?? "", timeOf_ms(event, window, window)];
     const holder = `button ${action}`;
-    if (kind === "contextmenu") event.preventDefault();
-    else if (kind === "click") {
-      if (event.detail !== 0) return; // a click without a pointer comes from a keyboard or an assistive tool
+    for (const kind of NOTED[/** @type {"click"} */ (type)] ?? []) note(kind, { code: action, repeat: false, trusted, at_ms });
+    if (type === "contextmenu") event.preventDefault();
+    else if (type === "click") {
       press("touch", action, event, at_ms, holder);
       onLetGo?.(holder);
-    } else if (kind === "pointerdown") {
+    } else if (type === "pointerdown") {
       if (!event.isPrimary || event.button !== 0) return;
       event.preventDefault();
       button.classList.add("is-down");
       press("touch", action, event, at_ms, holder);
-    } else if (kind !== "pointerout" || !button.contains(/** @type {Node | null} */ (event.relatedTarget))) {
+    } else if (type !== "pointerout" || !button.contains(/** @type {Node | null} */ (event.relatedTarget))) {
       if (button.classList.contains("is-down")) release(holder, at_ms);
       button.classList.remove("is-down");
     }
   }
+  for (const kind of [...Object.keys(NOTED), "pointerout", "contextmenu"]) pad.addEventListener(kind, (event) => touch(/** @type {PointerEvent} */ (event)), true);
+  addEventListener("pointerdown", onActivity, true);
+  addEventListener("focus", () => note("focus"));
+  addEventListener("blur", () => note("blur"));
+  document.addEventListener("visibilitychange", () => {
+    note(document.hidden ? "hidden" : "visible");
+    if (document.hidden) leave();
+    else flush();
+  });
+  addEventListener("pagehide", leave);
   return { press, release };
 }

@@ -19,18 +19,29 @@ export function create(kind, content = [], attributes = {}) {
   return element;
 }
 
+/** Return a new element of a picture.
+ * @param {string} kind @param {Record<string, string | number>} attributes @param {(string | Node)[]} content */
+export function createSvg(kind, attributes, ...content) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", kind);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  element.append(...content);
+  return element;
+}
+
 /** Set an element's text, if it is another one.
  * @param {HTMLElement} element @param {string} text */
 export function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** Let a button copy a link; a page without TLS has no clipboard, and shows the link to be copied by hand.
+/** @param {string} text @returns whether it is on the clipboard; a page without TLS has none */
+export const copied = async (text) => Boolean(await navigator.clipboard?.writeText(text).then(() => true, () => false));
+
+/** Let a button copy a link; where there is no clipboard it shows the link to be copied by hand.
  * @param {HTMLElement} button @param {() => string} link @param {(text: string) => void} announce to screen readers */
 export function copyOnClick(button, link, announce) {
   button.addEventListener("click", async () => {
-    const isCopied = await navigator.clipboard?.writeText(link()).then(() => true, () => false);
-    if (!isCopied) return void window.prompt("Copy this link:", link());
+    if (!(await copied(link()))) return void window.prompt("Copy this link:", link());
     put(button, "Link copied");
     announce("Link copied");
     setTimeout(() => put(button, "Copy link"), 2000);
@@ -98,4 +109,27 @@ export function createSizes(onChange) {
     /** @param {HTMLElement} element */
     of: (element) => sizes.get(element) ?? { width_px: element.clientWidth, height_px: element.clientHeight },
   };
+}
+
+/** @param {Element} element @returns what reads its custom properties */
+export function reader(element) {
+  const style = getComputedStyle(element);
+  return (/** @type {string} */ name) => style.getPropertyValue(name).trim();
+}
+
+/** Return the colours of a board: of the player, of the policy, of a better move, and of what is drawn round things.
+ * They are the same in every theme.
+ * @param {Element} element the board's canvas, or anything around it */
+export function boardColours(element) {
+  const read = reader(element);
+  return { you: read("--board-you"), policy: read("--board-policy"), better: read("--board-better"), casing: read("--board-casing") };
+}
+
+/** Return the colours of a chart, which follow the theme of the page, and the face of its numbers.
+ * @param {Element} element the chart's canvas, or anything around it
+ * @returns {{inks: Inks, you: string, policy: string, ground: string, font: string}} */
+export function chartColours(element) {
+  const read = reader(element);
+  const inks = { text: read("--chart-text"), goal: read("--chart-goal"), base: read("--chart-base"), line: read("--chart-line") };
+  return { inks, you: read("--chart-you"), policy: read("--chart-policy"), ground: read("--panel"), font: read("--figures") };
 }

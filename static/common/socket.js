@@ -139,7 +139,7 @@ export function startHeartbeat({ silence_ms, idle_ms, onFailure, onSuccess }) {
  *   onAnswered  the moves that a message of the player's board answers
  *   onBack      the server answers again
  * @param {{moves: {receive: (message: FromServer) => Pending[], drop: () => void},
- *   telemetry: Pick<ReturnType<import("./telemetry.js").createTelemetry>, "answered" | "reconnected">,
+ *   telemetry: Pick<Telemetry, "answered" | "reconnected">,
  *   dispatch: (event: GameEvent) => void, isLost: () => boolean,
  *   idle_ms: () => number, silence_ms?: () => number, onAnswered?: (moves: Pending[], message: FromServer) => void,
  *   onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */

@@ -1,11 +1,22 @@
 // The task of a page: its module, and the parts of the page that differ from task to task.
-import { create } from "./page.js";
+import { create, put } from "./page.js";
 
 /** Return what a page knows of a task: MarsExplorer where the server says nothing of it.
  * @param {TaskAbout | undefined | null} about @returns {Promise<Task>} */
 export async function loadTask(about) {
   const { taskOf } = await import(`../task/${about?.assets ?? "mars"}/index.js`);
   return taskOf(about ?? undefined);
+}
+
+/** Paint moves and headline of a board, and return the headline.
+ * @param {Record<string, HTMLElement>} part @param {Task} task @param {Frame} frame */
+export function paintNumbers(part, task, frame) {
+  const headline = task.headline(frame);
+  put(part.steps, String(frame.step));
+  put(part["steps-name"], frame.step === 1 ? "move" : "moves");
+  put(part.coverage, headline.value);
+  put(part.unit, headline.unit);
+  return headline;
 }
 
 const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", ArrowDown: "M4 7l6 6 6-6", ArrowRight: "M7 4l6 6-6 6" };
@@ -45,3 +56,6 @@ export function keyName(code, layout) {
   const printed = code.startsWith("Arrow") ? own : layout?.get(code) ?? own;
   return (printed ?? code.replace(/^(Key|Digit)/, "").replace(/^Numpad/, "Num ")).toUpperCase().replace("NUM ", "Num ");
 }
+
+/** @param {boolean} isTouch @returns what asks for the first move */
+export const promptText = (isTouch) => (isTouch ? "Swipe or tap an arrow" : "Press an arrow key");

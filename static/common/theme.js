@@ -37,16 +37,8 @@
   /** @param {HTMLButtonElement} button */
   function paintButton(button) {
     const { says, path } = LOOKS[choice];
-    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    svg.setAttribute("viewBox", "0 0 20 20");
-    svg.setAttribute("aria-hidden", "true");
-    path.split(" M").forEach((piece, index) => {
-      const line = document.createElementNS("http://www.w3.org/2000/svg", "path");
-      line.setAttribute("d", index ? `M${piece}` : piece);
-      if (choice === "auto" && index === 0) line.setAttribute("class", "solid");
-      svg.append(line);
-    });
-    button.replaceChildren(svg);
+    const pieces = path.split(" M").map((piece, index) => `<path d="${index ? "M" : ""}${piece}"${choice === "auto" && !index ? ' class="solid"' : ""}/>`);
+    button.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true">${pieces.join("")}</svg>`;
     button.title = `Colours: ${says}`;
     button.setAttribute("aria-label", `Colours: ${says}. Change`);
     button.hidden = false;

@@ -127,5 +127,6 @@ type RecordedEvent = {
   round_trip_ms: number | null,
 };
 type Pending = {episode: string, step: number, action: Action, pressed_ms: number, sent_ms: number};
+type Telemetry = ReturnType<typeof import("./telemetry.js").createTelemetry>;
 type Batch = ReturnType<typeof import("./messages.js").events>;
 type StudyListing = {name: string, title: string, status: string, recruitment: string, warm_up: number, ranked: number};

@@ -1,15 +1,12 @@
 // The daily page: today's board, one attempt, and what it came to. The only module of this page that knows all the others.
 import { api, ApiError, request, withTask } from "../common/api.js";
-import { boardColours } from "../common/colours.js";
+import { boardColours, by, copied, create, createRepaint, createSizes, paintLink, paintNotices, partsOf, put } from "../common/page.js";
 import { paintDistribution } from "../common/distribution.js";
 import { apply, initialState } from "../common/game_state.js";
-import { create, createRepaint, createSizes, by, paintLink, paintNotices, partsOf, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
-import { loadTask } from "../common/task.js";
-import { promptText } from "../play/first_visit.js";
+import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
-import { paintNumbers } from "../play/panels.js";
 import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
@@ -34,7 +31,7 @@ const repaint = createRepaint(paint);
 addEventListener("theme", () => repaint());
 
 const { moves, telemetry } = startInput({
-  page: window, task, board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
+  task, board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
   onActivity: () => { actedAt_ms = performance.now(); }, send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
@@ -58,7 +55,10 @@ function paint() {
   if (!board) return;
   const { frame } = board;
   task.paint(part.matrix, board, { name: "You", accent: boardColours(document.documentElement).you, ...sizes.of(part.matrix), dpr: devicePixelRatio || 1 });
-  paintNumbers(root, part, task, frame);
+  const { share } = paintNumbers(part, task, frame);
+  put(part.outcome, task.outcome(frame.outcome));
+  root.style.setProperty("--share", String(share));
+  root.dataset.outcome = frame.outcome ?? "running";
   document.body.dataset.ended = String(Boolean(frame.outcome));
   document.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
   by("prompt").hidden = frame.step > 0 || Boolean(frame.outcome);
@@ -191,12 +191,7 @@ async function showYesterday({ day, commitment, key }) {
 const area = by("share-text", HTMLTextAreaElement);
 by("copy").addEventListener("click", async () => {
   area.select();
-  try {
-    await navigator.clipboard.writeText(area.value);
-    put(by("copy"), "Copied");
-  } catch {
-    put(by("copy"), document.execCommand("copy") ? "Copied" : "Press Ctrl+C"); // a page without TLS may not write to the clipboard
-  }
+  put(by("copy"), (await copied(area.value)) || document.execCommand("copy") ? "Copied" : "Press Ctrl+C");
   setTimeout(() => put(by("copy"), "Copy"), 2500);
 });
 begin();

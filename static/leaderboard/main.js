@@ -2,8 +2,7 @@
 import { request } from "../common/api.js";
 import { create, by } from "../common/page.js";
 import { loadTask } from "../common/task.js";
-import { GRADIENT, paintCoverage, paintMaps, paintTrials, topOf } from "./charts.js";
-import { breakOf, invitation, paintRanks, scaleOf } from "./ranks.js";
+import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
 
 const boardSelect = by("board", HTMLSelectElement);

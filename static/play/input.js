@@ -2,7 +2,7 @@
 import { actionOf, startControls, timeOf_ms } from "../common/keyboard.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
-import { createTelemetry, onScreen, recordInputEvents } from "../common/telemetry.js";
+import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { many } from "../common/words.js";
 import { createPressQueue } from "./press_queue.js";
 
@@ -18,15 +18,16 @@ const REPEAT_SETTING = "mars.repeat";
  *   driven      the newest frame of a board that is driven here, else null
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
- * @param {{page: Window & typeof globalThis, task: Task, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
+ * @param {{task: Task, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
  *   announce: (text: string) => void, onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
-export function startInput({ page, task, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
-  const now_ms = () => page.performance.now();
+export function startInput({ task, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
+  const now_ms = () => performance.now();
+  const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   const sendEvents = () => telemetry.sendAll();
   const mark = createDropMark(board, announce);
-  const sound = createSound(settings.sound, { storage: page.localStorage, makeContext: () => new AudioContext() });
+  const sound = createSound(settings.sound, { storage: localStorage, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
     sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isConnecting, sendEvents, now_ms,
     onDropped(reason, count) {
@@ -34,24 +35,23 @@ export function startInput({ page, task, board, frames, pad, settings, send, dri
       sound.play({ kind: "blocked" });
     },
   });
-  const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(page.sessionStorage.getItem(KEPT) ?? "[]"),
-    store: (batches) => page.sessionStorage.setItem(KEPT, JSON.stringify(batches)),
+  const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(sessionStorage.getItem(KEPT) ?? "[]"),
+    store: (batches) => sessionStorage.setItem(KEPT, JSON.stringify(batches)),
     context: () => onScreen(driven(), painted(), moves.round_trip_ms()) });
   /** Of the press that is held.
    * @type {{timing: Timing, episode: string} | null} */
   let held = null;
   const heldKey = createHeldKey({
-    now_ms, pace: () => paceOf(page.localStorage.getItem(REPEAT_SETTING)),
-    mayRepeat: () => isPractice() && driven()?.outcome === null && driven()?.episode === held?.episode && !page.document.querySelector("dialog[open]"),
+    now_ms, pace: () => paceOf(localStorage.getItem(REPEAT_SETTING)),
+    mayRepeat: () => isPractice() && driven()?.outcome === null && driven()?.episode === held?.episode && !document.querySelector("dialog[open]"),
     repeat: (action) => held !== null && moves.repeat(action, { ...held.timing, key_up_ms: null, client_ms: Math.round(now_ms() * 10) / 10 }),
     after(wait_ms, work) {
-      const timer = page.setTimeout(work, wait_ms);
-      return () => page.clearTimeout(timer);
+      const timer = setTimeout(work, wait_ms);
+      return () => clearTimeout(timer);
     },
   });
-  recordInputEvents({ page, frames, pad, note: telemetry.note, flush: telemetry.flush, leave: telemetry.leave, onActivity, drives: (code) => actionOf(task.keys, code) !== undefined });
   const controls = startControls({
-    page, frames, pad, onEnter, actionOf: (code) => actionOf(task.keys, code),
+    frames, pad, telemetry, onActivity, onEnter, actionOf: actionOfKey, drives: (code) => actionOfKey(code) !== undefined,
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
       if (!on) return;
@@ -62,24 +62,24 @@ export function startInput({ page, task, board, frames, pad, settings, send, dri
     onLetGo: (holder) => (holder === null ? heldKey.stop() : heldKey.up(holder)),
   });
   startSwipes({
-    page, surfaces: [...board.querySelectorAll(".stage, .matrix")].map((each) => /** @type {HTMLElement} */ (each)), frames: frames.slice(0, 1),
-    isOn: () => driven()?.outcome === null, actionOf: (code) => actionOf(task.keys, code),
+    surfaces: [...board.querySelectorAll(".stage, .matrix")].map((each) => /** @type {HTMLElement} */ (each)), frames: frames.slice(0, 1),
+    isOn: () => driven()?.outcome === null, actionOf: actionOfKey,
     onSwipe(action, event, view) {
       onActivity();
-      const at_ms = timeOf_ms(event, view, page);
+      const at_ms = timeOf_ms(event, view, window);
       telemetry.note("touchdown", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
       controls.press("touch", action, event, at_ms, "swipe");
     },
     onEnd(action, event, view) {
-      const at_ms = timeOf_ms(event, view, page);
+      const at_ms = timeOf_ms(event, view, window);
       telemetry.note("touchup", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
       controls.release("swipe", at_ms);
     },
   });
-  settings.repeat.value = String(paceOf(page.localStorage.getItem(REPEAT_SETTING)));
-  settings.repeat.addEventListener("change", () => page.localStorage.setItem(REPEAT_SETTING, settings.repeat.value));
-  page.document.addEventListener("visibilitychange", heldKey.stop);
-  page.setInterval(telemetry.flush, 1000);
+  settings.repeat.value = String(paceOf(localStorage.getItem(REPEAT_SETTING)));
+  settings.repeat.addEventListener("change", () => localStorage.setItem(REPEAT_SETTING, settings.repeat.value));
+  document.addEventListener("visibilitychange", heldKey.stop);
+  setInterval(telemetry.flush, 1000);
   return {
     telemetry,
     moves: {
@@ -250,10 +250,10 @@ const TYPES = /** @type {const} */ (["pointerdown", "pointermove", "pointerup", 
 
 /** Follow the swipes on elements of the page and inside frames on it, before any other listener.
  *   onSwipe, onEnd  as of `createSwipe`, with the window in which the event happened
- * @param {{page: Window & typeof globalThis, surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
+ * @param {{surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
  *   actionOf: (code: string) => Action | undefined, onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void, onEnd: (action: Action,
  *   event: PointerEvent, view: Window & typeof globalThis) => void}} how */
-export function startSwipes({ page, surfaces, frames, isOn, actionOf, onSwipe, onEnd }) {
+export function startSwipes({ surfaces, frames, isOn, actionOf, onSwipe, onEnd }) {
   /** @param {HTMLElement | (Window & typeof globalThis)} target @param {Window & typeof globalThis} view */
   function follow(target, view) {
     const take = createSwipe({ isOn, actionOf, onSwipe: (action, event) => onSwipe(action, event, view), onEnd: (action, event) => onEnd(action, event, view) });
@@ -267,7 +267,7 @@ export function startSwipes({ page, surfaces, frames, isOn, actionOf, onSwipe, o
     // a finger that stays down must not bring up a menu
     target.addEventListener("contextmenu", (event) => { if (isOn() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
   }
-  for (const surface of surfaces) follow(surface, page);
+  for (const surface of surfaces) follow(surface, window);
   for (const frame of frames) {
     frame.addEventListener("load", () => frame.contentWindow && follow(/** @type {Window & typeof globalThis} */ (frame.contentWindow),
       /** @type {Window & typeof globalThis} */ (frame.contentWindow)));

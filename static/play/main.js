@@ -1,23 +1,41 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { api, ApiError } from "../common/api.js";
+import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
+import { apply, ghostOf, initialState } from "../common/game_state.js";
+import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
-import { apply, initialState } from "../common/game_state.js";
-import { copyOnClick, createRepaint, createSizes, by, paintLink, paintNotices } from "../common/page.js";
-import { loadTask, showTask } from "../common/task.js";
-import { createPanel, createVolunteers, offerPolicies, startDialog, startPace, startTabs } from "./panels.js";
-import { createFirstVisit } from "./first_visit.js";
+import { loadTask, promptText, showTask } from "../common/task.js";
+import { notCounted, score } from "../common/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
+import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
 import { createLeaving, createSessions, findBoard, patiently, showInstead, taskInSearch } from "./sessions.js";
-import { createPainter } from "./painter.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
 let actedAt_ms = performance.now();
-/** @type {ReturnType<typeof createPainter> | null} null before the task is known */
-let painter = null;
-Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return painter?.latencies() ?? []; } }) });
+/** Whether the task is known, and all is wired. */
+let isReady = false;
+Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
+
+const chart = by("chart");
+/** @type {GameState | null} */
+let painted = null;
+/** @type {{pressed_ms: number}[]} answered moves that wait for their repaint */
+let waiting = [];
+/** @type {number[]} key press to repaint of the matrix, ms, the newest thousand */
+const latencies = [];
+
+const VISITED = "mars.visited";
+/** The mark on the page's timeline at which the player's matrix was painted for the first time. */
+const FIRST_FRAME = "mars.first-frame";
+/** @type {Set<string>} */
+const said = new Set();
+/** @type {Hint | null} */
+let hint = null;
+let isCoaching = true;
+const isFirstVisit = () => document.body.dataset.visit === "first";
 
 const template = by("board-template", HTMLTemplateElement);
 const rootOf = (/** @type {string} */ role) => /** @type {HTMLElement} */ (document.querySelector(`[data-role=${role}]`));
@@ -28,8 +46,9 @@ const announce = (/** @type {string} */ text) => { by("announcer").textContent =
 const dismiss = (/** @type {number} */ id) => dispatch({ kind: "dismiss", id });
 const showTab = startTabs();
 const repaint = createRepaint((isWhole) => {
-  if (isWhole) painter?.forget();
-  painter?.paint(state);
+  if (!isReady) return;
+  if (isWhole) painted = null;
+  paint();
   parts.losses?.paint();
 });
 addEventListener("theme", () => repaint(true));
@@ -64,28 +83,25 @@ const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDial
   onWrong: (text) => dispatch({ kind: "notice", text }),
 });
 const wish = () => terrainDialog?.wish() ?? { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: task.name };
-const visit = createFirstVisit({ part, isTouch: matchMedia("(pointer: coarse)").matches, onEnded: () => repaint(true) });
-painter = createPainter({ task, panels, sizes, visit, parts, dismiss, rivalName: () => wish().rival, paysBonus: (level) => terrainDialog?.paysBonus(level) ?? false });
-const volunteers = createVolunteers({ state: () => state, dispatch });
 const sessions = createSessions({
   api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
     terrainDialog?.show(about);
-    volunteers.load();
+    loadVolunteers();
   },
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const { moves, telemetry } = startInput({
-  page: window, task, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
+  task, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
   isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
-  send: (message) => connections.send("player", message), painted: () => painter?.playersFrame() ?? null,
+  send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
-  onAnswered: (answered) => painter?.answered(answered),
+  onAnswered: (answered) => waiting.push(...answered),
   async beforeRetry(role, session) {
     try {
       const about = await api.about(session);
@@ -104,9 +120,9 @@ const connections = startBoards({
 function dispatch(event) {
   const before = state;
   state = apply(state, event);
-  if (state === before || !painter) return;
+  if (state === before || !isReady) return;
   if (event.kind === "begun") moves.drop("ended");
-  visit.follow(before, state);
+  followVisit(before, state);
   connections.sync(state);
   const frame = state.player?.frame;
   if (frame && frame !== before.player?.frame) {
@@ -114,9 +130,123 @@ function dispatch(event) {
     const said = task.announcement(before.player?.frame ?? null, frame);
     if (said) announce(said);
     if (state.mode === "ranked" && frame.outcome && modules) sessions.replay(state);
-    if (frame.outcome && !before.player?.frame.outcome) volunteers.ended();
+    if (frame.outcome && !before.player?.frame.outcome) volunteersEnded();
   }
   repaint();
+}
+
+/** @param {GameState | null} before @param {number} dpr */
+function paintBoards(before, dpr) {
+  const { you, policy } = boardColours(document.documentElement);
+  const colours = { player: you, rival: policy };
+  for (const role of ROLES) {
+    const board = state[role];
+    const { part } = panels[role];
+    const trail = ghostOf(state, role);
+    if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
+    const isMine = role === "player";
+    const shown = (isMine && parts.losses?.boardOf(board)) || board;
+    const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
+    task.paint(part.matrix, shown, { name: board.name, accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
+      ...parts.thinking?.look(state, role), marks: isMine ? parts.losses?.marks() : null });
+  }
+  const now_ms = performance.now();
+  if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
+  latencies.push(...waiting.map((move) => now_ms - move.pressed_ms));
+  latencies.splice(0, latencies.length - 1000);
+  waiting = [];
+}
+/** @param {GameState | null} before */
+function paintPanels(before) {
+  const hasTwo = hasTwoBoards(state, isFirstVisit());
+  for (const role of ROLES) {
+    if (before && state[role] === before[role] && state.mode === before.mode) continue;
+    paintPanel(panels[role], task, state[role]);
+    paintPick(panels[role], state[role]);
+    paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
+    parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
+  }
+}
+function paintCurves() {
+  const { inks, font, you, policy, ground } = chartColours(document.documentElement);
+  const colours = { player: you, rival: policy };
+  const shown = hasTwoBoards(state, isFirstVisit()) ? ROLES : /** @type {const} */ (["player"]);
+  const curves = shown.flatMap((role) => {
+    const board = state[role];
+    return board ? [{ board, colour: colours[role], isDashed: role === "rival" }] : [];
+  });
+  paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
+    ({ name: board.name, colour, dash: isDashed ? "9 4" : "" })));
+  paintProgress(chart, task, curves, { font, inks, over: parts.losses?.overChart({ you, ground, ink: inks.goal }) });
+  parts.thinking?.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
+  const label = curves.map(({ board: { name, progress } }) =>
+    `${name}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
+  chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
+}
+
+function paint() {
+  const before = painted;
+  painted = state;
+  const dpr = window.devicePixelRatio || 1;
+  document.body.dataset.boards = hasTwoBoards(state, isFirstVisit()) ? "2" : "1";
+  paintBoards(before, dpr);
+  paintPanels(before);
+  parts.views?.paintCamera(state.player?.frame);
+  if (state.player !== before?.player || state.rival !== before?.rival) paintCurves();
+  paintVisit();
+  paintBar(state, wish().rival);
+  const hasJustEnded = paintEndCard(panels.player.part, task, state, terrainDialog?.paysBonus(state.level) ?? false);
+  if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
+  if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
+}
+
+function paintVisit() {
+  const { mode, player, link } = state;
+  const isDriven = isFirstVisit() && (mode === "practice" || mode === "ranked");
+  const frame = player?.frame;
+  part.prompt.hidden = !isDriven || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
+  if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches));
+  part.coach.hidden = !isDriven || !isCoaching || !hint || !frame || frame.step === 0;
+  put(part["coach-gain"], hint?.gain ?? "");
+  put(part["coach-line"], hint?.line ?? "");
+}
+
+/** Take note of a change of the player's board.
+ * @param {GameState} before @param {GameState} after */
+function followVisit(before, after) {
+  const [was, is] = [before.player?.frame, after.player?.frame];
+  if (!isFirstVisit() || !is || was === is || after.mode === "watch") return;
+  if (is.step > 0) localStorage.setItem(VISITED, "yes");
+  const isNext = was?.episode === is.episode && is.step > was.step && !is.outcome;
+  hint = (isNext && task.hint(was, is, said)) || null;
+  if (hint?.id) said.add(hint.id);
+  if (!is.outcome || was?.episode !== is.episode) return;
+  document.body.dataset.visit = "again";
+  repaint(true);
+}
+
+/** Ask for the figure and paint it: that of the terrain being played, and the server's sentence. */
+async function loadVolunteers() {
+  const answer = await api.humanLevel().catch(() => null);
+  if (!answer) return;
+  const { level, player, task } = state;
+  const shape = player && task ? String(task.shape(player.frame)) : "";
+  const found = answer.figures.find((each) => each.level === level && `${each.cols},${each.rows}` === shape);
+  const line = by("human-figure");
+  line.hidden = !found;
+  if (found) put(line, `${found.steps.mean.toFixed(1)} steps \u00b7 score ${score(found.score.mean)}`);
+  put(by("human-level"), answer.sentence);
+}
+
+/** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
+async function volunteersEnded() {
+  const { mode, counts, player } = state;
+  const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
+  if (about?.not_attested) {
+    dispatch({ kind: "begun", about });
+    dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
+  }
+  await loadVolunteers();
 }
 
 const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
@@ -166,5 +296,10 @@ for (const role of ROLES) {
   sizes.watch(panels[role].part.matrix);
 }
 for (const chart of ["chart", "values"]) sizes.watch(by(chart));
+part["coach-close"].addEventListener("click", () => {
+  isCoaching = false;
+  part.coach.hidden = true;
+});
 terrainDialog?.offer(levels, policies, maps);
+isReady = true;
 restore(found);

@@ -1,7 +1,28 @@
-// One board's words and numbers: the elements made from the template, filled from the state, touched only where they changed.
-import { api } from "../common/api.js";
+// What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
 import { by, paintLink, put } from "../common/page.js";
-import { notCounted, score, signed } from "../common/words.js";
+import { paintNumbers } from "../common/task.js";
+import { score, signed } from "../common/words.js";
+
+/** Paint the end card of the player's board; return whether it has just appeared.
+ * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
+ * @param {boolean} paysBonus whether the level pays for finishing */
+export function paintEndCard(part, task, { mode, player, rival }, paysBonus) {
+  const frame = player?.frame;
+  const wasHidden = part.end.hidden;
+  part.end.hidden = !frame?.outcome;
+  if (!frame || part.end.hidden) return false;
+  const { title, line } = task.ending(frame);
+  put(part["end-title"], title);
+  put(part["end-line"], line);
+  put(part["end-score"], score(frame.score));
+  put(part["end-why"], mode === "watch" ? "" : task.scoreWhy(frame, paysBonus));
+  const compared = task.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
+  put(part["end-compare"], compared);
+  part["end-compare"].hidden = !compared;
+  part.again.hidden = mode === "ranked"; // a terrain counts once
+  /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
+  return wasHidden;
+}
 
 /** Make the panel of a board, its parts named and marked for tests.
  * @param {HTMLElement} root @param {HTMLTemplateElement} template
@@ -34,22 +55,12 @@ export function paintPanel({ role, root, part }, task, board) {
   root.classList.toggle("is-empty", !board);
   put(part.name, board?.name ?? (role === "player" ? "You" : "Policy"));
   if (!board) return;
-  paintNumbers(root, part, task, board.frame);
+  const { share } = paintNumbers(part, task, board.frame);
+  put(part.outcome, task.outcome(board.frame.outcome));
+  root.style.setProperty("--share", String(share));
+  root.dataset.outcome = board.frame.outcome ?? "running";
   put(part.reward, signed(board.frame.reward));
   put(part.return, signed(board.frame.return));
-}
-
-/** Paint moves, headline and outcome.
- * @param {HTMLElement} root @param {Record<string, HTMLElement>} part @param {Task} task @param {Frame} frame */
-export function paintNumbers(root, part, task, frame) {
-  const { value, unit, share } = task.headline(frame);
-  put(part.steps, String(frame.step));
-  put(part["steps-name"], frame.step === 1 ? "move" : "moves");
-  put(part.coverage, value);
-  put(part.unit, unit);
-  put(part.outcome, task.outcome(frame.outcome));
-  root.style.setProperty("--share", String(share));
-  root.dataset.outcome = frame.outcome ?? "running";
 }
 
 /** Offer the policies that a board can be given.
@@ -170,34 +181,4 @@ export function startDialog(name) {
   by(`close-${name}`).addEventListener("click", () => dialog.close());
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   return dialog;
-}
-
-/** @param {{state: () => GameState, dispatch: (event: GameEvent) => void}} how */
-export function createVolunteers({ state, dispatch }) {
-
-  /** Ask for the figure and paint it: that of the terrain being played, and the server's sentence. */
-  async function load() {
-    const answer = await api.humanLevel().catch(() => null);
-    if (!answer) return;
-    const { level, player, task } = state();
-    const shape = player && task ? String(task.shape(player.frame)) : "";
-    const found = answer.figures.find((each) => each.level === level && `${each.cols},${each.rows}` === shape);
-    const line = by("human-figure");
-    line.hidden = !found;
-    if (found) put(line, `${found.steps.mean.toFixed(1)} steps \u00b7 score ${score(found.score.mean)}`);
-    put(by("human-level"), answer.sentence);
-  }
-  return {
-    load,
-    /** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
-    async ended() {
-      const { mode, counts, player } = state();
-      const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
-      if (about?.not_attested) {
-        dispatch({ kind: "begun", about });
-        dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
-      }
-      await load();
-    },
-  };
 }

@@ -1,7 +1,7 @@
 // The scrubber: how far both runs have come over moves, bright as far as the replay has come, and the pointer on it.
 import { drawDot, paintChart } from "../common/chart.js";
 import { movesAxis } from "../common/chart_scale.js";
-import { chartColours } from "../common/colours.js";
+import { chartColours } from "../common/page.js";
 
 const EDGES = { left: 44, right: 14, top: 10, bottom: 24 };
 

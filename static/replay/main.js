@@ -1,11 +1,10 @@
 // Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
 import { ApiError, request } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
-import { boardColours, chartColours } from "../common/colours.js";
+import { boardColours, by, chartColours, copyOnClick, create, createRepaint, createSizes, partsOf, put } from "../common/page.js";
 import { ownsKeys } from "../common/keyboard.js";
-import { copyOnClick, create, createRepaint, createSizes, by, partsOf, put } from "../common/page.js";
 import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
-import { loadTask, showTask } from "../common/task.js";
+import { loadTask, paintNumbers, showTask } from "../common/task.js";
 import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
@@ -58,12 +57,8 @@ function paintRun(part, course, step, { other, ...look }) {
   const whole = { ...look, name: course.name, ...sizes.of(part.ground), ghost };
   task.paint(part.ground, board, whole);
   task.paintEvents?.(part.ground, course, step, whole);
-  const { value, unit } = task.headline(board.frame);
-  const { outcome, step: moves } = board.frame;
-  put(part.moves, String(moves));
-  put(part.noun, moves === 1 ? "move" : "moves");
-  put(part.coverage, value);
-  put(part.unit, unit);
+  const { outcome } = board.frame;
+  paintNumbers(part, task, board.frame);
   put(part.outcome, outcome ? course.sentence : task.status(null));
   part.outcome.dataset.outcome = outcome ?? "";
 }

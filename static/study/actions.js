@@ -1,107 +1,83 @@
-// What the buttons of the study's screens do, and which of them Enter presses.
-import { by } from "../common/page.js";
-import { goesOn, knowsTheEnd, screenOf } from "./state.js";
+// What the buttons of the study's screens do, which of them Enter presses, and the pause: how long nothing was pressed, and what follows.
+import { by, copied } from "../common/page.js";
+import { dispatch, frame, go, isBusy, name, stage, state, step, study } from "./store.js";
+import { createIdleTimer, goesOn, knowsTheEnd, screenOf } from "./state.js";
 
-/**
- *   onPassed    the end card of this episode was passed by
- *   look        shows the debrief again to whoever has finished, or the completion code
- * @param {{state: () => Study.State, study: ReturnType<import("./api.js").createStudyApi>,
- *   navigation: ReturnType<import("./api.js").createNavigation>, onPassed: (episode: string) => void,
- *   resume: () => void, look: (back: boolean) => void, isBlocked: () => boolean}} how */
-export function startActions({ state, study, navigation, onPassed, resume, look, isBlocked }) {
-  const frame = () => state().game.player?.frame;
-  const stage = () => state().participant?.stage;
+/** @param {string} what @returns where this tab keeps it */
+export const keep = (what) => `mars.study.${name}.${what}`;
+export const isDialogOpen = () => Boolean(document.querySelector("dialog[open]"));
+export const announce = (/** @type {string} */ text) => { by("announcer").textContent = text; };
+export const idle = createIdleTimer(() => performance.now());
+/** @type {{note: (kind: "pause" | "resume") => void, flush: () => void}} */
+let telemetry = { note() {}, flush() {} };
+/** @param {typeof telemetry} found that records pauses */
+export const recordPauses = (found) => { telemetry = found; };
 
-  const goNext = () => navigation.go(() => study.next(), stage());
-  const leaveTutorial = () => navigation.go(async () => {
-    const on = frame();
-    if (on && !on.outcome) await study.giveUp(on.episode, on.step);
-    return study.advance("tutorial");
-  }, "tutorial");
-
-  /** Leave the end card, for wherever the study goes from there. */
-  function passEnd() {
-    const ended = frame();
-    const { participant } = state();
-    if (!ended || !participant || !knowsTheEnd(state()) || navigation.isBusy()) return;
-    if (participant.phase === "tutorial") return void leaveTutorial();
-    if (goesOn(participant)) return void goNext();
-    onPassed(ended.episode);
-  }
-  function giveUp() {
-    by("give-up", HTMLDialogElement).close();
-    const on = frame();
-    if (on) navigation.step(() => study.giveUp(on.episode, on.step), stage());
-  }
-  function leave() {
-    by("leave", HTMLDialogElement).close();
-    const { participant } = state();
-    navigation.step(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
-  }
-  async function copyCode() {
-    const isCopied = await navigator.clipboard?.writeText(by("code").textContent ?? "").then(() => true, () => false);
-    if (!isCopied) document.getSelection()?.selectAllChildren(by("code"));
-    by("copied").textContent = isCopied ? "Copied." : "The code is selected: copy it with your browser.";
-  }
-
-  /** @type {Record<string, () => unknown>} */
-  const clicks = {
-    retry: () => location.reload(),
-    agree: () => navigation.go(() => study.consent(state().participant?.consent.version ?? "", true), "consent"),
-    "to-tutorial": () => navigation.go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
-    begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume,
-    finish: () => (stage() === "complete" ? look(false) : navigation.go(() => study.advance("debrief"), "debrief")),
-    "look-back": () => look(true),
-    "give-up-now": giveUp, "leave-now": leave, copy: copyCode,
-  };
-  for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);
-
-  return {
-    /** Press the screen's button with Enter, unless Enter belongs to another one; return whether it was used. */
-    onEnter() {
-      const focused = document.activeElement;
-      if (isBlocked()) return false;
-      const playing = state().isPaused ? "resume" : frame()?.outcome ? "next" : null;
-      const id = { play: playing, ready: "begin", break: "end-break", instructions: "to-tutorial" }[/** @type {"play"} */ (screenOf(state()))];
-      const main = id ? by(id) : null;
-      if (!main || (focused?.matches("button, a, input, select") && focused !== main)) return false;
-      main.click();
-      return true;
-    },
-  };
+/** Begin or end a pause; a reload finds a paused board paused.
+ * @param {boolean} isPaused */
+export function pause(isPaused) {
+  telemetry.note(isPaused ? "pause" : "resume");
+  idle.touch();
+  if (isPaused) sessionStorage.setItem(keep("paused"), frame()?.episode ?? "");
+  else sessionStorage.removeItem(keep("paused"));
+  announce(isPaused ? "Paused. Press a driving key or Go on." : "Going on.");
+  dispatch({ kind: "paused", isPaused });
+  telemetry.flush();
 }
 
-/** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
- * @param {() => number} now_ms */
-export function createIdleTimer(now_ms) {
-  let touchedAt_ms = now_ms();
-  return {
-    touch() { touchedAt_ms = now_ms(); },
-    /** @param {number} limit_s 0 never pauses @returns whether a board that waits for a key should pause */
-    isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
-  };
+const goNext = () => go(() => study.next(), stage());
+const leaveTutorial = () => go(async () => {
+  const on = frame();
+  if (on && !on.outcome) await study.giveUp(on.episode, on.step);
+  return study.advance("tutorial");
+}, "tutorial");
+
+/** Leave the end card, for wherever the study goes from there. */
+function passEnd() {
+  const ended = frame();
+  const { participant } = state;
+  if (!ended || !participant || !knowsTheEnd(state) || isBusy) return;
+  if (participant.phase === "tutorial") return void leaveTutorial();
+  if (goesOn(participant)) return void goNext();
+  sessionStorage.setItem(keep("passed"), ended.episode);
+  dispatch({ kind: "passed", episode: ended.episode });
+}
+function giveUp() {
+  by("give-up", HTMLDialogElement).close();
+  const on = frame();
+  if (on) step(() => study.giveUp(on.episode, on.step), stage());
+}
+function leave() {
+  by("leave", HTMLDialogElement).close();
+  const { participant } = state;
+  step(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
+}
+async function copyCode() {
+  const isCopied = await copied(by("code").textContent ?? "");
+  if (!isCopied) document.getSelection()?.selectAllChildren(by("code"));
+  by("copied").textContent = isCopied ? "Copied." : "The code is selected: copy it with your browser.";
 }
 
-/** Return what begins and ends pauses.
- *   episode    the id of the episode on the board, or ""
- *   note       records an input event; `flush` sends what is recorded
- *   storage    of this tab; `key` is where the paused episode stands in it
- * @param {{idle: ReturnType<typeof createIdleTimer>, episode: () => string, note: (kind: "pause" | "resume") => void,
- *   flush: () => void, announce: (text: string) => void, dispatch: (event: Study.Event) => void, storage: Storage,
- *   key: string}} how */
-export function createPause({ idle, episode, note, flush, announce, dispatch, storage, key }) {
-  return {
-    /** @param {boolean} isPaused */
-    set(isPaused) {
-      note(isPaused ? "pause" : "resume");
-      idle.touch();
-      if (isPaused) storage.setItem(key, episode());
-      else storage.removeItem(key);
-      announce(isPaused ? "Paused. Press a driving key or Go on." : "Going on.");
-      dispatch({ kind: "paused", isPaused });
-      flush();
-    },
-    /** @param {string} id @returns whether an episode was paused before a reload */
-    wasPaused: (id) => storage.getItem(key) === id,
-  };
+/** @type {Record<string, () => unknown>} */
+const clicks = {
+  retry: () => location.reload(),
+  agree: () => go(() => study.consent(state.participant?.consent.version ?? "", true), "consent"),
+  "to-tutorial": () => go(async () => { await study.advance("instructions"); return study.next(); }, "instructions"),
+  begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume: () => pause(false),
+  finish: () => (stage() === "complete" ? dispatch({ kind: "looked-back", looksBack: false }) : go(() => study.advance("debrief"), "debrief")),
+  "look-back": () => dispatch({ kind: "looked-back", looksBack: true }),
+  "give-up-now": giveUp, "leave-now": leave, copy: copyCode,
+};
+for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);
+
+/** Press the screen's button with Enter, unless Enter belongs to another one; return whether it was used. */
+export function onEnter() {
+  const focused = document.activeElement;
+  if (isDialogOpen()) return false;
+  const playing = state.isPaused ? "resume" : frame()?.outcome ? "next" : null;
+  const id = { play: playing, ready: "begin", break: "end-break", instructions: "to-tutorial" }[/** @type {"play"} */ (screenOf(state))];
+  const main = id ? by(id) : null;
+  if (!main || (focused?.matches("button, a, input, select") && focused !== main)) return false;
+  main.click();
+  return true;
 }

@@ -1,212 +1,201 @@
-// The screens that are read: consent, instructions, ready, break, the end. Filled from the state, touched only where it changed.
-import { create, by, put } from "../common/page.js";
+// The screens that are read: consent, instructions, questions, ready, break, the end; and the dialogs. Filled from the state, touched
+// only where it changed.
+import { by, create, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
+import { dispatch, go, state, study } from "./store.js";
 import * as words from "./words.js";
-import { questionsTitle, sentence, supervisedLine } from "./words.js";
 
 /** @param {string[]} lines */
 const paragraphs = (lines) => lines.map((text) => create("p", text));
 
-export function createPages() {
-  const sections = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("main > [data-screen]"));
-  /** @type {string | null} */
-  let shown = null;
+const sections = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("main > [data-screen]"));
+/** @type {string | null} */
+let shownScreen = null;
 
-  /** Show one screen, and give it the focus unless it is the first.
-   * @param {string} screen */
-  function show(screen) {
-    if (shown === screen) return;
-    const isFirst = shown === null || shown === "loading";
-    shown = screen;
-    document.body.dataset.screen = screen;
-    for (const section of sections) section.hidden = section.dataset.screen !== screen;
-    const current = [...sections].find((section) => section.dataset.screen === screen);
-    const target = screen === "play" ? by("field") : current?.querySelector("h1");
-    if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
-    scrollTo(0, 0);
+/** Show one screen, and give it the focus unless it is the first.
+ * @param {string} screen */
+function show(screen) {
+  if (shownScreen === screen) return;
+  const isFirst = shownScreen === null || shownScreen === "loading";
+  shownScreen = screen;
+  document.body.dataset.screen = screen;
+  for (const section of sections) section.hidden = section.dataset.screen !== screen;
+  const current = [...sections].find((section) => section.dataset.screen === screen);
+  const target = screen === "play" ? by("field") : current?.querySelector("h1");
+  if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
+  scrollTo(0, 0);
+}
+/** @param {Study.Participant} participant */
+function paintConsent({ title, consent, invited }) {
+  put(by("consent-title"), title);
+  by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
+  put(by("consent-version"), consent.version);
+  by("consent-invited").hidden = !invited;
+}
+/** Put the numbers of the protocol into the page's own sentences.
+ * @param {Study.Participant} participant */
+function paintRules({ rules }) {
+  for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-rule]"))) {
+    put(place, rules[place.dataset.rule ?? ""] ?? "");
   }
-  /** @param {Study.Participant} participant */
-  function paintConsent({ title, consent, invited }) {
-    put(by("consent-title"), title);
-    by("consent-text").replaceChildren(...paragraphs(consent.text.split(/\n\s*\n/)));
-    put(by("consent-version"), consent.version);
-    by("consent-invited").hidden = !invited;
-  }
-  /** Put the numbers of the protocol into the page's own sentences.
-   * @param {Study.Participant} participant */
-  function paintRules({ rules }) {
-    for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-rule]"))) {
-      put(place, rules[place.dataset.rule ?? ""] ?? "");
+}
+/** @param {Study.Participant} participant */
+function paintReady(participant) {
+  const { title, lines, go } = words.readyText(participant);
+  put(by("ready-step"), words.progress(participant, false));
+  put(by("ready-title"), title);
+  put(by("begin"), go);
+  by("ready-lines").replaceChildren(...paragraphs(lines));
+}
+/** @param {Study.Participant} participant */
+function paintComplete({ debrief, participant }) {
+  put(by("code"), debrief?.completion_code ?? "");
+  by("return-line").hidden = !debrief?.return_url;
+  by("look-back-line").hidden = !debrief?.ranked_terrains;
+  if (debrief?.return_url) by("return", HTMLAnchorElement).href = debrief.return_url;
+  put(by("label"), participant);
+}
+
+/** @param {Study.State | null} before */
+export function paintPages(before) {
+  const { participant, problem } = state;
+  const screen = screenOf(state);
+  if (participant !== before?.participant || screen !== (before && screenOf(before))) {
+    if (participant) {
+      put(by("title"), participant.title);
+      paintRules(participant);
+      put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
+      by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
+      document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
+      if (participant.note) put(by("withdrawn-note"), participant.note);
     }
+    if (participant && screen === "consent") paintConsent(participant);
+    if (participant && screen === "ready") paintReady(participant);
+    if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));
+    if (participant && screen === "complete") paintComplete(participant);
+    if (screen === "problem") put(by("problem"), words.sentence(problem ?? ""));
+    by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
+    show(screen);
   }
-  /** @param {Study.Participant} participant */
-  function paintReady(participant) {
-    const { title, lines, go } = words.readyText(participant);
-    put(by("ready-step"), words.progress(participant, false));
-    put(by("ready-title"), title);
-    put(by("begin"), go);
-    by("ready-lines").replaceChildren(...paragraphs(lines));
+  if (participant && screen === "questions" && before?.participant !== participant) paintQuiz(participant);
+  if (participant && participant !== before?.participant) paintSupervision(participant);
+}
+
+/** Paint the keys as they drive now, wherever the page shows them.
+ * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
+export function paintKeys(order, keys, layout) {
+  const slots = [...(keys[order[0]] ?? []).keys()];
+  for (const line of document.querySelectorAll("[data-keys]")) {
+    line.replaceChildren(...slots.flatMap((slot) =>
+      [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
   }
-  /** @param {Study.Participant} participant */
-  function paintComplete({ debrief, participant }) {
-    put(by("code"), debrief?.completion_code ?? "");
-    by("return-line").hidden = !debrief?.return_url;
-    by("look-back-line").hidden = !debrief?.ranked_terrains;
-    if (debrief?.return_url) by("return", HTMLAnchorElement).href = debrief.return_url;
-    put(by("label"), participant);
-  }
-  return {
-    /** @param {Study.State} state @param {Study.State | null} before */
-    paint(state, before) {
-      const { participant, problem } = state;
-      const screen = screenOf(state);
-      if (participant !== before?.participant || screen !== (before && screenOf(before))) {
-        if (participant) {
-          put(by("title"), participant.title);
-          paintRules(participant);
-          put(by("progress"), words.progress(participant, screen === "play" && !state.game.player?.frame.outcome));
-          by("progress-bar").style.width = `${(100 * words.share(participant)).toFixed(1)}%`;
-          document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
-          if (participant.note) put(by("withdrawn-note"), participant.note);
-        }
-        if (participant && screen === "consent") paintConsent(participant);
-        if (participant && screen === "ready") paintReady(participant);
-        if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));
-        if (participant && screen === "complete") paintComplete(participant);
-        if (screen === "problem") put(by("problem"), words.sentence(problem ?? ""));
-        by("open-leave").hidden = !participant || ["debrief", "complete", "withdrawn", "problem", "loading"].includes(screen);
-        show(screen);
-      }
-    },
-    /** Paint the keys as they drive now, wherever the page shows them.
-     * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
-    paintKeys(order, keys, layout) {
-      const slots = [...(keys[order[0]] ?? []).keys()];
-      for (const line of document.querySelectorAll("[data-keys]")) {
-        line.replaceChildren(...slots.flatMap((slot) =>
-          [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);
-      }
-    },
-  };
 }
 
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
+const answer = (/** @type {number[]} */ answers) => go(() => study.answers(answers), "questions");
+const form = by("quiz", HTMLFormElement);
+/** @type {{question: string, choices: string[]}[]} */
+let asked = [];
+/** @type {boolean[] | null} */
+let judged = null;
 
-/** @param {(answers: number[]) => void} onAnswers */
-export function createQuiz(onAnswers) {
-  const form = by("quiz", HTMLFormElement);
-  /** @type {{question: string, choices: string[]}[]} */
-  let asked = [];
-  /** @type {boolean[] | null} */
-  let shown = null;
+/** @param {{question: string, choices: string[]}} each @param {number} number */
+function item({ question, choices }, number) {
+  const labels = choices.map((choice, value) =>
+    create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
+  const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
+  const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
+  return field;
+}
+/** @param {number} number @returns {number} -1 while nothing is chosen */
+const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
 
-  /** @param {{question: string, choices: string[]}} each @param {number} number */
-  function item({ question, choices }, number) {
-    const labels = choices.map((choice, value) =>
-      create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
-    const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
-    const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
-    return field;
-  }
-  /** @param {number} number @returns {number} -1 while nothing is chosen */
-  const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
-
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    const answers = asked.map((_, number) => chosen(number));
-    const open = answers.indexOf(-1);
-    if (open < 0) return onAnswers(answers);
-    by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;
-    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
+form.addEventListener("submit", (event) => {
+  event.preventDefault();
+  const answers = asked.map((_, number) => chosen(number));
+  const open = answers.indexOf(-1);
+  if (open < 0) return answer(answers);
+  by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;
+  /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${open}]`))?.focus();
+});
+form.addEventListener("change", (event) => {
+  const field = /** @type {HTMLElement} */ (event.target).closest("fieldset");
+  if (!field) return;
+  delete field.dataset.right;
+  /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
+  by("quiz-status").textContent = "";
+});
+/** @param {Study.Participant} participant */
+function showVerdicts({ right, why }) {
+  if (!right || right === judged) return;
+  judged = right;
+  form.querySelectorAll("fieldset").forEach((field, number) => {
+    field.dataset.right = String(right[number]);
+    const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
+    verdict.hidden = false;
+    verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
   });
-  form.addEventListener("change", (event) => {
-    const field = /** @type {HTMLElement} */ (event.target).closest("fieldset");
-    if (!field) return;
-    delete field.dataset.right;
-    /** @type {HTMLElement} */ (field.querySelector(".verdict")).hidden = true;
-    by("quiz-status").textContent = "";
-  });
-  /** @param {Study.Participant} participant */
-  function showVerdicts({ right, why }) {
-    if (!right || right === shown) return;
-    shown = right;
-    form.querySelectorAll("fieldset").forEach((field, number) => {
-      field.dataset.right = String(right[number]);
-      const verdict = /** @type {HTMLElement} */ (field.querySelector(".verdict"));
-      verdict.hidden = false;
-      verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
-    });
-    const wrong = right.filter((each) => !each).length;
-    by("quiz-status").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
-    if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
-    /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
-  }
-  return {
-    /** @param {Study.Participant} participant */
-    paint(participant) {
-      if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
-        asked = participant.questions;
-        by("quiz-list").replaceChildren(...asked.map(item));
-        by("quiz-title").textContent = questionsTitle(asked.length, "short");
-        if (asked.length === 0) onAnswers([]);
-      }
-      showVerdicts(participant);
-    },
-  };
+  const wrong = right.filter((each) => !each).length;
+  by("quiz-status").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
+  if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
+  /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
 }
 
-/** @param {{game: () => GameState, onClose: () => void}} how */
-export function startDialogs({ game, onClose }) {
-  for (const dialog of document.querySelectorAll("dialog")) {
-    for (const opener of [by(`open-${dialog.id}`), ...document.querySelectorAll(`[data-open=${dialog.id}]`)]) {
-      opener.addEventListener("click", () => {
-        if (dialog.id === "map") fillMap();
-        dialog.showModal();
-      });
-    }
-    dialog.addEventListener("click", (event) => {
-      if (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) dialog.close();
-    });
-    dialog.addEventListener("close", onClose);
+/** @param {Study.Participant} participant */
+function paintQuiz(participant) {
+  if (JSON.stringify(asked) !== JSON.stringify(participant.questions)) {
+    asked = participant.questions;
+    by("quiz-list").replaceChildren(...asked.map(item));
+    by("quiz-title").textContent = words.questionsTitle(asked.length, "short");
+    if (asked.length === 0) answer([]);
   }
-  by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).showModal());
-
-  function fillMap() {
-    const { player, task } = game();
-    if (!player || !task) return;
-    const { line, rows } = task.inWords(player.frame, "the terrain");
-    by("map-here").textContent = line;
-    by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
-  }
-  return { isOpen: () => Boolean(document.querySelector("dialog[open]")) };
+  showVerdicts(participant);
 }
 
-/** @param {{supervise: (code: string) => Promise<Study.Participant>, dispatch: (event: Study.Event) => void}} how */
-export function startSupervision({ supervise, dispatch }) {
-  const code = by("code-typed", HTMLInputElement);
-  const dialog = by("supervise", HTMLDialogElement);
+for (const dialog of document.querySelectorAll("dialog")) {
+  for (const opener of [by(`open-${dialog.id}`), ...document.querySelectorAll(`[data-open=${dialog.id}]`)]) {
+    opener.addEventListener("click", () => {
+      if (dialog.id === "map") fillMap();
+      dialog.showModal();
+    });
+  }
+  dialog.addEventListener("click", (event) => {
+    if (event.target === dialog || /** @type {Element} */ (event.target).closest("[data-close]")) dialog.close();
+  });
+  dialog.addEventListener("close", () => { if (state.isPaused) by("resume").focus(); });
+}
+by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).showModal());
 
-  by("supervise-form").addEventListener("submit", async (event) => {
-    event.preventDefault();
-    put(by("supervise-status"), "");
-    try {
-      const participant = await supervise(code.value);
-      dispatch({ kind: "participant", participant });
-      dialog.close();
-    } catch (error) {
-      put(by("supervise-status"), sentence(/** @type {Error} */ (error).message));
-      code.select();
-    }
-  });
-  dialog.addEventListener("close", () => {
-    code.value = "";
-    put(by("supervise-status"), "");
-  });
-  return {
-    /** @param {Study.Participant} participant */
-    paint(participant) {
-      for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-supervised]"))) put(line, supervisedLine(participant.supervised_until_ms, Date.now()));
-    },
-  };
+function fillMap() {
+  const { player, task } = state.game;
+  if (!player || !task) return;
+  const { line, rows } = task.inWords(player.frame, "the terrain");
+  by("map-here").textContent = line;
+  by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
+}
+
+const code = by("code-typed", HTMLInputElement);
+const supervise = by("supervise", HTMLDialogElement);
+
+by("supervise-form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  put(by("supervise-status"), "");
+  try {
+    const participant = await study.supervise(code.value);
+    dispatch({ kind: "participant", participant });
+    supervise.close();
+  } catch (error) {
+    put(by("supervise-status"), words.sentence(/** @type {Error} */ (error).message));
+    code.select();
+  }
+});
+supervise.addEventListener("close", () => {
+  code.value = "";
+  put(by("supervise-status"), "");
+});
+
+/** @param {Study.Participant} participant */
+function paintSupervision(participant) {
+  for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-supervised]"))) put(line, words.supervisedLine(participant.supervised_until_ms, Date.now()));
 }

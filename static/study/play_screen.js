@@ -3,77 +3,73 @@ import { paintProgress } from "../common/chart.js";
 import { create, by, put } from "../common/page.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
+import { state } from "./store.js";
 import * as words from "./words.js";
 
-/** @param {{look: () => Study.Look, keyOf: (action: Action) => string}} how keyOf: what stands on an action's first key */
-export function createPlayScreen({ look, keyOf }) {
+/** @param {Frame} frame @param {Study.Participant} participant @param {(action: Action) => string} keyOf */
+function paintNumbers(frame, { phase, rules, task }, keyOf) {
+  const { value, unit } = task.headline(frame);
+  put(by("moves"), String(frame.step));
+  put(by("coverage"), value);
+  put(by("unit"), ` ${unit.split(" ")[0]}`);
+  put(by("headline-name"), task.chart.title);
+  put(by("outcome"), task.status(frame.outcome));
+  by("score-row").hidden = frame.score === null;
+  put(by("score"), score(frame.score));
+  by("hidden-score").hidden = frame.score !== null;
+  by("coach").hidden = phase !== "tutorial" || frame.outcome !== null;
+  by("skip").hidden = phase !== "tutorial" || frame.outcome !== null;
+  by("open-give-up").hidden = phase === "tutorial" || frame.outcome !== null;
+  const [title, line] = task.coach(frame, keyOf, rules.coverage);
+  put(by("coach-title"), title);
+  put(by("coach-line"), line);
+}
+/** @returns {boolean} whether the card has just come up */
+function paintEnd() {
+  const frame = state.game.player?.frame;
+  const { participant } = state;
+  const card = by("end");
+  const wasHidden = card.hidden;
+  card.hidden = !participant || !frame?.outcome;
+  if (!participant || !frame?.outcome) return false;
+  const { title, line, figures, note, go } = words.endCard(frame, participant);
+  put(by("end-title"), title);
+  put(by("end-line"), line);
+  by("end-figures").replaceChildren(...figures.map(([name, value]) => create("div", [create("dt", name), create("dd", value)])));
+  const isKnown = knowsTheEnd(state);
+  put(by("end-note"), isKnown ? note : "");
+  put(by("next-text"), isKnown ? go : "One moment");
+  by("next").setAttribute("aria-disabled", String(!isKnown));
+  by("again").hidden = participant.phase !== "tutorial" || !isKnown;
+  return wasHidden;
+}
 
-  /** @param {Frame} frame @param {Study.Participant} participant */
-  function paintNumbers(frame, { phase, rules, task }) {
-    const { value, unit } = task.headline(frame);
-    put(by("moves"), String(frame.step));
-    put(by("coverage"), value);
-    put(by("unit"), ` ${unit.split(" ")[0]}`);
-    put(by("headline-name"), task.chart.title);
-    put(by("outcome"), task.status(frame.outcome));
-    by("score-row").hidden = frame.score === null;
-    put(by("score"), score(frame.score));
-    by("hidden-score").hidden = frame.score !== null;
-    by("coach").hidden = phase !== "tutorial" || frame.outcome !== null;
-    by("skip").hidden = phase !== "tutorial" || frame.outcome !== null;
-    by("open-give-up").hidden = phase === "tutorial" || frame.outcome !== null;
-    const [title, line] = task.coach(frame, keyOf, rules.coverage);
-    put(by("coach-title"), title);
-    put(by("coach-line"), line);
+/** @param {Study.State | null} before @param {Study.Look} look
+ * @param {(action: Action) => string} keyOf what stands on an action's first key */
+export function paintPlayScreen(before, { palette, accent, inks, font }, keyOf) {
+  const { game, participant, isPaused } = state;
+  const { player } = game;
+  document.body.dataset.paused = String(isPaused);
+  if (screenOf(state) !== "play" || !player || !participant) return;
+  const isNew = before === null || screenOf(before) !== "play";
+  if (isNew || player !== before.game.player) {
+    const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
+    participant.task.paint(by("matrix"), player, { name: "the terrain", palette, accent, width_px, height_px, dpr: devicePixelRatio || 1 });
   }
-  /** @param {Study.State} state @returns {boolean} whether the card has just come up */
-  function paintEnd(state) {
-    const frame = state.game.player?.frame;
-    const { participant } = state;
-    const card = by("end");
-    const wasHidden = card.hidden;
-    card.hidden = !participant || !frame?.outcome;
-    if (!participant || !frame?.outcome) return false;
-    const { title, line, figures, note, go } = words.endCard(frame, participant);
-    put(by("end-title"), title);
-    put(by("end-line"), line);
-    by("end-figures").replaceChildren(...figures.map(([name, value]) => create("div", [create("dt", name), create("dd", value)])));
-    const isKnown = knowsTheEnd(state);
-    put(by("end-note"), isKnown ? note : "");
-    put(by("next-text"), isKnown ? go : "One moment");
-    by("next").setAttribute("aria-disabled", String(!isKnown));
-    by("again").hidden = participant.phase !== "tutorial" || !isKnown;
-    return wasHidden;
+  if (isNew || player !== before.game.player || participant !== before.participant) {
+    paintNumbers(player.frame, participant, keyOf);
+    paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
+    document.body.dataset.ended = String(player.frame.outcome !== null);
+    document.body.dataset.phase = participant.phase ?? "";
   }
-  return {
-    /** @param {Study.State} state @param {Study.State | null} before */
-    paint(state, before) {
-      const { game, participant, isPaused } = state;
-      const { player } = game;
-      document.body.dataset.paused = String(isPaused);
-      if (screenOf(state) !== "play" || !player || !participant) return;
-      const isNew = before === null || screenOf(before) !== "play";
-      const { palette, accent, inks, font } = look();
-      if (isNew || player !== before.game.player) {
-        const { clientWidth: width_px, clientHeight: height_px } = by("matrix");
-        participant.task.paint(by("matrix"), player, { name: "the terrain", palette, accent, width_px, height_px, dpr: devicePixelRatio || 1 });
-      }
-      if (isNew || player !== before.game.player || participant !== before.participant) {
-        paintNumbers(player.frame, participant);
-        paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
-        document.body.dataset.ended = String(player.frame.outcome !== null);
-        document.body.dataset.phase = participant.phase ?? "";
-      }
-      const pause = by("pause");
-      if (pause.hidden === isPaused) {
-        pause.hidden = !isPaused;
-        if (isPaused) by("resume").focus({ preventScroll: true });
-        else by("field").focus({ preventScroll: true });
-      }
-      const hadFocus = by("end").contains(document.activeElement);
-      if (paintEnd(state)) {
-        if (!document.querySelector("dialog[open]")) by("next").focus({ preventScroll: true });
-      } else if (hadFocus && by("end").hidden) by("field").focus({ preventScroll: true });
-    },
-  };
+  const pause = by("pause");
+  if (pause.hidden === isPaused) {
+    pause.hidden = !isPaused;
+    if (isPaused) by("resume").focus({ preventScroll: true });
+    else by("field").focus({ preventScroll: true });
+  }
+  const hadFocus = by("end").contains(document.activeElement);
+  if (paintEnd()) {
+    if (!document.querySelector("dialog[open]")) by("next").focus({ preventScroll: true });
+  } else if (hadFocus && by("end").hidden) by("field").focus({ preventScroll: true });
 }

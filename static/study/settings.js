@@ -22,8 +22,7 @@ function parsed(text) {
   }
 }
 
-/** @param {{layout: () => Study.Layout | undefined, onChange: (choices: Study.Choices) => void}} how
- */
+/** @param {{layout: () => Study.Layout | undefined, onChange: (choices: Study.Choices) => void}} how */
 export function createSettings({ layout, onChange }) {
   const isAsked = (/** @type {string} */ query) => matchMedia(query).matches;
   const kept = parsed(localStorage.getItem(KEPT));
@@ -56,24 +55,12 @@ export function createSettings({ layout, onChange }) {
     }
   }
   function build() {
-    by("palettes").replaceChildren(...Object.entries(PALETTES).map(([name, { title, hint }]) => {
-      const label = document.createElement("label");
-      label.dataset.palette = name;
-      const input = Object.assign(document.createElement("input"), { type: "radio", name: "palette", value: name });
-      input.dataset.testid = `palette-${name}`;
-      label.append(input, create("span", [create("b", title), create("small", hint)]));
-      return label;
-    }));
-    by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) => {
-      const row = document.createElement("tr");
-      row.append(create("th", action, { scope: "row" }));
-      for (const slot of codes.keys()) {
-        const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet" });
-        Object.assign(button.dataset, { drive: action, slot: String(slot), testid: `key-${action}-${slot}` });
-        row.insertCell().append(button);
-      }
-      return row;
-    }));
+    by("palettes").replaceChildren(...Object.entries(PALETTES).map(([name, { title, hint }]) => create("label", [
+      create("input", [], { type: "radio", name: "palette", value: name, "data-testid": `palette-${name}` }),
+      create("span", [create("b", title), create("small", hint)]),
+    ], { "data-palette": name })));
+    by("keymap").replaceChildren(...Object.entries(own).map(([action, codes]) => create("tr", [create("th", action, { scope: "row" }), ...codes.map((_, slot) =>
+      create("td", create("button", [], { type: "button", class: "quiet", "data-drive": action, "data-slot": String(slot), "data-testid": `key-${action}-${slot}` })))])));
   }
   build();
   paint();

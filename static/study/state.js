@@ -69,3 +69,14 @@ export function knowsTheEnd({ participant, game }) {
 /** Return whether the next episode follows at once: the same stage goes on and no break is due.
  * @param {Study.Participant} participant */
 export const goesOn = (participant) => participant.stage === participant.phase && !participant.break_due;
+
+/** Return a timer that counts from the last press. The clock is an argument, so that node can test it.
+ * @param {() => number} now_ms */
+export function createIdleTimer(now_ms) {
+  let touchedAt_ms = now_ms();
+  return {
+    touch() { touchedAt_ms = now_ms(); },
+    /** @param {number} limit_s 0 never pauses @returns whether a board that waits for a key should pause */
+    isOver: (limit_s) => limit_s > 0 && now_ms() - touchedAt_ms >= limit_s * 1000,
+  };
+}

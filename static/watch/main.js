@@ -1,10 +1,10 @@
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { api, ApiError, request } from "../common/api.js";
 import { paintProgress } from "../common/chart.js";
-import { boardColours, chartColours } from "../common/colours.js";
+import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, partsOf, put } from "../common/page.js";
 import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
-import { copyOnClick, createRepaint, createSizes, by, paintLink, partsOf, put } from "../common/page.js";
+import { paintNumbers } from "../common/task.js";
 import { sizeText } from "../common/words.js";
 import { idInPath, liveHeadline, watchedName } from "./words.js";
 
@@ -37,14 +37,10 @@ function paint() {
   const { player: board, task } = state;
   if (!board || !task) return;
   const { frame, name } = board;
-  const { value, unit } = task.headline(frame);
   task.paint(part.ground, board, { name, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
   put(by("name"), name);
   put(by("terrain"), `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
-  put(part.moves, String(frame.step));
-  put(part.noun, frame.step === 1 ? "move" : "moves");
-  put(part.coverage, value);
-  put(part.unit, unit);
+  const { value, unit } = paintNumbers(part, task, frame);
   const { you, font, inks } = chartColours(chart);
   paintProgress(chart, task, [{ board, colour: you }], { font, inks });
   chart.setAttribute("aria-label", `${name}: ${value} ${unit} after ${frame.step} moves`);

@@ -1,5 +1,5 @@
 // The pictures of the page about the rules: real boards, painted as on the playground.
-import { boardColours } from "../../common/colours.js";
+import { boardColours } from "../../common/page.js";
 import { many } from "../../common/words.js";
 import { paint } from "./board.js";
 

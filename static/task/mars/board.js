@@ -1,5 +1,5 @@
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
-import { boardColours, reader } from "../../common/colours.js";
+import { boardColours, reader } from "../../common/page.js";
 import { paintLossMarks } from "./loss_marks.js";
 import { paintExpected, paintThought } from "./thoughts.js";
 import { describe, runs } from "./words.js";

@@ -1,10 +1,9 @@
 // The leaderboard's words, order and scales, without a page.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { footing, heat, inWords, topOf } from "../../../static/leaderboard/charts.js";
+import { breakOf, footing, heat, inWords, placeOf, scaleOf, topOf } from "../../../static/leaderboard/ranks.js";
 import { tickText, ticks } from "../../../static/common/chart_scale.js";
 import { coverageEnd, curveText, headline, ranksNote, reading, rows, working } from "../../../static/leaderboard/standing.js";
-import { breakOf, placeOf, scaleOf } from "../../../static/leaderboard/ranks.js";
 
 const interval = (mean, half = null) => ({ mean, low: half === null ? null : mean - half, high: half === null ? null : mean + half });
 const figure = (steps, score, half = 2) => ({ episodes: 100, score: interval(score, 0.01), steps: interval(steps, half), completed: 1, curve: null, visits: null });

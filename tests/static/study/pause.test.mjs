@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createIdleTimer } from "../../../static/study/actions.js";
+import { createIdleTimer } from "../../../static/study/state.js";
 
 test("stillness is over after the protocol's seconds, and counted from the last touch", () => {
   let now = 0;
