@@ -103,8 +103,7 @@ export function apply(state, event) {
   }
 }
 
-/** Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one
- * terrain.
+/** Return the path to draw under a board's own: the other's, once the player's episode has ended and both are on one terrain.
  * @param {GameState} state @param {Role} role @returns {Mark[] | null} */
 export function ghostOf({ player, rival, task }, role) {
   if (!player?.frame.outcome || !rival || !task) return null;

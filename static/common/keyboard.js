@@ -27,10 +27,9 @@ const OLDEST_MS = 10_000;
 /** @type {WeakMap<globalThis.Event, number>} */
 const times_ms = new WeakMap();
 
-/** Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so
- * that an input event and the move that it causes have one time.
- * @param {globalThis.Event} event
- * @param {Window & typeof globalThis} view whose event it is: the page or a frame in it
+/** Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so that an
+ * input event and the move that it causes have one time.
+ * @param {globalThis.Event} event @param {Window & typeof globalThis} view whose event it is: the page or a frame in it
  * @param {Window & typeof globalThis} page */
 export function timeOf_ms(event, view, page) {
   const known_ms = times_ms.get(event);
@@ -87,9 +86,8 @@ function swallow(event) {
 }
 
 /** Return the timing of one press. A script's press, or one in a driven browser, is never called a key or a touch.
- * @param {"key" | "touch"} input @param {{isTrusted: boolean}} event @param {boolean} isDriven
- * @param {number} down_ms @param {number | null} up_ms release of the press before, if known @param {number} now_ms
- * @returns {Timing} */
+ * @param {"key" | "touch"} input @param {{isTrusted: boolean}} event @param {boolean} isDriven @param {number} down_ms
+ * @param {number | null} up_ms release of the press before, if known @param {number} now_ms @returns {Timing} */
 export function timing(input, event, isDriven, down_ms, up_ms, now_ms) {
   return { input: event.isTrusted && !isDriven ? input : null, key_down_ms: round(down_ms), key_up_ms: up_ms === null ? null : round(up_ms),
     client_ms: round(now_ms) };

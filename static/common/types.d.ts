@@ -96,8 +96,7 @@ type Regret = {policy: string, total: number, given_up: number, by_kind: Record<
 type Action = string;
 /** A position, (row, col), row 0 at the north edge. */
 type Cell = [number, number];
-/** A board as it may be seen, whole: a task's has more. reward, return and score are null while a study keeps them to
- * itself. */
+/** A board as it may be seen, whole: a task's has more. reward, return and score are null while a study keeps them to itself. */
 type Frame = {
   kind: "frame", episode: string, step: number, reward: number | null, return: number | null, score: number | null,
   outcome: string | null,
@@ -109,8 +108,7 @@ type Pace = {kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second
 /** What a policy computed at the frame of `step`, with the return that it expects; what it expects of its surroundings. */
 type Thought = {kind: "thought", episode: string, step: number, value: number | null};
 type Expected = {kind: "expected", episode: string, step: number};
-/** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them
- * again. */
+/** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again. */
 type Kept = {kind: "kept", episode: string, count: number, reason: string | null};
 type FromServer = Frame | MoveHistory | Refused | Problem | Pace | Expected | Thought | Kept;
 /** What POST api/sessions answers; watch: the id by which anybody may watch the board. */

@@ -15,6 +15,7 @@ export function paintEndCard(part, task, { mode, player, rival }, paysBonus) {
   put(part["end-title"], title);
   put(part["end-line"], line);
   put(part["end-score"], score(frame.score));
+  part["end-score-line"].hidden = frame.score === null;
   put(part["end-why"], mode === "watch" ? "" : task.scoreWhy(frame, paysBonus));
   const compared = task.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
   put(part["end-compare"], compared);
@@ -80,8 +81,7 @@ export function paintPick({ part }, board) {
 }
 
 /** Paint the pace of a policy's board.
- * @param {Play.Panel} panel @param {Board | null} board
- * @param {boolean} mayFollow true where there is a player to follow */
+ * @param {Play.Panel} panel @param {Board | null} board @param {boolean} mayFollow true where there is a player to follow */
 export function paintPace({ part }, board, mayFollow) {
   const pace = board?.pace;
   part.pace.hidden = !pace;
@@ -100,8 +100,7 @@ export function paintPace({ part }, board, mayFollow) {
 /** @type {Record<string, Record<string, unknown>>} */
 const WISHES = { follow: { follow: true }, paused: { pause: true }, step: { step: true } };
 
-/** @param {HTMLElement} bar
- * @param {(wish: Record<string, unknown>) => void} ask what POST api/sessions/{id}/pace takes */
+/** @param {HTMLElement} bar @param {(wish: Record<string, unknown>) => void} ask what POST api/sessions/{id}/pace takes */
 export function startPace(bar, ask) {
   const slider = /** @type {HTMLInputElement} */ (bar.querySelector("input"));
   const askSpeed = () => ask({ moves_per_second: Number(slider.value) });
@@ -118,8 +117,7 @@ export function startPace(bar, ask) {
 }
 
 /** Paint the mode, the badge, the terrain, the connection, and whose the boards and colours are.
- * @param {GameState} state
- * @param {string} rival the policy that will play after a ranked episode */
+ * @param {GameState} state @param {string} rival the policy that will play after a ranked episode */
 export function paintBar(state, rival) {
   const { task, player } = state;
   for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
@@ -159,8 +157,7 @@ export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
   return rival !== null && !isFirstVisit;
 }
 
-/** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the
- * chart.
+/** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the chart.
  * @returns {(name: string) => void} shows one of them */
 export function startTabs() {
   const buttons = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("[data-show]")]);

@@ -44,8 +44,7 @@ export function createPressQueue({ task, sender, frame, isPractice, isConnecting
   }
   /** @param {Frame} on @returns how many of the moves that were sent a frame leaves without an answer */
   const unanswered = ({ episode, step }) => sender.pending().filter((move) => move.episode !== episode || move.step >= step).length;
-  /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are
-   * there.
+  /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
    * @param {Frame} on of an episode that has not ended */
   function pump(on) {
     while (queue.length > 0 && !isConnecting() && !sender.isFull()) {

@@ -138,8 +138,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
       note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
     }),
-    /** Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for
-     * it.
+    /** Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.
      * @param {GameState} state @param {boolean} [isAgain] */
     async replay({ player, level, size }, isAgain = false) {
       const episode = player?.frame.episode;
@@ -201,10 +200,9 @@ export function createLeaving(dialog, view, { state, start }) {
   };
 }
 
-/** Leave the playground for the live view of a board; ApiError 404 where there is none to watch, and nothing is left
- * then.
- * @param {string} id @param {(id: string) => Promise<unknown>} load asks the server for it
- * @param {{replace: (url: string) => void}} place the address of the page */
+/** Leave the playground for the live view of a board; ApiError 404 where there is none to watch, and nothing is left then.
+ * @param {string} id @param {(id: string) => Promise<unknown>} load asks the server for it @param {{replace: (url: string)
+ * => void}} place the address of the page */
 export async function showInstead(id, load, place) {
   await load(id);
   place.replace(`watch/${encodeURIComponent(id)}`);

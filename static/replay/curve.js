@@ -12,9 +12,8 @@ export function stepAt(x_px, width_px, last) {
   return Math.max(0, Math.min(last, Math.round(last * share)));
 }
 
-/** @param {HTMLElement} place @param {Task} task
- * @param {{course: Course, colour: string, isDashed: boolean}[]} runs the episode's own first
- * @param {{step: number, last: number}} where */
+/** @param {HTMLElement} place @param {Task} task @param {{course: Course, colour: string, isDashed: boolean}[]} runs the
+ * episode's own first @param {{step: number, last: number}} where */
 export function paintCurve(place, task, runs, { step, last }) {
   const { inks, font } = chartColours(place);
   const { goal, axis } = task.chart;

@@ -6,8 +6,7 @@ export function studyName(pathname) {
   return decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 }
 
-/** Return the ids that another site put into the address: each name once, no empty ones; the server knows which it
- * wants.
+/** Return the ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
  * @param {string} search */
 export function outsideIds(search) {
   const found = [...new URLSearchParams(search)].filter(([name, value]) => name && value && name.length <= 64 && value.length <= 200);

@@ -125,10 +125,9 @@ const SPOKEN = { ArrowUp: "arrow up", ArrowRight: "arrow right", ArrowDown: "arr
 /** @param {string} code @returns whether a key may drive: Tab, Enter, Escape, space and the like stay with the page */
 export const mayDrive = (code) => DRIVING.test(code) && code !== "NumpadEnter";
 
-/** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places
- * with the one it replaces.
- * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code
- * @returns {Keys | string} */
+/** Return the map with `code` in a slot, or a sentence that says why not. A key that drove elsewhere changes places with the
+ * one it replaces.
+ * @param {Keys} keys @param {Action} action @param {number} slot 0 or 1 @param {string} code @returns {Keys | string} */
 export function assign(keys, action, slot, code) {
   if (!mayDrive(code)) return `${keyName(code)} cannot drive here: choose a letter, a digit, an arrow or a number-pad key.`;
   const old = keys[action][slot];

@@ -37,10 +37,9 @@ declare namespace Study {
   type Replay = {index: number, runs: {own: Course | null, policy: Course | null}, playback: Playback};
   type Screen = "loading" | "problem" | "ready" | "break" | "play" | "consent" | "instructions" | "questions"
     | "debrief" | "complete" | "withdrawn";
-  /** Game: the board, the connection and the notices: the playground's own state without a rival; problem: one sentence
-   * when the study cannot be taken part in; passed: the finished episode whose end card was passed by; isPaused: the
-   * board waits for a key; replay: the debrief's, null until one is loaded; looksBack: whoever has finished looks at
-   * the debrief again. */
+  /** Game: the board, the connection and the notices: the playground's own state without a rival; problem: one sentence when
+   * the study cannot be taken part in; passed: the finished episode whose end card was passed by; isPaused: the board waits
+   * for a key; replay: the debrief's, null until one is loaded; looksBack: whoever has finished looks at the debrief again. */
   type State = {
     game: GameState, participant: Participant | null, problem: string | null, passed: string | null, isPaused: boolean,
     replay: Replay | null, looksBack: boolean,

@@ -18,8 +18,7 @@ type Look = {
   name: string, accent: string, width_px: number, height_px: number, dpr: number, palette?: string,
   ghost?: {trail: Mark[], accent: string} | null, [more: string]: unknown,
 };
-/** What a page knows of the ground of a move: it may be made; more is to be seen first; or why it would end the
- * episode. */
+/** What a page knows of the ground of a move: it may be made; more is to be seen first; or why it would end the episode. */
 type Ground = "free" | "unknown" | {stop: string};
 type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
 type Hint = {id: string, gain: string, line: string};

@@ -13,8 +13,7 @@ export const cellAfter = ([row, col], action) => [row + WAYS[action][0], col + W
 export const markAt = (grid, [row, col]) => grid[row]?.[col];
 
 /** Return what the page knows of the cell that a move leads to, after the moves that still wait for their answer.
- * @param {Mars.Frame} frame the newest answer @param {readonly Action[]} waiting @param {Action} action
- * @returns {Ground} */
+ * @param {Mars.Frame} frame the newest answer @param {readonly Action[]} waiting @param {Action} action @returns {Ground} */
 export function ahead({ grid, position }, waiting, action) {
   const mark = markAt(grid, [...waiting, action].reduce(cellAfter, position));
   if (mark === undefined) return { stop: "Stopped before the edge" };

@@ -66,8 +66,7 @@ export function createThinking({ send, onChange }) {
       return { thought: thoughtOf(/** @type {Mars.Board | null} */ (state[role])), tint: expected && { expected, most } };
     },
     /** Ask for what is missing, and paint the legend and the strip.
-     * @param {GameState} state
-     * @param {{font: string, inks: Inks, end: number, colours: Record<Role, string>}} look */
+     * @param {GameState} state @param {{font: string, inks: Inks, end: number, colours: Record<Role, string>}} look */
     paint(state, { colours, ...look }) {
       const boards = isShown() ? policyBoards(state) : [];
       ask(boards);
@@ -90,8 +89,7 @@ export function valueLine(names) {
   return names.length ? `What ${names.join(" and ")} expects to earn from here on, in the points of its training: new ground earns, moves cost` : "";
 }
 
-/** Return the values at which the strip has a line and a number: its ends, and nought where that lies well between
- * them.
+/** Return the values at which the strip has a line and a number: its ends, and nought where that lies well between them.
  * @param {[number, number]} range */
 export function stripTicks([low, high]) {
   const found = ticks(low, high);

@@ -5,10 +5,9 @@ import { cellAfter, markAt, WAYS } from "./ground.js";
 /** Shares below it draw nothing. */
 const LEAST = 0.02;
 
-/** Return the wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is
- * 0..1.
- * @param {readonly number[]} probabilities @param {number} unit_px length that stands for a cell
- * @returns {{share: number, points: [number, number][]}[]} */
+/** Return the wedges of a thought round (0, 0): a triangle for each move that has a share, its tip outward; `share` is 0..1.
+ * @param {readonly number[]} probabilities @param {number} unit_px length that stands for a cell @returns {{share: number,
+ * points: [number, number][]}[]} */
 export function wedges(probabilities, unit_px) {
   return Object.values(WAYS).flatMap(([y, x], move) => {
     const share = probabilities[move];
@@ -61,8 +60,7 @@ export function paintThought(context, thought, [row, col], size, { accent, dpr }
 }
 
 /** Mark the cell that a policy heads for: a pale frame in a dark one, which shows on any ground and in greyscale.
- * @param {CanvasRenderingContext2D} context @param {Cell} goal @param {number} size cell, device pixels
- * @param {number} dpr */
+ * @param {CanvasRenderingContext2D} context @param {Cell} goal @param {number} size cell, device pixels @param {number} dpr */
 function paintGoal(context, [row, col], size, dpr) {
   const side = Math.max(size, 9 * dpr) - 2 * dpr;
   const corner = [(col + 0.5) * size - side / 2, (row + 0.5) * size - side / 2];
@@ -75,8 +73,7 @@ function paintGoal(context, [row, col], size, dpr) {
   context.restore();
 }
 
-/** Return what is expected on a board while there is a move to make. It may be a move old: the next answer is on its
- * way.
+/** Return what is expected on a board while there is a move to make. It may be a move old: the next answer is on its way.
  * @param {Mars.Board | null} board @returns {Mars.Expected | null} */
 export const expectedOf = (board) => (board?.expected && !board.frame.outcome ? board.expected : null);
 

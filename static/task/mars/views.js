@@ -1,8 +1,7 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
 import { by } from "../../common/page.js";
 
-/** Return whether this browser can draw the 3-D view, and whether its processor has to do it.
- */
+/** Return whether this browser can draw the 3-D view, and whether its processor has to do it. */
 function probeWebGL() {
   try {
     const canvas = document.createElement("canvas");
