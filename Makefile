@@ -14,6 +14,9 @@ RESEARCH := .venv-research
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 
+# a test run starts some hundred processes, and each would compile the whole app again
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help play test test-long paper test-research check check-types check-rest format docs bench audit sbom clean browser
 
@@ -26,7 +29,7 @@ play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for ano
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
 	@$(BIN)/python -m tests.support.compile_kernels
 	$(BIN)/python -m pytest -m "not long and not bench and not alone" -n $(WORKERS) --dist worksteal
-	$(BIN)/python -m pytest -m alone
+	$(BIN)/python -m pytest -m alone $$(grep -rl --include='test_*.py' 'mark\.alone' tests)
 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600

@@ -1,14 +1,10 @@
 """`python -m tests.support.compile_kernels`: compile what is compiled once, before several test processes do it side by side.
 
-These are the kernels and the modules: Python may have been told not to keep what it has compiled (`PYTHONDONTWRITEBYTECODE`),
-and a command that is started by a test would compile the whole app. The first process that compiles for long says so on
-stderr, which some tests read.
+The first process that compiles for long says so on stderr, which some tests read.
 """
 
-import compileall
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -44,12 +40,5 @@ def compile_stacks():
     envs.step(envs.action_space.sample())
 
 
-def compile_modules():
-    """Keep the modules of the packages compiled, where they have changed."""
-    for package in ("app", "marsexplorer"):
-        compileall.compile_dir(Path(__file__).parents[2] / package, quiet=1)
-
-
 if __name__ == "__main__":
-    compile_modules()
     compile_kernels()
