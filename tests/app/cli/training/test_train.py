@@ -18,6 +18,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.training import refine as refine_module
+from marsexplorer.training import run_folder
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.refine import RefineConfig
 
@@ -55,6 +56,8 @@ def quick(monkeypatch):
     monkeypatch.setitem(RECIPES, "priced", TINY)
     monkeypatch.setattr(refine_module, "DEFAULT_CONFIG", TINY_REFINE)
     monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
+    monkeypatch.setattr(run_folder, "VALIDATION_EPISODES", 8)
+    monkeypatch.setattr("app.jobs.cores", lambda: 1)
 
 
 def interrupt_when_it_is_there(file):
