@@ -431,8 +431,12 @@ def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
 
 
 def heed_control_c():
-    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well."""
+    """Undo what a shell does to whatever it starts in the background: there Ctrl-C is ignored, by children as well.
+
+    The process has one core, hence one worker process.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
 def signal_process(process):

@@ -1,6 +1,7 @@
 """Tables over HTTP for a slow reader: written first and then sent, so nothing reads the database meanwhile."""
 
 import contextlib
+import shutil
 import socket
 import sqlite3
 import tempfile
@@ -33,8 +34,10 @@ def small_buffers(monkeypatch):
     monkeypatch.setattr(listening, "listen", listen_small)
 
 
-def record_long_episodes(path):
-    """Record episodes whose steps are more bytes than sockets hold."""
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A database of episodes whose steps are more bytes than sockets hold, and how many steps they are."""
+    path = tmp_path_factory.mktemp("long") / "playground.db"
     policy = load("frontier-cost", CONFIG.sensor_radius)
     actions = play_episode(policy, CONFIG, 4).actions
     store = Store(path)
@@ -42,7 +45,14 @@ def record_long_episodes(path):
         row, episode = open_episode(store, add_session(store), 4, CONFIG)
         add_steps(store, row, episode, actions, "human")
     store.close()
-    return EPISODES * len(actions)
+    return path, EPISODES * len(actions)
+
+
+@pytest.fixture
+def long_episodes(recorded, tmp_path):
+    """The number of steps that the fixture `serve` finds in its database."""
+    shutil.copy(recorded[0], tmp_path / "playground.db")
+    return recorded[1]
 
 
 def checkpoint(path):
@@ -71,9 +81,9 @@ def slow_download(server):
         yield slow, answer, content
 
 
-def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(serve, tmp_path):
-    path = tmp_path / "playground.db"
-    steps = record_long_episodes(path)
+def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(
+    serve, long_episodes, tmp_path
+):
     server = serve()
     player = server.page()
     with slow_download(server) as (slow, head, content):
@@ -83,17 +93,19 @@ def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(serve,
         act = {"episode": frame["episode"], "step": 0, "action": "east" if east else "south"}
         moved = player.post(f"/api/sessions/{session}/act", json=act)
         assert moved.json()["step"] == 1, "others' moves go on"
-        assert not checkpoint(path), "nothing reads the database while the table is being sent"
+        assert not checkpoint(tmp_path / "playground.db"), (
+            "nothing reads the database while the table is being sent"
+        )
         while piece := slow.recv(1 << 16):
             content += piece
     length = int(head.lower().partition(b"content-length: ")[2].split(b"\r\n")[0])
     assert len(content) == length > 500_000, "more than the sockets hold"
-    assert content.count(b"\n") == steps + 1, "as it was when the export began"
+    assert content.count(b"\n") == long_episodes + 1, "as it was when the export began"
 
 
+@pytest.mark.usefixtures("long_episodes")
 def test_a_download_leaves_no_file_behind_also_when_its_reader_goes(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    record_long_episodes(tmp_path / "playground.db")
     with slow_download(serve()):
         assert not list(tmp_path.glob("mars-download-*"))
         assert open_downloads()
