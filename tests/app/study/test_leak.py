@@ -3,8 +3,11 @@
 import json
 import re
 import secrets
+from contextlib import ExitStack
 
+import msgspec
 import pytest
+from numpy import packbits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -39,8 +42,6 @@ def secrets_of(study):
     """All that would reveal a terrain: secret, seeds, packed maps."""
     seeds = study.seeds()
     maps = [generate(study.protocol.env_config, seed) for seed in seeds]
-    from numpy import packbits
-
     return [
         study.secret.hex(),
         *map(str, seeds),
@@ -53,20 +54,12 @@ def public_urls(server, episodes):
     for path, calls in server.app.openapi()["paths"].items():
         if "get" not in calls:
             continue
-        for fmt in ("csv",):
-            for episode in episodes if "episode_id" in path else [""]:
-                filled = {
-                    "{episode_id}": episode,
-                    "{table}": "episodes",
-                    "{fmt}": fmt,
-                    "{name}": "small",
-                    "{index}": "0",
-                }
-                url = path
-                for hole, value in filled.items():
-                    url = url.replace(hole, value)
-                yield url
-                yield url.replace("/export/episodes", "/export/steps")
+        filled = {"table": "episodes", "fmt": "csv", "name": "small", "index": "0"}
+        for episode in episodes if "episode_id" in path else [""]:
+            url = path
+            for hole, value in {**filled, "episode_id": episode}.items():
+                url = url.replace(f"{{{hole}}}", value)
+            yield from dict.fromkeys((url, url.replace("/export/episodes", "/export/steps")))
 
 
 def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, study, played):
@@ -114,14 +107,6 @@ def test_no_public_endpoint_tells_anything_of_an_open_studys_episodes(server, st
     assert stranger.get("/api/export/steps.csv").text.count("\n") == 1
 
 
-def test_once_the_study_is_closed_its_episodes_are_public(server, study, played, tmp_path):
-    Folder(tmp_path / "studies").close("small")
-    stranger = server.client()
-    assert stranger.get("/api/studies/small").json()["secret"] == study.secret.hex()
-    assert len(stranger.get("/api/episodes").json()) == 6 + 3
-    assert str(study.seeds()[0]) in stranger.get("/api/export/episodes.csv").text
-
-
 def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_one(
     server, study, played
 ):
@@ -135,7 +120,7 @@ def test_a_participant_gets_the_warm_up_terrains_in_the_debrief_and_no_ranked_on
     assert running.status_code == 404, "not even one's own, with its seed, while it runs"
 
 
-def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(
+def test_once_the_study_is_closed_its_episodes_are_public_and_the_debrief_shows_ranked_terrains(
     server, study, played, tmp_path
 ):
     done, person = played
@@ -147,6 +132,10 @@ def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(
     assert {done.client.get(url).status_code for url in ranked} == {409}
     assert done.me()["debrief"]["ranked_terrains"] == 0
     Folder(tmp_path / "studies").close("small")
+    stranger = server.client()
+    assert stranger.get("/api/studies/small").json()["secret"] == study.secret.hex()
+    assert len(stranger.get("/api/episodes").json()) == 6 + 3
+    assert str(study.seeds()[0]) in stranger.get("/api/export/episodes.csv").text
     count = done.me()["debrief"]["ranked_terrains"]
     assert count == len(done.me()["debrief"]["episodes"]) > 0
     for index in range(count):
@@ -167,62 +156,46 @@ def test_ranked_terrains_are_shown_in_the_debrief_once_the_study_is_closed(
     )
 
 
-@pytest.mark.parametrize("cookie", ["none", "stranger", "another participant", "forged"])
-def test_a_board_is_its_participants_alone(server, study, played, cookie):
+def test_a_board_is_its_participants_alone(server, study, played):
     done, person = played
-    client = {"none": server.client(), "another participant": done.client}.get(
-        cookie
-    ) or server.client()
-    if cookie == "stranger":
-        client.post("/api/sessions")
-    if cookie == "forged":
-        name, value = next(iter(dict(person.client.cookies).items()))
-        client.cookies.set(name, forged(value))
     session, frame = person.where["session"], person.frame
+    stranger, forger = server.client(), server.client()
+    stranger.post("/api/sessions")
+    name, value = next(iter(dict(person.client.cookies).items()))
+    forger.cookies.set(name, forged(value))
+    for client in (server.client(), stranger, done.client, forger):
+        check_that_it_is_unknown(server, session, frame, client)
+    assert person.me()["about"]["frame"] == frame
+    history = person.client.get(f"/api/sessions/{session}/history").json()
+    assert history["episode"] == frame["episode"]
+    assert person.client.get(f"/viewer/{session}/").status_code == 200
+    with ExitStack() as stack:
+        assert View(server, session, stack, person.client).read("/border")
+
+
+def check_that_it_is_unknown(server, session, frame, client):
+    """To this client a session is one that does not exist, over HTTP and both sockets."""
     act = {"episode": frame["episode"], "step": frame["step"], "action": "south"}
-    unknown = client.get("/api/sessions/nobody").json()["detail"]
+    unknown = client.get("/api/sessions/nobody").json()["detail"].replace("nobody", session)
     for method, path, body in (
         ("GET", "", None), ("GET", "/about", None), ("GET", "/history", None),
         ("POST", "/act", act), ("POST", "/episodes", {}), ("POST", "/pace", {"pause": True}),
     ):  # fmt: skip
         answer = client.request(method, f"/api/sessions/{session}{path}", json=body)
-        assert (answer.status_code, answer.json()["detail"]) == (
-            404,
-            unknown.replace("nobody", session),
-        )
+        assert (answer.status_code, answer.json()["detail"]) == (404, unknown)
     assert client.get(f"/viewer/{session}/").status_code == 404
     with server.socket(session, client) as socket:
-        assert socket.receive()["detail"] == unknown.replace("nobody", session)
+        assert socket.receive()["detail"] == unknown
         with pytest.raises(ConnectionClosed) as closed:
             socket.receive()
         assert closed.value.rcvd.code == 4404
     cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-    with connect(
-        url,
-        subprotocols=[PROTOCOL],
-        origin=server.url,
-        proxy=None,
-        additional_headers={"Cookie": cookies},
-    ) as view:
+    given = {"additional_headers": {"Cookie": cookies}, "origin": server.url, "proxy": None}
+    with connect(url, subprotocols=[PROTOCOL], **given) as view:
         with pytest.raises(ConnectionClosed) as closed:
             view.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd.code == 4404
-    assert person.me()["about"]["frame"] == frame
-
-
-def test_its_participant_gets_frames_history_and_the_3d_view(server, study, played):
-    from contextlib import ExitStack
-
-    _, person = played
-    session = person.where["session"]
-    assert (
-        person.client.get(f"/api/sessions/{session}/history").json()["episode"]
-        == person.frame["episode"]
-    )
-    assert person.client.get(f"/viewer/{session}/").status_code == 200
-    with ExitStack() as stack:
-        assert View(server, session, stack, person.client).read("/border")
 
 
 def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, monkeypatch):
@@ -252,10 +225,6 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, mon
 
 
 def test_scores_of_ranked_episodes_are_null_in_every_answer_until_the_debrief(server, study):
-    from contextlib import ExitStack
-
-    import msgspec
-
     person = Person(server)
     person.to_warm_up()
     person.play_on(until=("ranked",))
