@@ -274,7 +274,7 @@ def test_mid_episode_looks_like_a_product(serve, player, name, flags):
     server = serve()
     me = player(server, flags)
     me.begin(seed=11, rival=policies.names()[0])
-    frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 6)
+    frame = me.explore(policies.load("frontier-utility"), lambda frame: frame["step"] == 3)
     me.wait(f"window.mars.state.rival.frame.step >= {frame['step']}")
     keep_picture(me.page, name)
     fits(
