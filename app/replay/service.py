@@ -70,10 +70,10 @@ class Replays:
     async def has(self, episode_id: str, asker: Asker) -> bool:
         """Return whether there is a replay of an episode for whoever asks."""
         try:
-            await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+            found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return True
+        return rules_of(found.task).has_courses
 
     async def replay(self, episode_id: str, asker: Asker) -> Replay:
         """Return the replay of an episode.
@@ -109,7 +109,7 @@ class Replays:
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
-        if rules_of(episode.task).assets != "mars":
+        if not rules_of(episode.task).has_courses:
             raise NoCourseError(f"episode {episode_id!r} is shown at /watch/{episode_id}")
         course = course_of(episode.asker_name, episode.record)
         ghosts = choices(list(self._offers.values()), course.config)

@@ -126,10 +126,18 @@ async def readyz(request: Request) -> dict[str, str]:
     return {"status": "ok"}
 
 
+@router.get("/task", tags=["server"], summary="What is played here")
+async def task(request: Request) -> dict[str, Any]:
+    """Return how it is called, drawn and measured, its actions by their codes, and the keys that pages begin with."""
+    return describe(_lobby(request).task)
+
+
 @router.get("/levels", tags=["server"], summary="What can be played")
-async def levels() -> list[dict[str, Any]]:
-    """List the levels: `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
-    return levels_on_offer()
+async def levels(request: Request) -> list[dict[str, Any]]:
+    """List the levels of MarsExplorer; there are none where something else is played.
+
+    `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
+    return levels_on_offer() if _lobby(request).task.name == "mars" else []
 
 
 @router.get("/maps", tags=["server"], summary="The maps that can be played")

@@ -52,6 +52,7 @@ const session = (id) => `sessions/${encodeURIComponent(id)}`;
  * @type {Api} */
 export const api = {
   health: () => request("health", undefined, 1000),
+  task: () => request("task"),
   levels: () => request("levels"),
   maps: () => request("maps"),
   policies: () => request("policies"),

@@ -29,7 +29,7 @@ type Watched = {
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
 type Wished = Record<string, unknown>;
 type Api = {
-  health(): Promise<unknown>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
+  health(): Promise<unknown>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
   policies(): Promise<Choice[]>, humanLevel(): Promise<HumanLevel>,
   episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
   /** Of a finished episode. */

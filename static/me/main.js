@@ -6,7 +6,7 @@ import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
 import { bestText, standingText, summary, terrainText } from "./words.js";
 
-const task = await loadTask(null);
+const task = await loadTask(await request("task"));
 const PAGE = 50;
 let shown = 0;
 

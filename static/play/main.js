@@ -9,7 +9,7 @@ import { notCounted, score } from "../common/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
-import { createLeaving, createSessions, findBoard, patiently, showInstead, taskInSearch } from "./sessions.js";
+import { createLeaving, createSessions, findBoard, patiently, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
@@ -63,11 +63,10 @@ function onFailure({ status, message }) {
 
 const find = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
   note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
-const asked = taskInSearch(location.search);
-const [found, levels, policies, maps] = await patiently(() => Promise.all([
-  asked ? api.createSession({ task: asked, player: "human" }).then((about) => ({ about, isNewest: false })) : find(), api.levels(), api.policies(), api.maps()]), onFailure);
+const [found, served, levels, policies, maps] = await patiently(() => Promise.all([
+  find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
 if (found === undefined) await new Promise(() => {}); // the page is being left for somebody else's board
-const task = found?.about?.task ?? await loadTask(null);
+const task = found?.about?.task ?? await loadTask(served);
 const modules = await task.play?.();
 showTask(task);
 

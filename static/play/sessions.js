@@ -12,7 +12,7 @@ function terrainOf({ level, map, size, seed, task }) {
 /** @param {Mode} mode @param {Play.Wish} wish @returns the body of POST api/sessions */
 export function sessionWish(mode, { rival, player, ...terrainWish }) {
   const { task } = terrainWish;
-  const terrain = { ...terrainOf(terrainWish), ...(task ? { task } : {}) };
+  const terrain = terrainOf(terrainWish);
   if (mode === "ranked" || task) return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? player : "human", rival };
 }
@@ -22,9 +22,6 @@ export function sessionWish(mode, { rival, player, ...terrainWish }) {
 export function watchedInHash(hash) {
   return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
 }
-
-/** @param {string} search @returns the task that an address asks for by its name; null for the server's first */
-export const taskInSearch = (search) => new URLSearchParams(search).get("task");
 
 /** Ask until the server answers: never a new board for want of an answer, which would abandon a ranked episode that waits.
  * @template T @param {() => Promise<T>} ask @param {(error: ApiError) => void} onFailure before it is asked again */

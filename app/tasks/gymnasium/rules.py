@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version as version_of
+from itertools import accumulate
 from typing import Any, ClassVar
 
 import gymnasium
@@ -175,6 +176,7 @@ class GymnasiumView:
         self.ended, self.actions = run.outcome != "running", bytes(run.actions)
         self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
         self._observation, self._picture = run.observation(), picture
+        self._totals = [0.0, *accumulate(rewards)]
 
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""
@@ -198,8 +200,8 @@ class GymnasiumView:
         return json.dumps(frame, separators=(",", ":"))
 
     def history(self, episode_id: str) -> str:
-        """Return the actions so far, as JSON text: a picture has no path."""
-        history = {"kind": "history", "episode": episode_id, "actions": list(self.actions)}
+        """Return the return after 0, 1, 2, ... moves, as JSON text: a picture has no path."""
+        history = {"kind": "history", "episode": episode_id, "headlines": self._totals}
         return json.dumps(history, separators=(",", ":"))
 
     def expected(self, episode_id: str) -> str:
@@ -211,7 +213,6 @@ class GymnasiumView:
 class GymnasiumRules:
     """The rules of the environment with an id (`app.task.Rules`)."""
 
-    metrics: ClassVar[tuple[Metric, ...]] = (Metric("return", "", None, None, "higher"),)
     successes: ClassVar[frozenset[str]] = frozenset({"succeeded"})
     assets: ClassVar[str] = "picture"
 
@@ -221,6 +222,8 @@ class GymnasiumRules:
         except (gymnasium.error.Error, ImportError) as error:
             raise ValueError(f"Gymnasium knows no environment {level!r}: {error}") from error
         self.level, self._limit = level, spec.max_episode_steps or DEFAULT_LIMIT
+        low, high = self.returns(self.default) or (None, None)
+        self.metrics = (Metric("return", "", low, high, "higher"),)
         self.name, self.title, self.version = f"gymnasium:{level}", level, version()
 
     @cached_property

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { ApiError } from "../../../static/common/api.js";
-import { createSessions, findBoard, patiently, sessionWish, taskInSearch, watchedInHash } from "../../../static/play/sessions.js";
+import { createSessions, findBoard, patiently, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
@@ -62,9 +62,8 @@ test("an answer that does not come begins no board, which would abandon a ranked
   await assert.rejects(patiently(async () => { throw new TypeError("a mistake"); }, assert.fail), TypeError);
 });
 
-test("another task is asked for by its name, and nothing is said of levels", () => {
+test("of another task nothing is said of levels", () => {
   const wish = { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: "FrozenLake-v1" };
-  assert.deepEqual(sessionWish("practice", wish), { task: "FrozenLake-v1", player: "human" });
-  assert.equal(taskInSearch("?task=FrozenLake-v1"), "FrozenLake-v1");
-  assert.equal(taskInSearch(""), null);
+  assert.deepEqual(sessionWish("practice", wish), { player: "human" });
+  assert.deepEqual(sessionWish("ranked", { ...wish, seed: 7 }), { seed: 7, player: "human" });
 });
