@@ -24,8 +24,8 @@ from app.tasks.mars.course import Course
 STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""
 ENTRY = "replay/main.js"
-TASK = "task/mars/index.js"
-"""What the page asks for by the name of its task."""
+TASKS = ("task/mars/index.js", "task/picture/index.js")
+"""What the page asks for by the assets of its task."""
 _IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
 _TASK_IMPORT = "import(`../task/"
 
@@ -117,9 +117,9 @@ def _inlined() -> Inlined:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """Return the text of a module, of its task and of all that they import, by path below `static/`, by which they import."""
+    """Return the text of a module, of what draws the tasks and of all that they import, by path below `static/`, by which they import."""
     found: dict[str, str] = {}
-    waiting = [entry, TASK]
+    waiting = [entry, *TASKS]
     while waiting:
         name = waiting.pop()
         if name in found:

@@ -29,8 +29,8 @@ const times_ms = new WeakMap();
 
 /** Return when an event happened, in ms of the page's own clock: never later than now, and the same whoever asks, so that an
  * input event and the move that it causes have one time.
- * @param {globalThis.Event} event @param {Window & typeof globalThis} view whose event it is: the page or a frame in it
- * @param {Window & typeof globalThis} page */
+ * @param {globalThis.Event} event @param {View} view whose event it is: the page or a frame in it
+ * @param {View} page */
 export function timeOf_ms(event, view, page) {
   const known_ms = times_ms.get(event);
   if (known_ms !== undefined) return known_ms;
@@ -49,11 +49,11 @@ export function timeOf_ms(event, view, page) {
  *              began, after which some systems report no key that comes up
  *   actionOf   the action of a key's code; undefined lets the key pass
  *   onEvent    any key went down or came up, whatever becomes of it; `isOwn` where it belongs to what has the focus
- * @param {Window & typeof globalThis} view
+ * @param {View} view
  * @param {{onPress: (action: Action, event: KeyboardEvent, at_ms: number) => void, onRelease: (at_ms: number) => void,
  *   onEnter: (event: KeyboardEvent) => boolean, actionOf: (code: string) => Action | undefined,
  *   onLetGo?: (code: string | null) => void, onEvent?: (event: KeyboardEvent, isOwn: boolean, at_ms: number) => void}} handlers
- * @param {Window & typeof globalThis} page with the clock that counts */
+ * @param {View} page with the clock that counts */
 export function hookKeys(view, handlers, page) {
   /** @param {KeyboardEvent} event */
   const at_ms = (event) => timeOf_ms(event, view, page);
@@ -132,7 +132,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
   };
   hookKeys(window, handlers, window);
   for (const frame of frames) {
-    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {Window & typeof globalThis} */ (frame.contentWindow), handlers, window));
+    frame.addEventListener("load", () => frame.contentWindow && hookKeys(/** @type {View} */ (frame.contentWindow), handlers, window));
   }
   const NOTED = /** @type {const} */ ({ pointerdown: ["touchdown"], pointerup: ["touchup"], pointercancel: ["touchup"], click: ["touchdown", "touchup"] });
   /** @param {PointerEvent} event */

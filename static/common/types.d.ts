@@ -26,6 +26,8 @@ type Watched = {
   episode: string, player: string, level: string, size: number | [number, number], frame: Frame, history: MoveHistory,
   frames: Frame[] | null, task: Task,
 };
+/** The page, or a frame in it. */
+type View = Window & typeof globalThis;
 type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: RequestInit) => Promise<T>;
 type Wished = Record<string, unknown>;
 type Api = {

@@ -61,20 +61,38 @@ export function startInput({ task, board, frames, pad, settings, send, driven, p
     },
     onLetGo: (holder) => (holder === null ? heldKey.stop() : heldKey.up(holder)),
   });
-  startSwipes({
-    surfaces: [...board.querySelectorAll(".stage, .matrix")].map((each) => /** @type {HTMLElement} */ (each)), frames: frames.slice(0, 1),
-    isOn: () => driven()?.outcome === null, actionOf: actionOfKey,
-    onSwipe(action, event, view) {
-      onActivity();
+  const isSwiped = () => driven()?.outcome === null;
+  /** Follow the swipes on an element or in a window, before any other listener.
+   * @param {HTMLElement | View} target @param {View} view it stands in */
+  function followSwipes(target, view) {
+    /** @param {"touchdown" | "touchup"} kind @param {Action} action @param {PointerEvent} event */
+    function note(kind, action, event) {
       const at_ms = timeOf_ms(event, view, window);
-      telemetry.note("touchdown", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
-      controls.press("touch", action, event, at_ms, "swipe");
-    },
-    onEnd(action, event, view) {
-      const at_ms = timeOf_ms(event, view, window);
-      telemetry.note("touchup", { code: action, repeat: false, trusted: event.isTrusted, at_ms });
-      controls.release("swipe", at_ms);
-    },
+      telemetry.note(kind, { code: action, repeat: false, trusted: event.isTrusted, at_ms });
+      return at_ms;
+    }
+    const take = createSwipe({
+      isOn: isSwiped, actionOf: actionOfKey,
+      onSwipe(action, event) {
+        onActivity();
+        controls.press("touch", action, event, note("touchdown", action, event), "swipe");
+      },
+      onEnd: (action, event) => controls.release("swipe", note("touchup", action, event)),
+    });
+    for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
+      target.addEventListener(type, (event) => {
+        if (!take(/** @type {PointerEvent} */ (event))) return;
+        event.stopImmediatePropagation();
+        if (event.cancelable) event.preventDefault();
+      }, true);
+    }
+    // a finger that stays down must not bring up a menu
+    target.addEventListener("contextmenu", (event) => { if (isSwiped() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
+  }
+  for (const surface of /** @type {NodeListOf<HTMLElement>} */ (board.querySelectorAll(".stage, .matrix"))) followSwipes(surface, window);
+  frames[0].addEventListener("load", () => {
+    const view = /** @type {View | null} */ (frames[0].contentWindow);
+    if (view) followSwipes(view, view);
   });
   settings.repeat.value = String(paceOf(localStorage.getItem(REPEAT_SETTING)));
   settings.repeat.addEventListener("change", () => localStorage.setItem(REPEAT_SETTING, settings.repeat.value));
@@ -244,34 +262,6 @@ export function createSwipe({ isOn, actionOf, onSwipe, onEnd }) {
     if (action) onEnd(action, event);
     return true;
   };
-}
-
-const TYPES = /** @type {const} */ (["pointerdown", "pointermove", "pointerup", "pointercancel"]);
-
-/** Follow the swipes on elements of the page and inside frames on it, before any other listener.
- *   onSwipe, onEnd  as of `createSwipe`, with the window in which the event happened
- * @param {{surfaces: HTMLElement[], frames: HTMLIFrameElement[], isOn: () => boolean,
- *   actionOf: (code: string) => Action | undefined, onSwipe: (action: Action, event: PointerEvent, view: Window & typeof globalThis) => void, onEnd: (action: Action,
- *   event: PointerEvent, view: Window & typeof globalThis) => void}} how */
-export function startSwipes({ surfaces, frames, isOn, actionOf, onSwipe, onEnd }) {
-  /** @param {HTMLElement | (Window & typeof globalThis)} target @param {Window & typeof globalThis} view */
-  function follow(target, view) {
-    const take = createSwipe({ isOn, actionOf, onSwipe: (action, event) => onSwipe(action, event, view), onEnd: (action, event) => onEnd(action, event, view) });
-    for (const type of TYPES) {
-      target.addEventListener(type, (event) => {
-        if (!take(/** @type {PointerEvent} */ (event))) return;
-        event.stopImmediatePropagation();
-        if (event.cancelable) event.preventDefault();
-      }, true);
-    }
-    // a finger that stays down must not bring up a menu
-    target.addEventListener("contextmenu", (event) => { if (isOn() && /** @type {PointerEvent} */ (event).pointerType !== "mouse") event.preventDefault(); }, true);
-  }
-  for (const surface of surfaces) follow(surface, window);
-  for (const frame of frames) {
-    frame.addEventListener("load", () => frame.contentWindow && follow(/** @type {Window & typeof globalThis} */ (frame.contentWindow),
-      /** @type {Window & typeof globalThis} */ (frame.contentWindow)));
-  }
 }
 
 /** Where the choice is kept: "on" or absent. */

@@ -39,7 +39,10 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, onChan
   const chosen = () => pointed ?? pinned;
 
   function changed() {
-    markChosen(part.losses, chosen(), pinned);
+    part.losses.querySelectorAll("li").forEach((item, index) => {
+      item.classList.toggle("is-chosen", index === chosen());
+      item.querySelector(".loss")?.setAttribute("aria-pressed", String(index === pinned));
+    });
     marks = analysis?.losses.length ? { losses: analysis.losses, chosen: chosen() } : null;
     onChange();
   }
@@ -76,17 +79,37 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, onChan
     const asked = episode = player.frame.episode;
     part.ask.hidden = true;
     part.losses.hidden = false;
-    paintWorking(part.losses, player.frame.rows * player.frame.cols);
+    const time = player.frame.rows * player.frame.cols > 600 ? "On a board of this size that can take a minute." : "That takes a few seconds.";
+    part.losses.replaceChildren(create("p", `Trying every other way you could have gone. ${time}`, { role: "status" }), create("progress", [], { "aria-label": "Judging your moves" }));
     try {
       const found = await load(asked);
       if (episode !== asked) return;
-      paintLossList(part.losses, found, { onPoint: point, onPin: pin, onTry: ({ step }) => tryFrom(state(), step) });
+      paintList(found);
       show(found);
     } catch (error) {
       if (episode !== asked) return;
-      paintFailure(part.losses, error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`);
+      const reason = error instanceof ApiError ? error.message : `Something went wrong on this page: ${error}`;
+      part.losses.replaceChildren(create("p", `${reason.slice(0, 1).toUpperCase()}${reason.slice(1)}.`.replace(/\.\.$/, "."), { role: "status" }));
       part.ask.hidden = error instanceof ApiError && error.status === 422;
     }
+  }
+  /** @param {Mars.Analysis} found */
+  function paintList(found) {
+    const list = create("ol", found.losses.map((loss, index) => {
+      const choose = create("button", [create("b", String(index + 1), { "aria-hidden": "true" }), create("span", sentenceOf(loss))],
+        { type: "button", class: "loss", "aria-pressed": "false", "data-testid": `loss-${index + 1}` });
+      const again = create("button", "Try from here", { type: "button", class: "quiet", "aria-label": `Try from here: move ${loss.step + 1}` });
+      const item = create("li", [choose, again]);
+      choose.addEventListener("click", () => pin(index));
+      again.addEventListener("click", () => tryFrom(state(), loss.step));
+      item.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") point(index); });
+      item.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") point(null); });
+      item.addEventListener("focusin", () => { if (choose.matches(":focus-visible") || again.matches(":focus-visible")) point(index); });
+      item.addEventListener("focusout", () => point(null));
+      return item;
+    }));
+    const hint = found.losses.length ? [create("p", "Choose one to see the board as you saw it: your move is the dashed arrow, the better one is green, and green cells are what it would soon have shown.", { class: "hint" })] : [];
+    part.losses.replaceChildren(create("p", summaryOf(found), { role: "status" }), list, ...hint);
   }
   /** @param {MouseEvent} event */
   function onBoard(event) {
@@ -145,50 +168,6 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, onChan
       paintOnCurve(context, onChart, chosen(), { ring: you, fill: ground, ink, base_px: at.y(0) });
     },
   };
-}
-
-/** Fill a place with the list.
- * @param {HTMLElement} place @param {Mars.Analysis} analysis
- * @param {{onPoint: (index: number | null) => void, onPin: (index: number) => void,
- *   onTry: (loss: Mars.CostlyMove) => void}} how onPoint: null when the pointer or the focus has left */
-function paintLossList(place, analysis, { onPoint, onPin, onTry }) {
-  const list = create("ol", analysis.losses.map((loss, index) => {
-    const show = create("button", [create("b", String(index + 1), { "aria-hidden": "true" }), create("span", sentenceOf(loss))],
-      { type: "button", class: "loss", "aria-pressed": "false", "data-testid": `loss-${index + 1}` });
-    const again = create("button", "Try from here", { type: "button", class: "quiet", "aria-label": `Try from here: move ${loss.step + 1}` });
-    const item = create("li", [show, again]);
-    show.addEventListener("click", () => onPin(index));
-    again.addEventListener("click", () => onTry(loss));
-    item.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") onPoint(index); });
-    item.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") onPoint(null); });
-    item.addEventListener("focusin", () => { if (show.matches(":focus-visible") || again.matches(":focus-visible")) onPoint(index); });
-    item.addEventListener("focusout", () => onPoint(null));
-    return item;
-  }));
-  const hint = analysis.losses.length ? [create("p", "Choose one to see the board as you saw it: your move is the dashed arrow, the better one is green, and green cells are what it would soon have shown.", { class: "hint" })] : [];
-  place.replaceChildren(create("p", summaryOf(analysis), { role: "status" }), list, ...hint);
-}
-
-/** Show which of the list is chosen, and which is pinned.
- * @param {HTMLElement} place @param {number | null} chosen @param {number | null} pinned */
-function markChosen(place, chosen, pinned) {
-  place.querySelectorAll("li").forEach((item, index) => {
-    item.classList.toggle("is-chosen", index === chosen);
-    item.querySelector(".loss")?.setAttribute("aria-pressed", String(index === pinned));
-  });
-}
-
-/** Show that the moves are being judged.
- * @param {HTMLElement} place @param {number} cells of the board */
-function paintWorking(place, cells) {
-  const time = cells > 600 ? "On a board of this size that can take a minute." : "That takes a few seconds.";
-  place.replaceChildren(create("p", `Trying every other way you could have gone. ${time}`, { role: "status" }), create("progress", [], { "aria-label": "Judging your moves" }));
-}
-
-/** Show why there is no list.
- * @param {HTMLElement} place @param {string} reason */
-function paintFailure(place, reason) {
-  place.replaceChildren(create("p", `${reason.slice(0, 1).toUpperCase()}${reason.slice(1)}.`.replace(/\.\.$/, "."), { role: "status" }));
 }
 
 /** Return "low" or "high" where numbers reach that end of 0..length-1 and lie in its half alone, "" otherwise.

@@ -1,5 +1,5 @@
 // 3-D or matrix: which of the two fills a board, how the 3-D view is drawn, and the frame in which it stands.
-import { by } from "../../common/page.js";
+import { by, create } from "../../common/page.js";
 
 /** Return whether this browser can draw the 3-D view, and whether its processor has to do it. */
 function probeWebGL() {
@@ -90,10 +90,7 @@ export const cameraOf = (choice, side) => (choice === "map" || choice === "follo
  * @param {HTMLElement} group @param {() => void} onChange */
 function startCameraControl(group, onChange) {
   let side = 0;
-  const button = group.ownerDocument.createElement("button");
-  button.type = "button";
-  button.className = "quiet view";
-  button.dataset.testid = "camera";
+  const button = create("button", [], { type: "button", class: "quiet view", "data-testid": "camera" });
   button.addEventListener("click", () => {
     localStorage.setItem("mars.camera", cameraOf(localStorage.getItem("mars.camera"), side) === "map" ? "follow" : "map");
     onChange();
