@@ -117,7 +117,7 @@ def _inlined() -> Inlined:
 
 
 def modules(entry: str) -> dict[str, str]:
-    """Return the text of a module, of what draws the tasks and of all that they import, by path below `static/`, by which they import."""
+    """Return the text of a module, of the tasks and of all that they import, by path below `static/`, by which they import."""
     found: dict[str, str] = {}
     waiting = [entry, *TASKS]
     while waiting:
