@@ -1,12 +1,11 @@
 // Wires the operator's console: log in, ask every two seconds, paint; an answer of 401 leads back to the login.
 import { ApiError, request } from "../common/api.js";
-import { create, by } from "../common/page.js";
+import { by, create, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { many } from "../common/words.js";
 import { createLive, MAX_BOARDS } from "./live.js";
-import { createRecruiting } from "./tables.js";
 import * as tables from "./tables.js";
-import { attention, exportText, summary } from "./words.js";
+import { ago, attention, exportText, invitationCounts, RECRUITMENT, summary } from "./words.js";
 
 const EVERY_MS = 2000;
 const password = by("password", HTMLInputElement);
@@ -108,7 +107,7 @@ function paintStudy(study, task, overview) {
   tables.paintFigure(by("figure"), by("figure-words"), task, study);
   tables.paintAttention(by("attention"), attention(study, overview.health));
   tables.paintPeople(by("people", HTMLTableElement), task, study);
-  recruiting.paint(study);
+  paintRecruiting(study);
   const { report, release } = study.exports;
   tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
@@ -151,7 +150,6 @@ by("study").addEventListener("change", () => {
   history.replaceState(null, "", `#${encodeURIComponent(state.chosen)}`);
   load();
 });
-const recruiting = createRecruiting({ ask: (path, body) => request(ofStudy(path), body), run });
 const ofStudy = (/** @type {string} */ rest) => `admin/studies/${encodeURIComponent(state.chosen)}/${rest}`;
 by("make-report").addEventListener("click", () => run(() => request(ofStudy("exports/report"), {})));
 by("make-release").addEventListener("click", () => {
@@ -173,4 +171,65 @@ by("confirm-form").addEventListener("submit", (event) => {
   if (typed.value !== state.chosen) return event.preventDefault();
   return run(() => request(ofStudy("close"), { name: typed.value }));
 });
+
+/** The study whose invitations are shown. */
+let recruiting = "";
+
+/** @param {string} token */
+const linkOf = (token) => new URL(`study/${encodeURIComponent(recruiting)}?invitation=${token}`, document.baseURI).href;
+
+/** @param {string[]} links */
+function showLinks(links) {
+  const place = by("links", HTMLTextAreaElement);
+  place.value = links.join("\n");
+  place.rows = Math.min(8, links.length);
+  by("new-links").hidden = links.length === 0;
+  if (links.length) place.focus();
+  place.select();
+}
+by("invite").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const count = Number(by("invite-count", HTMLInputElement).value);
+  run(async () => {
+    /** @type {{tokens: string[]}} */
+    const { tokens } = await request(ofStudy("invitations"), { count });
+    showLinks(tokens.map(linkOf));
+  });
+});
+by("invitations").addEventListener("click", (event) => {
+  const button = /** @type {Element} */ (event.target).closest("button");
+  const id = button?.dataset.id ?? "";
+  if (button?.dataset.act === "link") showLinks([linkOf(button.dataset.token ?? "")]);
+  if (button?.dataset.act === "revoke") run(() => request(ofStudy("invitations/revoke"), { ids: [id] }));
+});
+
+/** @param {Admin.Invitation} invitation @param {number} now_ms */
+function invitationRow({ id, state, issued_ms: issued, revoked_ms: revoked, label, at_ms: at, token }, now_ms) {
+  const since = state === "revoked" ? revoked : at ?? issued;
+  const buttons = token === null ? [] : [
+    create("button", "Link", { type: "button", class: "quiet", "data-act": "link", "data-token": token, "aria-label": `Show the link of ${id}` }),
+    create("button", "Revoke", { type: "button", class: "quiet danger", "data-act": "revoke", "data-id": id, "aria-label": `Revoke ${id}` })];
+  const cells = [create("th", id, { scope: "row" }), create("td", state), create("td", label ?? ""), create("td", ago(now_ms - (since ?? issued)), { class: "number" }), create("td", buttons)];
+  return create("tr", cells, { "data-testid": `invitation-${id}`, "data-state": state });
+}
+
+/** @param {Admin.Study} shown */
+function paintRecruiting(shown) {
+  if (recruiting !== shown.name) showLinks([]);
+  recruiting = shown.name;
+  const { recruitment, code, code_until_ms: until, invitations, status, now_ms } = shown;
+  put(by("recruitment"), RECRUITMENT[recruitment]);
+  by("code-line").hidden = code === null;
+  put(by("code"), code ?? "");
+  put(by("code-until"), until === null ? "" : `until ${new Date(until).toISOString().slice(0, 10)}, 00:00 UTC`);
+  by("invitations-part").hidden = recruitment !== "invitation";
+  by("invite").hidden = status !== "open";
+  put(by("invitation-counts"), invitations.length ? `${many(invitations.length, "invitation")}: ${invitationCounts(invitations)}.` : "Nobody has been invited yet.");
+  const table = by("invitations", HTMLTableElement);
+  const key = JSON.stringify([shown.name, invitations.map(({ id, state, label, token }) => [id, state, label, token]), Math.floor(now_ms / 60000)]);
+  if (table.dataset.shown === key) return; // a button in focus stays the same button
+  table.dataset.shown = key;
+  table.tBodies[0].replaceChildren(...invitations.map((each) => invitationRow(each, now_ms)));
+}
+
 load();

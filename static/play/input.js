@@ -26,12 +26,29 @@ export function startInput({ task, board, frames, pad, settings, send, driven, p
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   const sendEvents = () => telemetry.sendAll();
-  const mark = createDropMark(board, announce);
+  const mark = create("p", [], { class: "drop-mark", "data-testid": "dropped", "aria-hidden": "true" });
+  mark.hidden = true;
+  board.append(mark);
+  /** @type {{reason: Play.Reason, count: number} | null} */
+  let shown = null;
+  let hiding = 0;
+  let saying = 0;
+  /** @param {Play.Reason} reason @param {number} count */
+  function showDropped(reason, count) {
+    shown = addedUp(shown, reason, count);
+    const text = droppedText(shown.reason, shown.count);
+    put(mark, text);
+    mark.hidden = false;
+    clearTimeout(hiding);
+    clearTimeout(saying);
+    saying = setTimeout(() => announce(text), QUIET_MS);
+    hiding = setTimeout(() => { mark.hidden = true; shown = null; }, SHOWN_MS);
+  }
   const sound = createSound(settings.sound, { storage: localStorage, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
     sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isConnecting, sendEvents, now_ms,
     onDropped(reason, count) {
-      mark.show(reason, count);
+      showDropped(reason, count);
       sound.play({ kind: "blocked" });
     },
   });
@@ -132,30 +149,6 @@ export function droppedText(reason, count) {
 export function addedUp(shown, reason, count) {
   const isSame = shown && (shown.reason === reason || (typeof shown.reason === "object" && typeof reason === "object"));
   return { reason, count: (isSame ? shown.count : 0) + count };
-}
-
-/** @param {HTMLElement} board gets the mark @param {(text: string) => void} announce to screen readers, politely */
-function createDropMark(board, announce) {
-  const mark = create("p", [], { class: "drop-mark", "data-testid": "dropped", "aria-hidden": "true" });
-  mark.hidden = true;
-  board.append(mark);
-  /** @type {{reason: Play.Reason, count: number} | null} */
-  let shown = null;
-  let hiding = 0;
-  let saying = 0;
-  return {
-    /** @param {Play.Reason} reason @param {number} count */
-    show(reason, count) {
-      shown = addedUp(shown, reason, count);
-      const text = droppedText(shown.reason, shown.count);
-      put(mark, text);
-      mark.hidden = false;
-      clearTimeout(hiding);
-      clearTimeout(saying);
-      saying = setTimeout(() => announce(text), QUIET_MS);
-      hiding = setTimeout(() => { mark.hidden = true; shown = null; }, SHOWN_MS);
-    },
-  };
 }
 
 /** Held for so long, a key repeats. */

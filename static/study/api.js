@@ -25,7 +25,7 @@ export function withoutInvitation(href) {
   return url.href;
 }
 
-/** @param {string} name of the study */
+/** @param {string} name of the study @returns {Study.Api} */
 export function createStudyApi(name) {
   const path = `studies/${encodeURIComponent(name)}`;
   /** Ask, and return the participant as it is then, with the task's module.
@@ -37,29 +37,18 @@ export function createStudyApi(name) {
     return participant.about ? { ...participant, about: { ...participant.about, task: participant.task } } : participant;
   };
   return {
-    /** @returns {Promise<{status: "open" | "closed", task: {name: string}}>} */
     show: () => request(path),
-    /** @param {Record<string, string>} outside_ids @param {string | null} invitation */
     join: (outside_ids, invitation) => ask("join", { outside_ids, invitation }),
     me: () => ask("me", undefined, 5000),
-    /** @param {string} version @param {boolean} agree */
     consent: (version, agree) => ask("consent", { version, agree }),
-    /** @param {Study.Stage} from */
     advance: (from) => ask("advance", { from }),
-    /** @param {number[]} answers */
     answers: (answers) => ask("answers", { answers }),
     next: () => ask("next", {}),
-    /** @param {string} episode @param {number} step */
     giveUp: (episode, step) => ask("give-up", { episode, step }),
-    /** Send the settings; the request outlives the page.
-     * @param {Study.Settings} settings @param {AbortSignal} signal ends it */
     settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),
-    /** @param {string} code */
     supervise: (code) => ask("supervise", { code }),
     withdraw: () => ask("withdraw", {}),
-    /** @param {number} index @param {Study.Shown} phase @returns {Promise<Study.Runs>} */
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
-    /** @param {number} index @param {Study.Shown} phase @returns {Promise<Regret>} */
     losses: (index, phase) => request(`${path}/debrief/${index}/regret?phase=${phase}`, undefined, 120_000),
   };
 }

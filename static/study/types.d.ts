@@ -47,4 +47,14 @@ declare namespace Study {
   type Event = GameEvent | {kind: "participant", participant: Participant} | {kind: "problem", text: string}
     | {kind: "passed", episode: string} | {kind: "paused", isPaused: boolean} | {kind: "replay-moved", replay: Replay}
     | {kind: "looked-back", looksBack: boolean};
+  type Asked = Promise<Participant>;
+  type Api = {
+    show(): Promise<{status: "open" | "closed", rows: number, cols: number}>,
+    join(outside_ids: Record<string, string>, invitation: string | null): Asked, me(): Asked,
+    consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
+    next(): Asked, giveUp(episode: string, step: number): Asked,
+    /** The request outlives the page; the signal ends it. */
+    settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(): Asked,
+    terrain(index: number, phase: Shown): Promise<Runs>, losses(index: number, phase: Shown): Promise<Regret>,
+  };
 }
