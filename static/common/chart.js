@@ -34,7 +34,7 @@ function columns({ lines, x, y, goal }) {
   /** @type {uPlot.AlignedData} */
   const frame = [[x.low, x.high], Array(2).fill(goal?.at ?? y.low)];
   return uPlot.join([frame, ...lines.map((line) => /** @type {uPlot.AlignedData} */ (
-    hasBand(line) ? [line.x, line.high, line.low, line.y] : [line.x, line.y]))]);
+    hasBand(line) ? [line.x, line.high, line.low, line.y] : [line.x, line.y.map((y) => (Number.isNaN(y) ? null : y))]))]);
 }
 /** @param {ChartLine} line */
 const hasBand = ({ low, hasWhiskers }) => Boolean(low?.length) && !hasWhiskers;

@@ -35,7 +35,7 @@ export const tickText = (tick) => String(Number(tick.toFixed(4))).replace("-", "
 /** Return the lowest and highest of the numbers, a little apart at least; null when there are none.
  * @param {(number | null | undefined)[]} values @returns {[number, number] | null} */
 export function span(values) {
-  const known = /** @type {number[]} */ (values.filter((value) => typeof value === "number"));
+  const known = /** @type {number[]} */ (values.filter((value) => Number.isFinite(value)));
   if (known.length === 0) return null;
   const [low, high] = [Math.min(...known), Math.max(...known)];
   return high - low < 1e-6 ? [low - 0.5, high + 0.5] : [low, high];

@@ -15,6 +15,8 @@ type Playback = { at: number, last: number, isPlaying: boolean, speed: number, h
 /** A policy. */
 type Choice = {name: string, summary: string};
 /** low and high are null for a single player. */
+/** In cells; null where a task has none. */
+type Size = number | [number, number] | null;
 type Interval = {mean: number, low: number | null, high: number | null};
 type HumanFigure = {
   level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval,
@@ -23,7 +25,7 @@ type HumanFigure = {
 type HumanLevel = {figures: HumanFigure[], sentence: string};
 /** Frames: every one, once the episode has ended. */
 type Watched = {
-  episode: string, player: string, level: string, size: number | [number, number], frame: Frame, history: MoveHistory,
+  episode: string, player: string, level: string, size: Size, frame: Frame, history: MoveHistory,
   frames: Frame[] | null, task: Task,
 };
 /** The page, or a frame in it. */
@@ -83,7 +85,7 @@ type Board = {
 };
 /** The state; `level` is the name of the level, or that of the map; `task` is null before the first board. */
 type GameState = {
-  mode: Mode, level: string, size: number | [number, number], counts: boolean, player: Board | null,
+  mode: Mode, level: string, size: Size, counts: boolean, player: Board | null,
   rival: Board | null, link: "connecting" | "open" | "lost", task: Task | null,
   notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number,
 };
@@ -115,7 +117,7 @@ type Kept = {kind: "kept", episode: string, count: number, reason: string | null
 type FromServer = Frame | MoveHistory | Refused | Problem | Pace | Expected | Thought | Kept;
 /** What POST api/sessions answers; watch: the id by which anybody may watch the board. */
 type About = {
-  session: string, player: string, level: string, map: string | null, size: number | [number, number], counts: boolean,
+  session: string, player: string, level: string, map: string | null, size: Size, counts: boolean,
   not_attested: string | null, watch: string | null, frame: Frame,
   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}, task: Task,
 };

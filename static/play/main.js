@@ -81,7 +81,7 @@ const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDial
   onStart: (wish) => setTimeout(() => leaving.start(state.mode, wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
 });
-const wish = () => terrainDialog?.wish() ?? { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: task.name };
+const wish = () => terrainDialog?.wish() ?? null;
 const sessions = createSessions({
   api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
@@ -193,7 +193,7 @@ function paint() {
   parts.views?.paintCamera(state.player?.frame);
   if (state.player !== before?.player || state.rival !== before?.rival) paintCurves();
   paintVisit();
-  paintBar(state, wish().rival);
+  paintBar(state, wish()?.rival ?? "");
   const hasJustEnded = paintEndCard(panels.player.part, task, state, terrainDialog?.paysBonus(state.level) ?? false);
   if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
   if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);

@@ -3,18 +3,17 @@ import { ApiError } from "../common/api.js";
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
 
-/** @param {Pick<Play.Wish, "level" | "map" | "size" | "seed" | "task">} wish */
-function terrainOf({ level, map, size, seed, task }) {
+/** @param {Play.Wish | null} wish null where the task leaves nothing to be chosen @param {number | null} [seed] */
+function terrainOf(wish, seed = wish?.seed ?? null) {
   const drawn = seed === null ? {} : { seed };
-  return task ? drawn : map ? { map } : { level, size, ...drawn };
+  return !wish ? drawn : wish.map ? { map: wish.map } : { level: wish.level, size: wish.size, ...drawn };
 }
 
-/** @param {Mode} mode @param {Play.Wish} wish @returns the body of POST api/sessions */
-export function sessionWish(mode, { rival, player, ...terrainWish }) {
-  const { task } = terrainWish;
-  const terrain = terrainOf(terrainWish);
-  if (mode === "ranked" || task) return { ...terrain, player: "human" };
-  return { ...terrain, player: mode === "watch" ? player : "human", rival };
+/** @param {Mode} mode @param {Play.Wish | null} wish @returns the body of POST api/sessions */
+export function sessionWish(mode, wish) {
+  const terrain = terrainOf(wish);
+  if (mode === "ranked" || !wish) return { ...terrain, player: "human" };
+  return { ...terrain, player: mode === "watch" ? wish.player : "human", rival: wish.rival };
 }
 
 /** Return the id that an address lets anybody watch, if any: a board's or an episode's.
@@ -65,7 +64,7 @@ export async function findBoard({ api, hash, storage, watch, note }) {
 
 /**
  *   setHash   puts the shareable link into the address
- * @param {{api: Api, wish: () => Play.Wish, storage: Storage,
+ * @param {{api: Api, wish: () => Play.Wish | null, storage: Storage,
  *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
 export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
   let isBusy = false;
@@ -100,7 +99,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
     onBegun(about);
   }
   const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
-  /** @param {Mode} mode @param {Play.Wish} [chosen] */
+  /** @param {Mode} mode @param {Play.Wish | null} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
@@ -114,14 +113,14 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
     /** Begin the next terrain of the same session.
      * @param {string} session @param {number | null} seed */
     next: (session, seed) => once(async () => {
-      begin(await api.nextEpisode(session, terrainOf({ ...wish(), seed })));
+      begin(await api.nextEpisode(session, terrainOf(wish(), seed)));
     }),
     /** Begin the terrain just finished once more.
      * @param {string} session @param {string} episode */
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
-      const { level, size, task } = wish();
-      begin(await api.nextEpisode(session, seed === null ? {} : terrainOf({ level, map: null, size, seed, task }))); // a map stays when nothing is said
+      const chosen = wish();
+      begin(await api.nextEpisode(session, seed === null ? {} : terrainOf(chosen && { ...chosen, map: null }, seed))); // a map stays when nothing is said
     }),
     /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
      * @param {GameState} state @param {number} moves */
@@ -130,7 +129,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       const { level, rows, cols, seed, actions } = await api.episode(player.frame.episode);
       const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
       const about = await (mode === "practice" ? api.nextEpisode(player.session, terrain)
-        : api.createSession({ ...terrain, player: "human", rival: wish().rival }));
+        : api.createSession({ ...terrain, player: "human", rival: wish()?.rival }));
       begin(about);
       for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
       note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
@@ -144,7 +143,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       await attempt(async () => {
         const { seed } = await api.episode(episode);
         const terrain = seed === null ? {} : { level, size, seed };
-        dispatch({ kind: "replay", episode, about: await api.createSession({ ...terrain, player: wish().rival, replays: player.session }) });
+        dispatch({ kind: "replay", episode, about: await api.createSession({ ...terrain, player: wish()?.rival, replays: player.session }) });
       });
     },
   };
@@ -156,15 +155,16 @@ export function isUnfinished({ mode, counts, player }) {
 }
 
 /** Return whether a wish asks for the very board that is being played: it goes on then.
- * @param {GameState} state @param {Mode} wanted @param {Play.Wish} wish */
+ * @param {GameState} state @param {Mode} wanted @param {Play.Wish | null} wish */
 export function isSameBoard({ mode, level, player, task }, wanted, wish) {
+  if (!wish) return wanted === mode;
   const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
   const shape = player && task ? String(task.shape(player.frame)) : "";
   return wanted === mode && wish.seed === null && wish.level === level && shape === `${cols},${rows}`;
 }
 
 /** @param {HTMLDialogElement} dialog @param {Window} view
- * @param {{state: () => GameState, start: (mode: Mode, wish: Play.Wish) => unknown}} how */
+ * @param {{state: () => GameState, start: (mode: Mode, wish: Play.Wish | null) => unknown}} how */
 export function createLeaving(dialog, view, { state, start }) {
   const part = (/** @type {string} */ name) => /** @type {HTMLElement} */ (dialog.querySelector(`[data-part=${name}]`));
   /** @type {(() => void) | null} */
@@ -189,7 +189,7 @@ export function createLeaving(dialog, view, { state, start }) {
   }
   return {
     /** Begin a board, once the player has agreed where that abandons a ranked episode.
-     * @param {Mode} mode @param {Play.Wish} wish */
+     * @param {Mode} mode @param {Play.Wish | null} wish */
     start(mode, wish) {
       if (!isUnfinished(state()) || isSameBoard(state(), mode, wish)) start(mode, wish);
       else ask(() => start(mode, wish));

@@ -39,7 +39,7 @@ function paint() {
   const { frame, name } = board;
   task.paint(part.ground, board, { name, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
   put(by("name"), name);
-  put(by("terrain"), `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
+  put(by("terrain"), state.size === null ? state.level : `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
   const { value, unit } = paintNumbers(part, task, frame);
   const { you, font, inks } = chartColours(chart);
   paintProgress(chart, task, [{ board, colour: you }], { font, inks });

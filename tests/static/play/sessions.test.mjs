@@ -62,8 +62,6 @@ test("an answer that does not come begins no board, which would abandon a ranked
   await assert.rejects(patiently(async () => { throw new TypeError("a mistake"); }, assert.fail), TypeError);
 });
 
-test("of another task nothing is said of levels", () => {
-  const wish = { level: "", map: null, size: 0, seed: null, rival: "", player: "human", task: "FrozenLake-v1" };
-  assert.deepEqual(sessionWish("practice", wish), { player: "human" });
-  assert.deepEqual(sessionWish("ranked", { ...wish, seed: 7 }), { seed: 7, player: "human" });
+test("where nothing is to be chosen, nothing is asked for", () => {
+  assert.deepEqual(sessionWish("practice", null), { player: "human" });
 });
