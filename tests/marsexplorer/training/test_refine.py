@@ -208,9 +208,10 @@ def test_a_run_that_is_gone_on_with_comes_to_the_same_weights_on_any_number_of_w
         batch_size=64,
         anchor_sizes=((12, 2),),
     )
-    whole, first, second = (RefineRun(deepcopy(net), 4, tiny) for _ in range(3))
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
+        whole = RefineRun(deepcopy(net), 4, tiny)
         metrics = [whole.train_round(one) for _ in range(2)]
+        first, second = (RefineRun(deepcopy(net), 4, tiny) for _ in range(2))
         assert first.train_round(two) == metrics[0]
         torch.save(first.state_dict(), tmp_path / "state")
         torch.rand(7)
