@@ -10,6 +10,8 @@ import { idInPath, liveHeadline, watchedName } from "./words.js";
 
 const id = idInPath(location.pathname) ?? "";
 const part = partsOf(document);
+/** How long each frame of an ended episode is shown. */
+const FRAME_MS = 250;
 const chart = by("chart");
 
 let state = initialState();
@@ -71,11 +73,26 @@ async function showEnd(episode) {
   by("ended").hidden = false;
 }
 
+/** Show an ended episode of a task that draws no replay from its start, frame by frame; nothing more will come.
+ * @param {Watched} watched @param {Frame[]} frames */
+function playFrames(watched, [first, ...rest]) {
+  const history = { ...watched.history, actions: [] };
+  dispatch({ kind: "watched", watched: { ...watched, frame: first, history }, name: watchedName(watched.player) });
+  dispatch({ kind: "link", link: "open" });
+  put(by("badge"), "replay");
+  put(by("watching-text"), watched.task.title);
+  put(by("watching-line"), "");
+  for (const [index, message] of rest.entries()) setTimeout(() => dispatch({ kind: "received", role: "player", message }), FRAME_MS * (index + 1));
+  setTimeout(() => put(by("watching-text"), watched.task.ending(watched.frame).title), FRAME_MS * rest.length);
+  return false;
+}
+
 /** Ask for the episode as it stands; return whether more will come: a board's next episode does, after one that was linked nothing. */
 async function load() {
   const mine = ++asked;
   const watched = await api.watched(id);
   if (mine !== asked) return true;
+  if (watched.frames && !watched.task.play) return playFrames(watched, watched.frames);
   dispatch({ kind: "watched", watched, name: watchedName(watched.player) });
   if (!watched.frames) showLive(watched.player);
   else await showEnd(watched.episode);
