@@ -350,12 +350,12 @@ def run(settings: Settings) -> None:
             for path in settings.policies:
                 check_file(path)
             maps = MapCatalogue.read(settings.maps, settings.cell_m)
-            rules_of(settings.task).actions  # noqa: B018  # what is missing or no task says so now
         print(
             "compiling the rules and loading the policies (some seconds on the first start)",
             flush=True,
         )
         with _file_errors():
+            rules_of(settings.task).prepare()
             policies = PolicyCatalogue(settings.policies)
         # the store comes last: a start that fails leaves no new file behind
         with closing(

@@ -297,7 +297,7 @@ class Rules(Protocol):
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
 
     def prepare(self) -> None:
-        """Make ready what the first run of a process would wait for; again and again it costs nothing."""
+        """Make ready what the first run of a process would wait for; ValueError where something is not installed."""
 
     def replay_record(self, record: Record) -> Run:
         """Return the run of what `record` returned; ValueError where the version is another one."""

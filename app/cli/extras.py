@@ -19,6 +19,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),
+    "gymnasium": ("pygame",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
 }  # fmt: skip
@@ -30,6 +31,7 @@ INCLUDED: dict[str, tuple[str, ...]] = {
     "study": ("play",),
     "export": ("study",),
     "ray": ("train",),
+    "gymnasium": ("play",),
     "hub": ("onnx",),
     "video": ("play",),
 }

@@ -323,7 +323,15 @@ class GymnasiumRules:
         config.make().close()
 
     def prepare(self) -> None:
-        """Do nothing: an environment is made for each run."""
+        """Make the environment and draw it once; ValueError where it has other actions, or what it needs is not installed."""
+        assert self.actions
+        try:
+            GymnasiumRun(self.default, 0).view()
+        except gymnasium.error.DependencyNotInstalled as error:
+            needs = "pip install 'marsexplorer-playground[gymnasium]'"
+            raise ValueError(
+                f"{self.level} cannot be drawn: {error}; install it with: {needs}"
+            ) from error
 
     def drawn(self, config: GymnasiumConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return no bytes: the instance is whatever the environment makes of the seed."""

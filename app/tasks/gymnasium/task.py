@@ -49,7 +49,6 @@ class GymnasiumTask(GymnasiumRules):
     def __init__(self, level: str) -> None:
         super().__init__(level)
         self.policies = self.decides = NoPolicies()
-        self.default.make().close()  # what it needs is missed at the start, not by the first player
 
     @property
     def daily(self) -> GymnasiumConfig:

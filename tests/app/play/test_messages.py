@@ -102,7 +102,10 @@ def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, sa
         ({"size": [5.0, 6]}, "rows must be a whole number, got 5.0"),
         ({"seed": 2**53}, "seed must be at most 9007199254740991, got 9007199254740992"),
         ({"seed": "7"}, 'seed must be a whole number, got "7"'),
-        ({"sed": 7}, "unknown field 'sed'; the fields are: level, size, seed, map, player, rival"),
+        (
+            {"sed": 7},
+            "unknown field 'sed'; the fields are: seed, player, rival, replays, level, size, map",
+        ),
     ],
 )
 def test_a_bad_request_is_answered_with_what_was_expected_and_what_came(body, said):

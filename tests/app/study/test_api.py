@@ -5,6 +5,7 @@ import json
 import pytest
 
 from app.study.folder import Folder
+from app.task import describe
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 from tests.support.study import Person, freeze
@@ -39,7 +40,8 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
     described = client.get("/api/studies/small").json()
     assert described == {
         "name": "small", "title": study.protocol.title, "status": "open", "protocol_hash": study.protocol_hash,
-        "commitment": study.commitment, "secret": None, "level": "random", "rows": 7, "cols": 9,
+        "commitment": study.commitment, "secret": None, "task": describe(study.protocol.rules),
+        "level": "random", "rows": 7, "cols": 9,
         "config": study.protocol.env_config.to_dict(),
         "warm_up": 2, "ranked": 3, "players": 2, "consent_version": "1",
     }  # fmt: skip
