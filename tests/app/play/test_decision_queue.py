@@ -49,7 +49,7 @@ def test_a_board_waits_for_one_long_decision_and_not_for_thirty(owners):
 
     async def ask(decisions):
         async def keep_asking(owner):
-            policy = Recorded("crowd", order, 0.02)
+            policy = Recorded("crowd", order, 0.01)
             for _ in range(3):
                 await decisions.act(policy, BOARD, owner)
 
