@@ -133,7 +133,7 @@ def restore(
     try:
         new.unlink(missing_ok=True)
         back_up(backup, new, advance)
-        kept = _set_aside(database, stamp) if database.exists() else None
+        kept = _set_aside(database, stamp)
         new.replace(database)
         lock.clear_step()
         sync_folder(database.parent)
@@ -146,17 +146,21 @@ def restore(
         new.with_name(new.name + PARTIAL).unlink(missing_ok=True)
 
 
-def _set_aside(database: Path, stamp: str) -> Path:
-    """Give the database and its log a second name, and take the log away from the first: it must not meet the restored file."""
+def _set_aside(database: Path, stamp: str) -> Path | None:
+    """Give the database and its log a second name, and take the log away from the first: it must not meet the restored file.
+
+    Return the second name; None where there was no database, though its log may have been left, as after a file that was lost.
+    """
     kept = database.with_name(f"{database.name}.before-{stamp}")
-    os.link(database, kept)
-    log = database.with_name(database.name + "-wal")
-    if log.exists():
-        os.link(log, kept.with_name(kept.name + "-wal"))
+    was_there = database.exists()
+    for suffix in ("", "-wal"):
+        each = database.with_name(database.name + suffix)
+        if each.exists():
+            os.link(each, kept.with_name(kept.name + suffix))
     sync_folder(database.parent)
     for suffix in ("-wal", "-shm"):
         database.with_name(database.name + suffix).unlink(missing_ok=True)
-    return kept
+    return kept if was_there else None
 
 
 class StoppedError(Exception):
