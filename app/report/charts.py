@@ -14,6 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from app.report.model import GroupReport, PolicyRow, Report
 from app.statistics.comparisons import PolicyComparison
@@ -53,7 +54,7 @@ def draw_svg(
 ) -> str:
     """Return a chart as an SVG element with its description; its ids begin with `name`, so that no two charts share one."""
     with _STYLE_LOCK, matplotlib.rc_context({**MATPLOTLIB_STYLE, "svg.hashsalt": name}):
-        canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
+        canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
         if is_synthetic:
             canvas.text(
@@ -67,6 +68,8 @@ def draw_svg(
                 ha="center",
                 va="center",
             )
+        # once: as the canvas's own engine it would do so in each of two passes of `savefig`, which then draws twice
+        ConstrainedLayoutEngine().execute(canvas)
         written = io.StringIO()
         canvas.savefig(
             written, format="svg", transparent=True, metadata={"Date": None, "Creator": None}
