@@ -288,7 +288,7 @@ class Session:
             and row.daily is None
         )
         return is_known and (
-            self.attested is None or level_reaches(self.attested.level, "declared")
+            self.attested is None or level_reaches(self.attested.level, "attested")
         )
 
     @property

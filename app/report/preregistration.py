@@ -27,7 +27,6 @@ RECRUITMENT = {
 }
 ATTESTATION = {
     "unattested": "no attestation is asked for",
-    "declared": "the page called every move a key or a touch",
     "attested": "the server found an input event of its own for every move",
     "supervised": "the server found an input event of its own for every move, and the operator was present",
 }

@@ -41,7 +41,6 @@ class PageTable:
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
     "unattested": "a move has no input event of its own that fits it",
-    "declared": "of an earlier version: the page said so, nothing was compared",
     "attested": "every move fits a key or touch of its own that came before it",
     "supervised": "attested, and the operator had typed their code",
 }

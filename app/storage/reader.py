@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Who = Literal["all", "human"]
 
 HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
-    AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('declared', 'attested', 'supervised')
+    AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('attested', 'supervised')
     AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
     AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id))"""
 """The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it,

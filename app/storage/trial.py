@@ -13,11 +13,10 @@ from app.task import Configuration, Record, Rules, rules_of
 
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
-Attestation = Literal["unattested", "declared", "attested", "supervised"]
+Attestation = Literal["unattested", "attested", "supervised"]
 """Lowest first.
 
 unattested  a move has no input event of its own that fits it
-declared    the page called every move a key or a touch, and nothing was compared: episodes of earlier versions
 attested    every move fits an input event of its own
 supervised  attested, and the operator had typed their code shortly before
 """

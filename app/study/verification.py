@@ -313,8 +313,7 @@ def check_attestation(
 
     row, steps  as `app.storage.checks.check_episode` returns them
 
-    `declared` is the level of episodes that an earlier version recorded: those follow from nothing, but none is of a board
-    that a cookie moves. That an episode's timing is another one's copy follows from rows that need not be here.
+    That an episode's timing is another one's copy follows from rows that need not be here.
     """
     stored: Level = (row["attestation"], row["attestation_reason"])
     where = f"episode {row['id']}"
@@ -329,8 +328,6 @@ def check_attestation(
         return
     given = input_of(conn, row["id"])
     derive = partial(_derive_level, row["task"], row["started_ms"], steps, given)
-    if stored == ("declared", None) and row["control"] == "bearer":
-        return
     found = derive(row["ended_ms"])
     if not any(_fits(stored, each) for each in (found, derive(None))):
         yield Finding(where, "attestation", _in_words(stored), _in_words(found))

@@ -6,12 +6,15 @@ import itertools
 import time
 from collections.abc import Sequence
 
+from app.storage.input_events import InputEventRow, add_input_events
 from app.storage.store import Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 
 SMALL = EnvConfig("random", 5, 7, sensor_radius=2)
 NOW = int(time.time() * 1000)
+KEYS = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
+"""By action."""
 _numbers = itertools.count()
 
 
@@ -56,20 +59,28 @@ def open_episode(
 def add_steps(
     store: Store, row: Trial, episode: Episode, actions: Sequence[int], driver: str = "human"
 ) -> None:
-    """Make the moves and store them, up to the ending; the ending closes the episode."""
+    """Make the moves, a person's with their presses, and store them up to the ending; the ending closes the episode."""
     for action in actions:
         if episode.ended:
             return
-        reward = episode.step(action)
-        at = NOW + 10 * episode.steps
-        input_kind = "key" if driver == "human" else None
+        frame, reward = episode.steps, episode.step(action)
+        at, down_ms, input_kind = row.started_ms + 100 * episode.steps, 100.0 * episode.steps, None
+        if driver == "human":
+            press = InputEventRow("keydown", KEYS[action], False, True, down_ms, frame, 2.5)
+            add_input_events(store, row.id, [press], at, f"step-{frame}")
+            input_kind = "key"
         step = StepRow(
-            episode_id=row.id, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
-            server_ms=at, client_ms=at + 0.5, key_down_ms=1.25, key_up_ms=80.5, input=input_kind, driver=driver,
+            episode_id=row.id, step=frame, action=action, reward=reward, discovered=episode.discovered, server_ms=at,
+            client_ms=down_ms + 0.5, key_down_ms=down_ms, key_up_ms=down_ms + 80.5, input=input_kind, driver=driver,
         )  # fmt: skip
         store.add_step(step)
         if episode.ended:
-            store.close_episode(row.id, episode.record(), at, "declared")
+            store.close_episode(row.id, episode.record(), at, level_of(driver))
+
+
+def level_of(driver: str) -> str | None:
+    """Return the attestation of an episode that `add_steps` recorded."""
+    return "attested" if driver == "human" else None
 
 
 def tour(episode: Episode) -> list[int]:
@@ -101,7 +112,7 @@ def play(
     add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
     if not episode.ended:
         episode.abandon()
-        store.close_episode(row.id, episode.record(), NOW + 1000, "declared")
+        store.close_episode(row.id, episode.record(), row.started_ms + 1000, level_of(driver))
     return row
 
 

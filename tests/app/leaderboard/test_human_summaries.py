@@ -66,8 +66,9 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
     (gone,) = store.query("SELECT id, trajectory_hash FROM episodes WHERE seed = 3")
     assert gone["trajectory_hash"] in repr(kept._replays)
     with store.transaction():
-        for table, column in (("steps", "episode_id"), ("episodes", "id")):
-            store.connection.execute(f"DELETE FROM {table} WHERE {column} = ?", [gone["id"]])
+        for table in ("steps", "input_events", "event_batches"):
+            store.connection.execute(f"DELETE FROM {table} WHERE episode_id = ?", [gone["id"]])
+        store.connection.execute("DELETE FROM episodes WHERE id = ?", [gone["id"]])
     assert pictures(kept, store) == pictures(HumanSummaries(), store)
     assert gone["trajectory_hash"] not in repr(kept._replays)
     assert len(kept._replays[SMALL.hash]) == 4

@@ -117,7 +117,13 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
 @pytest.mark.parametrize(
     "changes",
     [
-        (f"DELETE FROM steps WHERE episode_id = {LAST}", "DELETE FROM episodes WHERE seed = 3"),
+        (
+            *(
+                f"DELETE FROM {each} WHERE episode_id = {LAST}"
+                for each in ("steps", "input_events", "event_batches")
+            ),
+            "DELETE FROM episodes WHERE seed = 3",
+        ),
         ("UPDATE episodes SET attestation = 'unattested' WHERE seed = 3",),
         ("UPDATE episodes SET driver = 'script' WHERE seed = 3",),
         ("UPDATE episodes SET assisted = 1 WHERE seed = 3",),

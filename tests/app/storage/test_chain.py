@@ -61,7 +61,7 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
     add_steps(store, row, episode, free_moves(episode)[:4])
     assert kinds(store) == ["session"]
     episode.abandon()
-    store.close_episode(row.id, episode.record(), 5, "declared")
+    store.close_episode(row.id, episode.record(), row.started_ms + 1000, "attested")
     again, second = open_episode(store, session, seed=2, number=1)
     add_steps(store, again, second, free_moves(second)[:1])
     assert kinds(store) == ["session", "episode"]
@@ -74,7 +74,6 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
 ):
     """Of four events some are hashed before the end, the others come later."""
     row, episode = open_episode(store, add_session(store), seed=1)
-    add_steps(store, row, episode, free_moves(episode)[:2])
     events = [
         InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)
     ]
@@ -82,7 +81,7 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     begun = chain.begin_hash(store.connection, row.id)
     add_input_events(store, row.id, events[before:], 5, "second-batch")
     episode.abandon()
-    store.next_episode([Closing(row.id, episode.record(), 6, "declared", events=begun)], ())
+    store.next_episode([Closing(row.id, episode.record(), 6, "attested", events=begun)], ())
     sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
     salt, parts, whole = store.connection.execute(sql).fetchone()
     table = json.loads(parts)["input_events"]
@@ -109,7 +108,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
-    store.close_episode(row.id, episode.record(), 6, "declared")
+    store.close_episode(row.id, episode.record(), row.started_ms + 1000, "attested")
     before = store.connection.execute("SELECT * FROM chain").fetchall()
     for batch, name in (
         (events[2:5], "batch-1"),
@@ -121,9 +120,9 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
     assert store.connection.execute(
         "SELECT first FROM chain_salts WHERE kind = 'events'"
-    ).fetchall() == [(2,), (5,)]
+    ).fetchall() == [(3,), (6,)]
     assert verify_database(store.path).findings == ()
-    for number in range(6):
+    for number in range(7):
         store.connection.execute(
             "UPDATE input_events SET client_ms = client_ms + 0.5 WHERE number = ?", [number]
         )

@@ -233,8 +233,9 @@ def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(sto
     assert one["seed"] == 1
     assert [move["action"] for move in one["moves"]] == one["actions"]
     assert one["moves"][0] | {"reward": 0} == {
-        "step": 0, "action": one["actions"][0], "reward": 0, "discovered": one["moves"][0]["discovered"], "server_ms": NOW + 10,
-        "client_ms": NOW + 10.5, "key_down_ms": 1.25, "key_up_ms": 80.5, "input": "key", "driver": "human",
+        "step": 0, "action": one["actions"][0], "reward": 0, "discovered": one["moves"][0]["discovered"],
+        "server_ms": rows[0].started_ms + 100, "client_ms": 100.5, "key_down_ms": 100.0, "key_up_ms": 180.5,
+        "input": "key", "driver": "human",
     }  # fmt: skip
     text = repr((found, one))
     assert "secret-player" not in text

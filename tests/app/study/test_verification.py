@@ -329,18 +329,11 @@ def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_cau
     assert any(what.startswith(found) for what in said), said
 
 
-def test_what_comes_after_the_end_changes_no_level_and_an_earlier_versions_level_is_of_no_board_with_a_cookie(
-    copy,
-):
+def test_what_comes_after_the_end_changes_no_level(copy):
     conn, path = copy
     conn.execute("DELETE FROM input_events WHERE number >= 1000")
-    conn.execute("UPDATE episodes SET attestation = 'declared' WHERE driver = 'human'")
     write_chain_anew(conn)
     assert verify_database(path).findings == ()
-    conn.execute("UPDATE sessions SET control = 'cookie'")
-    write_chain_anew(conn)
-    found = verify_database(path).findings
-    assert {(finding.what, finding.stored) for finding in found} == {("attestation", "declared")}
 
 
 def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
