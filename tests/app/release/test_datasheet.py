@@ -86,7 +86,10 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
     }
     report = json.loads((place / name / "report.json").read_text())
     assert report["groups"][0]["flow"] == own
-    command("reproduce", place / name)
+    if (
+        name == "two"
+    ):  # an import's release, so that the first one's tables are derived again with it
+        command("reproduce", place / name)
 
 
 @pytest.mark.parametrize("name", ["one", "two"])

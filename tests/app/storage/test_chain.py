@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from app.cli.main import main
+from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST
 from app.storage import chain
 from app.storage.chain import Thing
@@ -348,18 +349,7 @@ def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, c
     head = verify_database(path).chain
     assert code == 0
     assert f"chain: {head.entries} entries; head {head.head}\n" in said
-    run(
-        capsys,
-        "release",
-        "--database",
-        path,
-        "--studies",
-        tmp_path,
-        "--study",
-        "dunes",
-        "--out",
-        tmp_path / "out",
-    )
+    build_release(ReleaseRequest(path, "dunes", tmp_path / "out"))
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["chain_head"], manifest["chain_entries"]) == (head.head, head.entries)
     forget(path, people[0])
