@@ -248,7 +248,7 @@ time.sleep(600)
 """
 """Holds silent connections, or floods four websockets with pings, as fast as it is let."""
 
-ROUNDS = 3
+ROUNDS, SECONDS = 3, 1.2
 ATTEMPTS = 3
 
 
@@ -276,9 +276,9 @@ def compare(server, port, path, kind):
     """Return the p99 of the others' moves in milliseconds, quiet and while one client misbehaves."""
     quiet, flooded = [], []
     for _ in range(ROUNDS):
-        quiet += measure(server, 2)
+        quiet += measure(server, SECONDS)
         with misbehaving(MISBEHAVING, port, path, kind):
             time.sleep(0.5)
-            flooded += measure(server, 2)
+            flooded += measure(server, SECONDS)
         time.sleep(0.3)
     return np.percentile(quiet, 99), np.percentile(flooded, 99)
