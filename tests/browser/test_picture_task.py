@@ -42,11 +42,13 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
         assert box["width"] == box["height"] >= 160
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     assert violations(page) == []
+    assert "terrain" not in page.locator("body").inner_text().lower()
     while not (frame := me.state())["outcome"]:
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
         me.wait(f"window.mars.state.player.frame.step > {frame['step']}")
     page.get_by_test_id("end-card").wait_for()
     title = page.get_by_test_id("end-title-player").inner_text()
+    assert page.get_by_test_id("next-terrain").inner_text().startswith("Next round")
     assert title == f"{frame['outcome'].capitalize()} after {frame['step']} moves"
     assert page.get_by_test_id("coverage-player").inner_text() == f"{frame['headline']:g}"
     stored = page.request.get(f"{lake.url}/api/episodes/{frame['episode']}").json()
@@ -67,10 +69,12 @@ def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
     page = me.page
     page.goto(f"{lake.url}/study/lake")
     seen, pressed = [], 0
-    while (
-        screen := page.evaluate("() => window.marsStudy?.screen")
-    ) != "debrief" and pressed < 400:
+    while pressed < 400:
+        screen, text = page.evaluate("() => [window.marsStudy?.screen, document.body.innerText]")
         seen += [screen] if screen not in seen else []
+        assert "terrain" not in text.lower()
+        if screen == "debrief":
+            break
         if not page.evaluate(PRESS_WHAT_GOES_ON):
             me.hand.press(page.keyboard, ("ArrowDown", "ArrowRight")[pressed % 2])
         pressed += 1
