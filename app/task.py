@@ -58,6 +58,7 @@ class Words:
     steps   moves of a success, the limit for any other ending
     reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
     definition      of both figures, a sentence or two
+    spread          what the standard deviations are that a new study assumes
     """
 
     score: str
@@ -65,6 +66,7 @@ class Words:
     reached: str
     short: str
     definition: str
+    spread: str
 
 
 class View(Protocol):

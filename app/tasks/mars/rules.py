@@ -43,6 +43,7 @@ WORDS = Words(
     short="short of 99 %",
     definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
     "(r_invalid + r_bonus + cells), never clipped.",
+    spread="those of synthetic players",
 )
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
