@@ -210,7 +210,7 @@ def _services(
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
     task = _task(settings.task, *offered)
-    policies, maps = task.policies, offered[1]
+    policies = task.policies
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
@@ -228,7 +228,6 @@ def _services(
         store=store,
         jobs=jobs,
         lobby=lobby,
-        maps=maps,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),

@@ -152,7 +152,7 @@ def summarize_groups(
     Nothing where episodes have no courses. Those of another core version cannot be replayed and are left out.
     progress: (episodes replayed, in all)
     """
-    if not data.protocol.rules.has_courses:
+    if data.protocol.rules.courses is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     total = sum(len(trials) for cohort in cohorts for trials in cohort.ranked.values())

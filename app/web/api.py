@@ -20,7 +20,6 @@ from app.play.session import SCRIPT, RefusedError, Session
 from app.protection import has_own_origin
 from app.task import describe
 from app.tasks.mars.messages import Frame, History, NewEpisode, NewSession
-from app.tasks.mars.terrains import levels_on_offer
 from app.web.access import (
     controlled_session,
     is_owner,
@@ -134,16 +133,14 @@ async def task(request: Request) -> dict[str, Any]:
 
 @router.get("/levels", tags=["server"], summary="What can be played")
 async def levels(request: Request) -> list[dict[str, Any]]:
-    """List the levels of MarsExplorer; there are none where something else is played.
-
-    `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
-    return levels_on_offer() if _lobby(request).task.name == "mars" else []
+    """List the levels; MarsExplorer has them: `random` is the paper's section 3.2, `t-m-b` the twelve of its section 3.3."""
+    return _lobby(request).task.levels()
 
 
 @router.get("/maps", tags=["server"], summary="The maps that can be played")
 async def maps(request: Request) -> list[dict[str, Any]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
-    return services_of(request).maps.listed()
+    return _lobby(request).task.maps()
 
 
 @router.get(

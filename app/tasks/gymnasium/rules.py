@@ -284,7 +284,7 @@ class GymnasiumRules:
         return (0.0, 1.0) if self.level in CHOICES else None
 
     words: ClassVar[Words] = WORDS
-    has_courses: ClassVar[bool] = False
+    courses: ClassVar[None] = None
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
         """Return texts of a new study, and that it compares with no policy."""

@@ -50,6 +50,12 @@ class GymnasiumTask(GymnasiumRules):
         super().__init__(level)
         self.policies = self.decides = NoPolicies()
 
+    def levels(self) -> list[dict[str, Any]]:
+        """Return nothing: the environment is one."""
+        return []
+
+    maps = levels
+
     @property
     def daily(self) -> GymnasiumConfig:
         """What the daily instance is played on."""

@@ -91,7 +91,13 @@ class MarsRules:
         return float(-config.r_invalid), float(config.r_bonus + config.n)
 
     words: ClassVar[Words] = WORDS
-    has_courses: ClassVar[bool] = True
+
+    @property
+    def courses(self) -> Any:
+        """What makes courses."""
+        from app.tasks.mars import course
+
+        return course
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
         """Return texts, policies and the spread of steps that a new study assumes.

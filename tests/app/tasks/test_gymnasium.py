@@ -161,6 +161,16 @@ def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     assert " ".join(step["action"] for step in steps) == row["actions"]
 
 
+def test_its_episode_is_no_file_of_a_replay(lake, tmp_path, capsys):
+    client = lake.page()
+    last = play(lake, client, begin(lake, client))[-1]
+    lake.stop()
+    args = ["--database", str(tmp_path / "playground.db"), "--out", str(tmp_path / "replay.gif")]
+    with pytest.raises(SystemExit) as left:
+        main(["replay", last["episode"], *args])
+    assert (left.value.code, "is shown at /watch/" in capsys.readouterr().err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("level", "kwargs", "outcome"),
     [
