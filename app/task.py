@@ -148,6 +148,20 @@ class Run(Protocol):
         """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
 
 
+@dataclass(frozen=True)
+class Messages:
+    """A task's own messages over HTTP, as pydantic models.
+
+    board, episode  what begins a board (`WantedBoard`) and its next episode (`WantedEpisode`), each without a field as well
+    frame, history  what `View.frame` and `View.history` return
+    """
+
+    board: type[Any]
+    episode: type[Any]
+    frame: type[Any]
+    history: type[Any]
+
+
 class WantedEpisode(Protocol):
     """What somebody wants to play next, in the task's own words; what is left out stays as it was."""
 
@@ -233,6 +247,10 @@ class Rules(Protocol):
     @property
     def assets(self) -> str:
         """Return the folder of `static/task` that draws it."""
+
+    @property
+    def messages(self) -> Messages:
+        """Return what begins a board, and what it shows."""
 
     @property
     def actions(self) -> tuple[str, ...]:

@@ -16,12 +16,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version as version_of
 from itertools import accumulate
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
+from pydantic import BaseModel, Field
 
-from app.task import Cause, Metric, Words
+from app.play.messages import NewBoard, NewEpisode
+from app.task import Cause, Messages, Metric, Words
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "FrozenLake-v1": ("left", "down", "right", "up"),
@@ -215,11 +217,35 @@ class GymnasiumView:
         return json.dumps(expected, separators=(",", ":"))
 
 
+class Frame(BaseModel):
+    """What a board shows; its figures are null where a study hides them."""
+
+    kind: Literal["frame"]
+    episode: str
+    step: int
+    picture: str = Field(description="a PNG as a data URL")
+    text: str | None
+    reward: float | None = Field(description="of the last move")
+    return_: float | None = Field(alias="return", description="sum of the rewards")
+    score: float | None
+    headline: float | None
+    outcome: Literal["succeeded", "failed", "timed_out", "abandoned"] | None
+
+
+class History(BaseModel):
+    """The return after 0, 1, 2, ... moves."""
+
+    kind: Literal["history"]
+    episode: str
+    headlines: list[float]
+
+
 class GymnasiumRules:
     """The rules of the environment with an id (`app.task.Rules`)."""
 
     successes: ClassVar[frozenset[str]] = frozenset({"succeeded"})
     assets: ClassVar[str] = "picture"
+    messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
     def __init__(self, level: str) -> None:
         try:

@@ -62,10 +62,7 @@ class GymnasiumTask(GymnasiumRules):
         return self.default
 
     def first(self, wanted: NewEpisode) -> Choice:
-        """Return what a new board is to begin on; ValueError for what only MarsExplorer has."""
-        for name in ("level", "size", "map"):
-            if getattr(wanted, name, None) is not None:
-                raise ValueError(f"{self.title} has no {name}; a seed alone chooses what is played")
+        """Return what a new board is to begin on."""
         return Choice(self.default, wanted.seed)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from app.task import Cause, Metric, Words
-from app.tasks.mars.messages import MAX_API_SIDE
+from app.task import Cause, Messages, Metric, Words
+from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
@@ -61,6 +61,7 @@ class MarsRules:
     title: ClassVar[str] = "MarsExplorer"
     assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
+    messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History)
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS
     metrics: ClassVar[tuple[Metric, ...]] = METRICS

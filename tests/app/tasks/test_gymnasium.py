@@ -87,8 +87,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
 def test_nothing_else_can_be_asked_for(lake):
     client = lake.page()
     for body, said in (
-        ({"level": "random"}, "has no level"),
-        ({"size": 21}, "has no size"),
+        ({"level": "random"}, "unknown field 'level'"),
+        ({"size": 21}, "unknown field 'size'"),
         ({"player": "ppo"}, "no policy 'ppo'"),
         ({"rival": "ppo"}, "no policy 'ppo'"),
     ):
