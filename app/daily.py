@@ -20,7 +20,7 @@ from app.storage.playground import DailyTerrain, results
 from app.storage.reader import Reader
 from app.storage.store import DAY_MS
 from app.storage.trial import Trial
-from app.tasks.mars.policies import PolicyOffer
+from app.task import PolicyOffer
 from app.tasks.mars.terrains import cells_of_seed
 
 SHOWN = 10

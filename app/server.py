@@ -140,22 +140,13 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     app.mount(
         "/static", pages.static_files, name="static"
     )  # first what is asked for most: routes are tried in turn
-    for module in (
-        pages,
-        sockets,
-        api,
-        watch,
-        results,
-        replay,
-        daily,
-        study,
-        viewer,
-    ):
+    boards = api.board_router(rules_of(settings.task).messages)
+    modules = (pages, sockets, api, watch, results, replay, daily, study, viewer)
+    further = (results.mine, results.leaderboard, api.probes)
+    for router in (boards, *(module.router for module in modules), *further):
         app.router.routes.extend(
-            module.router.routes
+            router.routes
         )  # as they are: `include_router` would build each again for this app
-    for further in (results.mine, results.leaderboard, api.probes):
-        app.router.routes.extend(further.routes)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
@@ -210,7 +201,7 @@ def _services(
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
     task = _task(settings.task, *offered)
-    policies, maps = task.policies, offered[1]
+    policies = task.policies
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
@@ -228,7 +219,6 @@ def _services(
         store=store,
         jobs=jobs,
         lobby=lobby,
-        maps=maps,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),

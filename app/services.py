@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from typing import Any
 
 from app.admin.health import Health
 from app.admin.services import AdminServices
@@ -19,8 +20,6 @@ from app.replay.service import Replays
 from app.storage.store import Store
 from app.study.debrief import Debriefs
 from app.study.progress import ParticipantProgress
-from app.tasks.mars.terrains import MapCatalogue
-from app.tasks.mars.viewer3d.viewer import Viewer
 
 
 @dataclass(frozen=True)
@@ -30,12 +29,11 @@ class Services:
     store          the database that every move is recorded in
     jobs           what takes long, in processes beside this one
     lobby          the sessions
-    maps           the maps on offer
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
     spectators     what anybody may watch
     daily_boards   today's terrain, and the boards on which players attempt it
     daily_policies the shipped policies on daily terrains
-    viewer         the 3-D view of the sessions
+    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
     debriefs       what participants are shown at the end
@@ -48,12 +46,11 @@ class Services:
     store: Store
     jobs: Jobs
     lobby: Lobby
-    maps: MapCatalogue
     page_boards: PageBoards
     spectators: Spectators
     daily_boards: DailyBoards
     daily_policies: DailyPolicies
-    viewer: Viewer
+    viewer: Any
     player_tokens: PlayerTokens
     progress: ParticipantProgress
     debriefs: Debriefs

@@ -35,6 +35,21 @@ outcome, total, score, steps, discovered, trajectory_hash, core_version  as the 
 """
 
 
+Course = Any
+"""An episode as a replay draws it, where a task's episodes have courses; the task's own type.
+
+name, config, moves  who drove, the configuration, how many moves
+headline, place      who did what, and where, in words
+to_dict()            what the page reads
+preview()            the end as a PNG
+animation(others, is_large)  draws the course, and others beside it: `size` in pixels, `at(step, before)` a picture
+"""
+
+
+class GhostError(ValueError):
+    """The policy that is asked for cannot be shown beside an episode; the text says why."""
+
+
 @dataclass(frozen=True)
 class Metric:
     """A figure of an ended episode.
@@ -58,6 +73,7 @@ class Words:
     steps   moves of a success, the limit for any other ending
     reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
     definition      of both figures, a sentence or two
+    spread          what the standard deviations are that a new study assumes
     """
 
     score: str
@@ -65,6 +81,7 @@ class Words:
     reached: str
     short: str
     definition: str
+    spread: str
 
 
 class View(Protocol):
@@ -129,6 +146,20 @@ class Run(Protocol):
 
     def place(self, step: int) -> Mapping[str, Any]:
         """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
+
+
+@dataclass(frozen=True)
+class Messages:
+    """A task's own messages over HTTP, as pydantic models.
+
+    board, episode  what begins a board (`WantedBoard`) and its next episode (`WantedEpisode`), each without a field as well
+    frame, history  what `View.frame` and `View.history` return
+    """
+
+    board: type[Any]
+    episode: type[Any]
+    frame: type[Any]
+    history: type[Any]
 
 
 class WantedEpisode(Protocol):
@@ -218,6 +249,10 @@ class Rules(Protocol):
         """Return the folder of `static/task` that draws it."""
 
     @property
+    def messages(self) -> Messages:
+        """Return what begins a board, and what it shows."""
+
+    @property
     def actions(self) -> tuple[str, ...]:
         """Return the names of the actions, by their codes."""
 
@@ -250,8 +285,9 @@ class Rules(Protocol):
         """Return what reports call its figures."""
 
     @property
-    def has_courses(self) -> bool:
-        """Return whether an episode's moves can be drawn, priced and compared with policies', beyond its frames."""
+    def courses(self) -> Any | None:
+        """Return what makes `Course`s: `course_of(name, record)`, `play_ghost(source, record)`, `choices(offers, config)`
+        and `preferred(driver, names)`; None where moves cannot be drawn, priced and compared with policies'."""
 
     def study(self, config: Configuration) -> Mapping[str, Any]:
         """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads, and
@@ -345,11 +381,26 @@ class Policy(Protocol):
         """Return the action."""
 
 
+@dataclass(frozen=True)
+class PolicyOffer:
+    """A policy that may be chosen: the name, one line about it, where it comes from, and the only board it plays.
+
+    size        (rows, cols); None for any
+    is_shipped  whether it comes with the package, not from a file of the server's operator
+    """
+
+    name: str
+    summary: str
+    source: str
+    size: tuple[int, int] | None
+    is_shipped: bool
+
+
 class Policies(Protocol):
     """The policies of a task."""
 
-    def offers(self) -> Sequence[Any]:
-        """Return what may be chosen, each with `name` and `summary`."""
+    def offers(self) -> Sequence[PolicyOffer]:
+        """Return what may be chosen."""
 
     def check(self, name: str, *others: str) -> str:
         """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
@@ -390,6 +441,12 @@ class Task(Rules, Protocol):
     @property
     def decides(self) -> Decides:
         """Return how its policies are asked together, on a thread."""
+
+    def levels(self) -> list[dict[str, Any]]:
+        """Return the levels on offer, as the API lists them."""
+
+    def maps(self) -> list[dict[str, Any]]:
+        """Return the given instances on offer, as the API lists them."""
 
     def first(self, wanted: Any) -> Choice:
         """Return what a new board is to begin on; ValueError where it is not on offer."""

@@ -22,7 +22,7 @@ WIDE_PAGES = {"paper.md"}
 """Pages whose tables need the room of the lists at their sides."""
 
 REFERENCE = (
-    "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector", "marsexplorer.score",
+    "marsexplorer.config", "marsexplorer.episode", "marsexplorer.env", "marsexplorer.vector",
     "marsexplorer.terrain", "marsexplorer.policies.base", "marsexplorer.policies.loading", "marsexplorer.evaluation.table",
 )  # fmt: skip
 """Modules whose docstrings make the reference."""

@@ -12,10 +12,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.episode import score
 from marsexplorer.maps import GridMap, read_map
 from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import NO_SEED, OUTCOME
-from marsexplorer.score import score
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, check_action, positions
 

@@ -12,7 +12,7 @@ from app.cli.console import PATH, progress, reason, settings_of
 if TYPE_CHECKING:
     from app.replay.episodes import ShownEpisode
     from app.replay.files import Format
-    from app.tasks.mars.course import Course
+    from app.task import Course
 
 NO_GHOST = "none"
 
@@ -53,7 +53,7 @@ def replay(
       marsexplorer replay 3f9a --out replay.mp4 --ghost none
     """
     from app.replay.files import VideoMissingError, file_of
-    from app.tasks.mars.course import GhostError
+    from app.task import GhostError
     from marsexplorer.files import write_whole
 
     form = _format_of(out)
@@ -103,10 +103,14 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
-    from app.tasks.mars.course import course_of, play_ghost, preferred
+    from app.replay.episodes import NoCourseError, courses_of
 
-    own = course_of(shown.name, shown.record)
-    chosen = ghost or preferred(shown.name)
+    try:
+        courses = courses_of(shown)
+    except NoCourseError as error:
+        raise click.UsageError(f"{error} of a server, and cannot be written") from error
+    own = courses.course_of(shown.name, shown.record)
+    chosen = ghost or courses.preferred(shown.name)
     if chosen is None or chosen == NO_GHOST:
         return [own]
-    return [own, play_ghost(chosen, shown.record)]
+    return [own, courses.play_ghost(chosen, shown.record)]

@@ -23,8 +23,7 @@ from app.statistics.summaries import (
 )
 from app.storage.reader import Reader
 from app.storage.trial import Trial
-from app.task import Configuration
-from app.tasks.mars.policies import PolicyOffer
+from app.task import Configuration, PolicyOffer
 
 NOBODY_PLAYED = "Nobody has played this ranked yet."
 

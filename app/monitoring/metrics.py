@@ -20,6 +20,7 @@ PERIOD_S = 0.25
 class Metrics:
     """Counters, histograms and gauges of one server.
 
+    moves           committed moves by who made them: "human", "script" or "policy"
     step            seconds from a move's check to its frame's publication, the commit included
     commit          seconds of a transaction of the writer, from BEGIN to COMMIT
     dropped_frames  frames that a subscriber never got, since a newer one replaced them first
@@ -30,10 +31,10 @@ class Metrics:
         self.registry = CollectorRegistry()
         registry = self.registry
         ProcessCollector(registry=registry)
-        self._moves = Counter(
+        moves = Counter(
             "marsexplorer_moves", "Moves that were committed.", ["driver"], registry=registry
         )
-        self._moves_by = {name: self._moves.labels(name) for name in ("human", "script", "policy")}
+        self.moves = {name: moves.labels(name) for name in ("human", "script", "policy")}
         self.step = Histogram(
             "marsexplorer_step_seconds",
             "A move, from its check to its frame.",
@@ -69,10 +70,6 @@ class Metrics:
             buckets=_LONG_S,
             registry=registry,
         )
-
-    def count_move(self, driver: str) -> None:
-        """Count a committed move of "human", "script" or "policy:NAME"."""
-        self._moves_by["policy" if driver.startswith("policy") else driver].inc()
 
     def count_refusal(self, reason: str) -> None:
         """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody sent."""

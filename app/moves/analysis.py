@@ -92,7 +92,7 @@ def analyse_known(
     known: KnownMoves,
 ) -> dict[str, MoveAnalysis]:
     """Return what `analyse_moves` does, from agreements that are known; nothing where episodes have no courses."""
-    if not data.protocol.rules.has_courses:
+    if data.protocol.rules.courses is None:
         return {}
     found = {}
     for cohort in scripts_of(data) if synthetic else [people_of(data)]:

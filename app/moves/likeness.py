@@ -46,7 +46,7 @@ def episode_agreements(
     Episodes of another core version cannot be replayed and are left out. progress: (episodes compared, in all). Errors are
     those of `policies.load`. Nothing where episodes have no courses.
     """
-    if not data.protocol.rules.has_courses:
+    if data.protocol.rules.courses is None:
         return {}
     radius = data.protocol.env_config.sensor_radius
     source = data.policy_files.source

@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from app.database_file.file import WriteRefusedError
-from app.database_file.write_queue import NOTICE_S
 from app.play.messages import Pace
 from app.play.session import Move, RefusedError, Session
-from app.storage.store import StoreError, Trial
+from app.storage.store import NOTICE_S, StoreError, Trial
 from app.task import Decides, Policy, Task
 
 MAX_BATCH = 64

@@ -21,7 +21,6 @@ from types import TracebackType
 from typing import Any, Literal, Protocol, Self
 from weakref import WeakSet
 
-from app.database_file.write_queue import Notice
 from app.play.attestation import (
     Attested,
     Conditions,
@@ -33,7 +32,7 @@ from app.play.attestation import (
 )
 from app.play.messages import Events, Pace
 from app.storage.input_events import InputEventRow, add_input_events
-from app.storage.store import Closing, SessionRow, StepRow, Store, Trial
+from app.storage.store import Closing, Notice, SessionRow, StepRow, Store, Trial
 from app.task import Run, Task, View
 
 
@@ -343,7 +342,7 @@ class Session:
             def publish(found: tuple[Attested | None, bool]) -> None:
                 self.go_on(current, run, held, *found)
                 metrics = self._store.metrics
-                metrics.count_move(move.driver)
+                metrics.moves[move.driver.partition(":")[0]].inc()
                 metrics.step.observe(time.perf_counter() - began)
 
             await self._store.write(record, notice, publish)

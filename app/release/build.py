@@ -47,9 +47,9 @@ from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import steps_to_target
 from marsexplorer.files import replace_whole
 from marsexplorer.policies import policy_hash
-from marsexplorer.score import steps_to_target
 
 COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN_REASON = "a participant asked to be forgotten"

@@ -5,9 +5,10 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.storage.reader import Reader
-from app.task import Record
+from app.task import Record, rules_of
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
 """Who drove an episode -> how a replay names them; a policy has its own name."""
@@ -52,6 +53,13 @@ class ShownEpisode:
     record: Record
     name: str
     asker_name: str
+
+
+def courses_of(episode: ShownEpisode) -> Any:
+    """Return what makes courses of an episode's task (`Rules.courses`); NoCourseError where it has none."""
+    if (courses := rules_of(episode.task).courses) is None:
+        raise NoCourseError(f"episode {episode.id!r} is shown at /watch/{episode.id}")
+    return courses
 
 
 def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:

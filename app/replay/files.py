@@ -10,15 +10,14 @@ from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 from PIL import Image
 
 from app.jobs import Progress
 from app.replay.page import single_file
-from app.tasks.mars.course import Course
-from app.tasks.mars.pictures import AnimationPicture, Look, preview
+from app.task import Course
 
 if TYPE_CHECKING:
     from av.container import OutputContainer
@@ -44,7 +43,6 @@ SPEED = 10.0
 HELD_S = 3.0
 """Seconds that the end is shown."""
 GIF_COLOURS = 64
-GIF, MP4 = Look(), Look(board=540, margin=30, text=24)
 
 
 class VideoMissingError(RuntimeError):
@@ -73,7 +71,7 @@ def file_of(
     if form == "html":
         return single_file(episode_id, own, others[0] if others else None).encode()
     if form == "png":
-        return preview(own)
+        return cast(bytes, own.preview())
     if form == "gif":
         return gif(courses, Timing.of(courses, speed, most_gif_pictures(courses)), progress)
     return mp4(courses, Timing.of(courses, speed), progress)
@@ -113,7 +111,7 @@ def most_gif_pictures(courses: Sequence[Course]) -> int:
 
 def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = None) -> bytes:
     """Return the animation as a GIF that begins again at its end; each picture holds what has changed."""
-    drawn = AnimationPicture(courses, GIF)
+    drawn = courses[0].animation(courses[1:], is_large=False)
     last = timing.steps[-1]
     palette = _palette([drawn.at(step, step) for step in (0, last // 2, last)])
     pictures = [
@@ -142,7 +140,7 @@ def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
         raise VideoMissingError(
             "an MP4 needs the extra [video]: pip install 'marsexplorer-playground[video]'"
         ) from error
-    drawn = AnimationPicture(courses, MP4)
+    drawn = courses[0].animation(courses[1:], is_large=True)
     with (
         TemporaryDirectory() as folder
     ):  # an index at the front is written by opening the file once more
@@ -156,9 +154,7 @@ def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
         return path.read_bytes()
 
 
-def _encode(
-    opened: OutputContainer, drawn: AnimationPicture, timing: Timing, progress: Progress | None
-) -> None:
+def _encode(opened: OutputContainer, drawn: Any, timing: Timing, progress: Progress | None) -> None:
     """Write every picture into a video, and close it."""
     from av import VideoFrame
 
@@ -176,9 +172,7 @@ def _encode(
         container.mux(stream.encode())
 
 
-def _pictures(
-    drawn: AnimationPicture, timing: Timing, progress: Progress | None
-) -> Iterator[Image.Image]:
+def _pictures(drawn: Any, timing: Timing, progress: Progress | None) -> Iterator[Image.Image]:
     """Yield the picture of each move that is drawn."""
     for number, (before, step) in enumerate(itertools.pairwise((0, *timing.steps)), 1):
         yield drawn.at(step, before)

@@ -19,7 +19,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from app.settings import STATIC
-from app.tasks.mars.course import Course
+from app.task import Course
 
 STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""

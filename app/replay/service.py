@@ -15,15 +15,13 @@ from typing import Any, Generic, TypeVar
 from app.jobs import Jobs
 from app.replay.episodes import (
     Asker,
-    NoCourseError,
     ShownEpisode,
     UnknownReplayError,
+    courses_of,
     shown_episode,
 )
 from app.replay.files import Format, file_of
-from app.task import Record, rules_of
-from app.tasks.mars.course import Course, GhostError, choices, course_of, play_ghost, preferred
-from app.tasks.mars.policies import PolicyOffer
+from app.task import Course, GhostError, PolicyOffer, Record, rules_of
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""
@@ -73,7 +71,7 @@ class Replays:
             found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return rules_of(found.task).has_courses
+        return rules_of(found.task).courses is not None
 
     async def replay(self, episode_id: str, asker: Asker) -> Replay:
         """Return the replay of an episode.
@@ -88,7 +86,7 @@ class Replays:
         GhostError, JobError and JobsFullError as well, see `replay`. `owner` is whose turn the job has.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
-        return await self._ghost(episode.record, name, owner)
+        return await self._ghost(episode, name, owner)
 
     async def file(
         self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
@@ -101,7 +99,7 @@ class Replays:
             return kept
         courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
         if ghost is not None:
-            courses.append(await self._ghost(record, ghost, owner))
+            courses.append(await self._ghost(shown.episode, ghost, owner))
         content = await self._jobs.run(
             file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
         )
@@ -109,22 +107,20 @@ class Replays:
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
-        if not rules_of(episode.task).has_courses:
-            raise NoCourseError(f"episode {episode_id!r} is shown at /watch/{episode_id}")
-        course = course_of(episode.asker_name, episode.record)
-        ghosts = choices(list(self._offers.values()), course.config)
-        return Replay(episode, course, tuple(ghosts), preferred(episode.name, ghosts))
+        courses = courses_of(episode)
+        course = courses.course_of(episode.asker_name, episode.record)
+        ghosts = courses.choices(list(self._offers.values()), course.config)
+        return Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
 
-    async def _ghost(self, record: Record, name: str, owner: str) -> Course:
+    async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:
         if name not in self._offers:
             raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
+        record: Record = episode.record
         key = ("ghost", name, record.config.hash, record.terrain, record.start)
         if (kept := self._courses.get(key)) is not None:
             return kept
-        source = self._offers[name].source
-        course = await self._jobs.run(
-            play_ghost, source, record, owner=owner, key=key, limit_s=LONGEST_S
-        )
+        play, source = courses_of(episode).play_ghost, self._offers[name].source
+        course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
         return self._courses.keep(key, course)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from app.storage.reader import Reader
 from app.storage.trial import Trial, parse_config
 from marsexplorer.config import EnvConfig
-from marsexplorer.score import steps_to_target
+from marsexplorer.episode import steps_to_target
 
 
 def describe_own(trial: Trial) -> dict[str, Any]:

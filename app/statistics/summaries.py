@@ -18,10 +18,9 @@ from app.statistics.human_level import mean_interval
 from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, Record, replay
+from marsexplorer.episode import Episode, Record, replay, steps_to_target
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.table import Progress
-from marsexplorer.score import steps_to_target
 
 POINTS = 120
 """Points of a drawn curve, at most."""
@@ -152,7 +151,7 @@ def summarize_groups(
     Nothing where episodes have no courses. Those of another core version cannot be replayed and are left out.
     progress: (episodes replayed, in all)
     """
-    if not data.protocol.rules.has_courses:
+    if data.protocol.rules.courses is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     total = sum(len(trials) for cohort in cohorts for trials in cohort.ranked.values())

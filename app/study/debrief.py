@@ -15,9 +15,8 @@ from app.storage.study_rows import Participant
 from app.storage.trial import Trial
 from app.study.folder import Study
 from app.study.progress import StageError
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Episode, Record, steps_to_target
 from marsexplorer.policies import load
-from marsexplorer.score import steps_to_target
 
 _log = logging.getLogger(__name__)
 Shown = Literal["warm_up", "ranked"]

@@ -302,7 +302,7 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
             raise StudyError(
                 f"the protocol's policy {policy!r} cannot be loaded: {error}"
             ) from error
-    priced = {REGRET_POLICY} if protocol.rules.has_courses else set()
+    priced = {REGRET_POLICY} if protocol.rules.courses else set()
     found = record_files({*named, *priced}, folder)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:

@@ -61,7 +61,7 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
 
 def compared_policies(protocol: Protocol) -> list[str]:
     """Return the policies of the report: those of the protocol, and `random` as the zero; none where a task has none."""
-    if not protocol.rules.has_courses:
+    if protocol.rules.courses is None:
         return list(protocol.policies)
     return list(dict.fromkeys((*protocol.policies, "random")))
 

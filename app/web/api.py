@@ -1,11 +1,10 @@
 """The HTTP API for playing: the page uses it, and so may any script. `/docs` describes it."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
@@ -18,9 +17,7 @@ from app.play.messages import (
 )
 from app.play.session import SCRIPT, RefusedError, Session
 from app.protection import has_own_origin
-from app.task import describe
-from app.tasks.mars.messages import Frame, History, NewEpisode, NewSession
-from app.tasks.mars.terrains import levels_on_offer
+from app.task import Messages, describe
 from app.web.access import (
     controlled_session,
     is_owner,
@@ -35,7 +32,6 @@ router = APIRouter(prefix="/api")
 probes = APIRouter(tags=["server"])
 """Whether the server is alive, and whether it can record a move, for whatever watches over it."""
 Id = Annotated[str | None, Query(max_length=128)]
-_FRAME: dict[int | str, dict[str, Any]] = {200: {"model": Frame}}
 
 
 def _lobby(request: Request) -> Lobby:
@@ -134,16 +130,14 @@ async def task(request: Request) -> dict[str, Any]:
 
 @router.get("/levels", tags=["server"], summary="What can be played")
 async def levels(request: Request) -> list[dict[str, Any]]:
-    """List the levels of MarsExplorer; there are none where something else is played.
-
-    `random` is the paper's section 3.2, `t-m-b` are the twelve of its section 3.3, the others are ours."""
-    return levels_on_offer() if _lobby(request).task.name == "mars" else []
+    """List the levels; MarsExplorer has them: `random` is the paper's section 3.2, `t-m-b` the twelve of its section 3.3."""
+    return _lobby(request).task.levels()
 
 
 @router.get("/maps", tags=["server"], summary="The maps that can be played")
 async def maps(request: Request) -> list[dict[str, Any]]:
     """List the maps that the server was started with (`serve --map`); each name can be given as `map`, instead of a level."""
-    return services_of(request).maps.listed()
+    return _lobby(request).task.maps()
 
 
 @router.get(
@@ -155,36 +149,6 @@ async def policies(request: Request) -> list[dict[str, str]]:
         {"name": offer.name, "summary": offer.summary}
         for offer in _lobby(request).task.policies.offers()
     ]
-
-
-@router.post("/sessions", status_code=201, tags=["play"], summary="Begin a session")
-async def create_session(
-    request: Request, response: Response, wanted: NewSession | None = None
-) -> dict[str, Any]:
-    """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
-
-    `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
-    into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
-
-    Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and do nothing else.
-
-    A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
-    the episode counts for the volunteers' figure so far. Instead of a second ranked board the page gets the open one, with 200.
-    """
-    wanted = wanted or NewSession()
-    player_id = player_of(request) or _lobby(request).sources.player_id()
-    with _bad_input():
-        terrain = _lobby(request).task.first(wanted)
-        await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
-        if wanted.replays is not None:
-            await controlled_session(request, wanted.replays)
-        if has_own_origin(request):
-            session, was_open = await services_of(request).page_boards.begin(wanted, player_id)
-            response.status_code = 200 if was_open else 201
-        else:
-            session = await _lobby(request).create(wanted, player_id)
-    remember_player(response, request, player_id)
-    return await session_summary(_lobby(request), session)
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
@@ -207,107 +171,11 @@ async def get_my_session(
     return None if found is None else await session_summary(_lobby(request), found)
 
 
-@router.get("/sessions/{session_id}", tags=["play"], summary="The current frame", responses=_FRAME)
-async def get_frame(request: Request, session_id: str) -> Response:
-    """Return the same bytes that the session's socket sends."""
-    return _json((await visible_session(request, session_id)).frame)
-
-
 @router.get("/sessions/{session_id}/about", tags=["play"], summary="The session as it stands now")
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
     session = await visible_session(request, session_id)
     return await session_summary(_lobby(request), session)
-
-
-@router.get(
-    "/sessions/{session_id}/history",
-    tags=["play"],
-    summary="The path so far",
-    responses={200: {"model": History}},
-)
-async def get_history(request: Request, session_id: str) -> Response:
-    """Return the position and the number of discovered cells after each step, the start first."""
-    session = await visible_session(request, session_id)
-    return _json(session.history())
-
-
-_ACT_ANSWERS: dict[int | str, dict[str, Any]] = {
-    200: {"model": Frame},
-    409: {"description": 'not the current frame: `{"detail", "frame"}`, and nothing has changed'},
-}
-
-
-@router.post(
-    "/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=_ACT_ANSWERS
-)
-async def act(request: Request, session_id: str, wanted: Act) -> Response:
-    """Make a move that answers the current frame: its `episode` and its `step`.
-
-    When it does not, 409 returns the current frame and nothing changes, so repeating a move after a lost answer is harmless.
-    """
-    session = await controlled_session(request, session_id)
-    _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
-    try:
-        with _bad_input():
-            move = as_move(wanted, session.task, SCRIPT)
-        await session.act(move)
-    except RefusedError as refusal:
-        return _json(f'{{"detail":{json.dumps(str(refusal))},"frame":{session.frame}}}', 409)
-    return _json(session.frame)
-
-
-@router.post(
-    "/sessions/{session_id}/episodes",
-    status_code=201,
-    tags=["play"],
-    summary="Begin the next episode",
-)
-async def create_episode(
-    request: Request, session_id: str, wanted: NewEpisode | None = None
-) -> dict[str, Any]:
-    """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
-
-    On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
-    which it waits, or a new board, with a `session` of its own.
-    """
-    lobby, page_boards, wanted = (
-        _lobby(request),
-        services_of(request).page_boards,
-        wanted or NewEpisode(),
-    )
-    session = await controlled_session(request, session_id)
-    _check_no_study(
-        session,
-        "its terrains are the study's",
-        "POST /api/studies/{name}/next begins the next episode",
-    )
-    if session.current.daily is not None:
-        raise HTTPException(
-            409,
-            "this board is of a daily terrain, which is played once; POST /api/sessions begins another",
-        )
-    with _bad_input():
-        terrain = lobby.task.next(session.current, wanted)
-        await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
-        if session.row.control == "cookie":
-            session, _ = await page_boards.begin_next(session, wanted)
-        elif (
-            has_own_origin(request)
-            and is_owner(request, session)
-            and session.row.player_id is not None
-        ):
-            rival = lobby.rival_of(session)
-            drivers = {
-                "player": session.row.driver_name,
-                "rival": None if rival is None else rival.row.driver_name,
-            }
-            session, _ = await page_boards.begin(
-                lobby.task.wanted_again(terrain.config, wanted, **drivers), session.row.player_id
-            )
-        else:
-            await lobby.restart(session, wanted)
-    return await session_summary(lobby, session)
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
@@ -317,3 +185,136 @@ async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> 
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with _bad_input():
         return await _lobby(request).change_pace(session, wanted)
+
+
+@lru_cache(maxsize=8)
+def board_router(messages: Messages) -> APIRouter:
+    """Return the calls in which a task's own messages stand: what begins a board or an episode, and its frames and paths."""
+    router = APIRouter(prefix="/api")
+    frame: dict[int | str, dict[str, Any]] = {200: {"model": messages.frame}}
+    stale = 'not the current frame: `{"detail", "frame"}`, and nothing has changed'
+    act_answers = {**frame, 409: {"description": stale}}
+
+    @router.post("/sessions", status_code=201, tags=["play"], summary="Begin a session")
+    async def create_session(
+        request: Request,
+        response: Response,
+        wanted: messages.board | None = None,  # type: ignore[name-defined]
+    ) -> dict[str, Any]:
+        """Begin a board. All fields are optional; an empty body begins a 21x21 `random` board for you, without a rival.
+
+        `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
+        into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
+
+        Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and do nothing else.
+
+        A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
+        the episode counts for the volunteers' figure so far. Instead of a second ranked board the page gets the open one: 200.
+        """
+        wanted = wanted or messages.board()
+        player_id = player_of(request) or _lobby(request).sources.player_id()
+        with _bad_input():
+            terrain = _lobby(request).task.first(wanted)
+            await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
+            if wanted.replays is not None:
+                await controlled_session(request, wanted.replays)
+            if has_own_origin(request):
+                session, was_open = await services_of(request).page_boards.begin(wanted, player_id)
+                response.status_code = 200 if was_open else 201
+            else:
+                session = await _lobby(request).create(wanted, player_id)
+        remember_player(response, request, player_id)
+        return await session_summary(_lobby(request), session)
+
+    @router.get(
+        "/sessions/{session_id}", tags=["play"], summary="The current frame", responses=frame
+    )
+    async def get_frame(request: Request, session_id: str) -> Response:
+        """Return the same bytes that the session's socket sends."""
+        return _json((await visible_session(request, session_id)).frame)
+
+    @router.get(
+        "/sessions/{session_id}/history",
+        tags=["play"],
+        summary="The path so far",
+        responses={200: {"model": messages.history}},
+    )
+    async def get_history(request: Request, session_id: str) -> Response:
+        """Return the position and the number of discovered cells after each step, the start first."""
+        session = await visible_session(request, session_id)
+        return _json(session.history())
+
+    @router.post(
+        "/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=act_answers
+    )
+    async def act(request: Request, session_id: str, wanted: Act) -> Response:
+        """Make a move that answers the current frame: its `episode` and its `step`.
+
+        When it does not, 409 returns the current frame and nothing changes: repeating a move after a lost answer is harmless.
+        """
+        session = await controlled_session(request, session_id)
+        _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
+        try:
+            with _bad_input():
+                move = as_move(wanted, session.task, SCRIPT)
+            await session.act(move)
+        except RefusedError as refusal:
+            return _json(f'{{"detail":{json.dumps(str(refusal))},"frame":{session.frame}}}', 409)
+        return _json(session.frame)
+
+    @router.post(
+        "/sessions/{session_id}/episodes",
+        status_code=201,
+        tags=["play"],
+        summary="Begin the next episode",
+    )
+    async def create_episode(
+        request: Request,
+        session_id: str,
+        wanted: messages.episode | None = None,  # type: ignore[name-defined]
+    ) -> dict[str, Any]:
+        """Begin the next episode, the rival's too. One still running is abandoned: its return so far minus `r_invalid` counts.
+
+        On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
+        which it waits, or a new board, with a `session` of its own.
+        """
+        lobby, page_boards, wanted = (
+            _lobby(request),
+            services_of(request).page_boards,
+            wanted or messages.episode(),
+        )
+        session = await controlled_session(request, session_id)
+        _check_no_study(
+            session,
+            "its terrains are the study's",
+            "POST /api/studies/{name}/next begins the next episode",
+        )
+        if session.current.daily is not None:
+            raise HTTPException(
+                409,
+                "this board is of a daily terrain, which is played once; POST /api/sessions begins another",
+            )
+        with _bad_input():
+            terrain = lobby.task.next(session.current, wanted)
+            await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
+            if session.row.control == "cookie":
+                session, _ = await page_boards.begin_next(session, wanted)
+            elif (
+                has_own_origin(request)
+                and is_owner(request, session)
+                and session.row.player_id is not None
+            ):
+                rival = lobby.rival_of(session)
+                drivers = {
+                    "player": session.row.driver_name,
+                    "rival": None if rival is None else rival.row.driver_name,
+                }
+                session, _ = await page_boards.begin(
+                    lobby.task.wanted_again(terrain.config, wanted, **drivers),
+                    session.row.player_id,
+                )
+            else:
+                await lobby.restart(session, wanted)
+        return await session_summary(lobby, session)
+
+    return router

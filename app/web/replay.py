@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 from urllib.parse import quote
 
 from fastapi import APIRouter, HTTPException, Query, Request
@@ -61,7 +61,8 @@ async def get_ghost(
             raise HTTPException(
                 404, "no policy on offer plays boards of this size; GET /api/policies lists them"
             )
-        return (await replays.ghost(episode_id, chosen, asker, owner_of(request))).to_dict()
+        course = await replays.ghost(episode_id, chosen, asker, owner_of(request))
+        return cast(dict[str, Any], course.to_dict())
 
 
 @router.get(

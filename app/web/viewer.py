@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from app.play.lobby import UnknownSessionError
 from app.protection import viewer_policy
-from app.tasks.mars.viewer3d.client_page import ClientPage
-from app.tasks.mars.viewer3d.scene import ViewOptions
 from app.web.access import close, services_of, visible_session
 from app.web.sockets import UNKNOWN_SESSION
 
@@ -40,7 +40,7 @@ async def viewer_page(request: Request, session_id: str) -> Response:
     return client_response(request, services_of(request).viewer.page, "private, no-cache")
 
 
-def client_response(request: Request, page: ClientPage, cache_control: str) -> Response:
+def client_response(request: Request, page: Any, cache_control: str) -> Response:
     """Return the page, gzipped where the browser reads that, or 304 where it has this version."""
     headers = {
         "ETag": page.etag,
@@ -66,6 +66,4 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         await websocket.accept()
         await close(websocket, UNKNOWN_SESSION, "unknown session")
         return
-    await services_of(websocket).viewer.serve(
-        websocket, session, ViewOptions.from_query(websocket.query_params)
-    )
+    await services_of(websocket).viewer.serve(websocket, session)

@@ -16,9 +16,8 @@ import numpy as np
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Episode, Record, steps_to_target
 from marsexplorer.policies import Policy
-from marsexplorer.score import steps_to_target
 
 EPISODES_PER_CHUNK = 5
 """Episodes that a process plays before it reports."""

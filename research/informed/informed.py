@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.config import FREE, OBSTACLE, UNKNOWN, EnvConfig, fewest_cells
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, steps_to_target
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import mix
-from marsexplorer.score import steps_to_target
 from marsexplorer.world import cells_that_count
 from research.informed.annealing import anneal, empty_legs
 from research.informed.tours import NO_PATH, fill_distances, fill_views, walk_tour

@@ -24,8 +24,8 @@ import numpy as np
 import torch
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import score
 from marsexplorer.evaluation import RULES, evaluate
-from marsexplorer.score import score
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
 from research.paper.algorithms import Trainer, begin
 from research.paper.jobs import OnProgress, read_lines, write_lines

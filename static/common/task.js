@@ -1,5 +1,6 @@
 // The task of a page: its module, and the parts of the page that differ from task to task.
 import { create, put } from "./page.js";
+import { capital } from "./words.js";
 
 /** Return what a page knows of a task: MarsExplorer where the server says nothing of it.
  * @param {TaskAbout | undefined | null} about @returns {Promise<Task>} */
@@ -23,9 +24,10 @@ const DIRECTIONS = { ArrowUp: "M4 13l6-6 6 6", ArrowLeft: "M13 4l-6 6 6 6", Arro
 
 /** Leave out of a page what it says of other tasks, name the keys, and put the task's actions on the pad.
  * @param {Task} task */
-export function showTask({ assets, order, keys, title, chart, play }) {
+export function showTask({ assets, order, keys, title, chart, play, round }) {
   for (const part of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-world]"))) part.hidden = part.dataset.world !== assets;
   if (assets === "mars") return; // the pages are written for it
+  renameTerrain(round);
   if (!play) document.body.dataset.view = "matrix";
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
@@ -35,6 +37,15 @@ export function showTask({ assets, order, keys, title, chart, play }) {
   const pad = document.querySelector(".pad");
   pad?.classList.toggle("is-row", !order.every((action) => keys[action]?.[0] in DIRECTIONS));
   pad?.replaceChildren(...order.map((action) => padButton(action, keys[action]?.[0] ?? "")));
+}
+
+/** Say a task's own word wherever a page says "terrain".
+ * @param {string} word */
+function renameTerrain(word) {
+  const renamed = (/** @type {string | null} */ text) => (text ?? "").replace(/terrain/g, word).replace(/Terrain/g, capital(word));
+  for (const part of document.querySelectorAll("[aria-label*=errain]")) part.setAttribute("aria-label", renamed(part.getAttribute("aria-label")));
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) if (/terrain/i.test(texts.currentNode.nodeValue ?? "")) texts.currentNode.nodeValue = renamed(texts.currentNode.nodeValue);
 }
 
 /** @param {Action} action @param {string} code of its first key */

@@ -10,6 +10,8 @@ export const signed = (value) => value === null ? "\u2013" : `${value < 0 ? "\u2
 export const score = (value) => value === null ? "\u2013" : value.toFixed(3).replace("-", "\u2212");
 /** @param {number | [number, number]} size */
 export const sizeText = (size) => (Array.isArray(size) ? size : [size, size]).join(" \u00d7 ");
+/** @param {string} text @returns the text with a capital in front */
+export const capital = (text) => text.replace(/^./, (first) => first.toUpperCase());
 /** Return a count with its noun.
  * @param {number} count @param {string} one @param {string} [more] the plural, where it is not the singular and an s */
 export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? one : more}`;

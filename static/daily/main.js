@@ -7,6 +7,7 @@ import { startBoards } from "../common/socket.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
+import { capital } from "../common/words.js";
 import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
@@ -150,7 +151,7 @@ const policyRows = (policies) => policies.map((policy) => row(policy.name, polic
 /** @param {Daily.Results} results */
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
-  put(by("end-title"), resultText(task, attempt).replace(/^./, (first) => first.toUpperCase()));
+  put(by("end-title"), capital(resultText(task, attempt)));
   put(by("end-rank"), rankText(attempt, people, policies));
   area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href);
   by("replay").setAttribute("href", `replay/${encodeURIComponent(attempt.episode)}`);

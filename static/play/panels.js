@@ -144,8 +144,8 @@ export function paintBar(state, rival) {
 export function standing({ mode, counts, player, task }, rival) {
   if (mode !== "ranked" || !player) return task?.standing ?? "";
   const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
-    : "This episode does not count: its terrain was chosen or met before, or a script has moved.";
-  return rival ? `${what} After the end, ${rival} explores the same terrain beside you.` : what;
+    : `This episode does not count: its ${task?.round} was chosen or met before, or a script has moved.`;
+  return rival ? `${what} After the end, ${rival} explores the same ${task?.round} beside you.` : what;
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until

@@ -1,7 +1,7 @@
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { create, by, put } from "../common/page.js";
 import { begun, createPlayer, stepOf } from "../common/player.js";
-import { many, score } from "../common/words.js";
+import { capital, many, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { dispatch, state, study } from "./store.js";
 import { debriefLine } from "./words.js";
@@ -51,9 +51,9 @@ function paintFigures(debrief) {
   put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
   put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
   put(by("debrief-line"), debriefLine(debrief));
-  by("trials").replaceChildren(create("h2", "Terrain by terrain"), trialTable(episodes));
+  by("trials").replaceChildren(create("h2", `${capital(task.round)} by ${task.round}`), trialTable(episodes));
   const choice = by("replay-index", HTMLSelectElement);
-  put(by("replay-label"), ranked ? "Terrain" : "Warm-up terrain");
+  put(by("replay-label"), ranked ? capital(task.round) : `Warm-up ${task.round}`);
   if (choice.options.length !== terrains + ranked) {
     const named = (/** @type {number} */ count, /** @type {string} */ before, /** @type {number} */ first) =>
       Array.from({ length: count }, (_, index) => new Option(`${before}${index + 1} of ${count}`, String(first + index)));
@@ -62,7 +62,7 @@ function paintFigures(debrief) {
 }
 /** @param {Study.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
 function trialTable(episodes) {
-  const head = ["Terrain", "Outcome", "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
+  const head = [capital(task.round), "Outcome", "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
   const rows = episodes.map(({ trial, outcome, steps, score: value }) => {
     const bar = create("i", [], { style: `--share: ${Math.max(0, Math.min(1, value))}` });
     return create("tr", [create("th", String(trial + 1), { scope: "row" }), ...[[task.status(outcome)], [String(steps)], [bar, score(value)]].map((cell) => create("td", cell))]);

@@ -170,7 +170,7 @@ by("disagree").addEventListener("click", () => by("leave", HTMLDialogElement).sh
 function fillMap() {
   const { player, task } = state.game;
   if (!player || !task) return;
-  const { line, rows } = task.inWords(player.frame, "the terrain");
+  const { line, rows } = task.inWords(player.frame, `the ${task.round}`);
   by("map-here").textContent = line;
   by("map-rows").replaceChildren(...rows.map((text) => create("li", text)));
 }

@@ -4,10 +4,10 @@ import { many, notCounted } from "../common/words.js";
 /** Return the participant's progress, for the bar.
  * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
 export function progress(participant, isPlaying) {
-  const { stage, questions } = participant;
+  const { stage, questions, task } = participant;
   const part = stage === "warm_up" || stage === "ranked" ? participant[stage] : null;
   const name = stage === "ranked" ? "Ranked" : "Warm-up";
-  if (part) return isPlaying ? `${name}: terrain ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
+  if (part) return isPlaying ? `${name}: ${task.round} ${Math.min(part.of, part.done + 1)} of ${part.of}` : `${name}: ${part.done} of ${part.of} done`;
   return { consent: "Consent", instructions: "Instructions", tutorial: "Practice drive", questions: questionsTitle(questions.length), debrief: "Debrief",
     complete: "Finished", withdrawn: "Left the study" }[/** @type {"consent"} */ (stage)] ?? "";
 }
@@ -35,25 +35,25 @@ export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms 
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
 /** @param {Study.Participant} participant @returns the screen before the first episode of a phase */
-export function readyText({ stage, warm_up, ranked }) {
-  if (stage === "tutorial") return { title: "Practice drive", lines: ["One terrain to try the keys on. Nothing you do here is part of your result."], go: "Start the practice drive" };
+export function readyText({ stage, warm_up, ranked, task: { round } }) {
+  if (stage === "tutorial") return { title: "Practice drive", lines: [`One ${round} to try the keys on. Nothing you do here is part of your result.`], go: "Start the practice drive" };
   if (stage === "warm_up") {
     const begin = warm_up.done > 0 ? `You have done ${warm_up.done} of ${warm_up.of}.` : "";
     return { title: "Warm-up", lines: [begin,
-      `${many(warm_up.of, "terrain")} to get used to the task. After each you see how you did. They do not count for your result.`].filter(Boolean),
+      `${many(warm_up.of, round)} to get used to the task. After each you see how you did. They do not count for your result.`].filter(Boolean),
     go: warm_up.done > 0 ? "Go on" : "Start the warm-up" };
   }
   const isFirst = ranked.done === 0;
-  return { title: isFirst ? "Now it counts" : "Ranked terrains", lines: isFirst
-    ? [`${many(ranked.of, "terrain")} that count. Scores stay hidden until the end, for everybody; you see your moves and your map.`,
-      "Every terrain that begins is part of your result: reloading the page brings it back as it stood.",
+  return { title: isFirst ? "Now it counts" : `Ranked ${round}s`, lines: isFirst
+    ? [`${many(ranked.of, round)} that count. Scores stay hidden until the end, for everybody; you see your moves and your map.`,
+      `Every ${round} that begins is part of your result: reloading the page brings it back as it stood.`,
       "There is no clock. Think as long as you like; only moves count."]
-    : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? "Start the first terrain" : "Go on" };
+    : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? `Start the first ${round}` : "Go on" };
 }
 
 /** @param {Study.Participant} participant @returns the break screen */
-export const breakLine = ({ ranked }) =>
-  `${many(ranked.done, "terrain")} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
+export const breakLine = ({ ranked, task }) =>
+  `${many(ranked.done, task.round)} done, ${ranked.of - ranked.done} to go. Nothing is running: rest as long as you like, and close this page if you want to. The same address in this browser brings you back here.`;
 
 /** Return the card at the end of an episode: warm-up shows the score, ranked keeps it.
  * @param {Frame} frame @param {Study.Participant} participant */
@@ -63,17 +63,17 @@ export function endCard(frame, participant) {
 }
 
 /** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
-function endNote({ score: scored }, advice, { phase, stage, rules, about }) {
+function endNote({ score: scored }, advice, { phase, stage, rules, about, task }) {
   if (phase === "tutorial") return advice;
-  if (phase === "warm_up") return stage === "ranked" ? "That was the last terrain of the warm-up." : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
+  if (phase === "warm_up") return stage === "ranked" ? `That was the last ${task.round} of the warm-up.` : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
   if (about?.not_attested) return notCounted(about.not_attested);
-  return stage === "debrief" ? "That was the last terrain. Now you will see how you did." : scored === null ? "Its score is kept for the end." : "";
+  return stage === "debrief" ? `That was the last ${task.round}. Now you will see how you did.` : scored === null ? "Its score is kept for the end." : "";
 }
 
 /** @param {Study.Participant} participant @param {Study.Participant["phase"]} phase */
 function endGo(participant, phase) {
   if (phase === "tutorial") return `Go on to ${questionsTitle(participant.questions.length).toLowerCase()}`;
-  return participant.stage === participant.phase && !participant.break_due ? "Next terrain" : "Go on";
+  return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 
 /** @param {Study.Debrief} debrief @returns the debrief in one sentence */

@@ -27,7 +27,8 @@ type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
 interface TaskOf<F, M, C, H> extends TaskAbout {
   /** The actions in the order in which they are named and stand on the pad. */
   order: Action[];
-  /** What an episode has to reach, in words. */
+  /** What an episode is played on or called, in the words of a page; and what it has to reach. */
+  round: string;
   target: string;
   /** The curve below the boards: what it shows, the value to reach, and an axis for curves on a plot of some height;
    * say: a value in words. */

@@ -63,7 +63,7 @@ function showLive(player) {
 async function showEnd(episode) {
   put(by("badge"), "ended");
   put(by("watching-text"), "This episode has ended");
-  put(by("watching-line"), episode === id ? "" : "The next terrain on this board is shown here as soon as it begins.");
+  put(by("watching-line"), episode === id ? "" : `The next ${state.task?.round ?? "episode"} on this board is shown here as soon as it begins.`);
   const replay = /** @type {ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
   if (!replay || state.player?.frame.episode !== episode) return;
   put(by("watching-text"), `${replay.run.name} ${replay.run.sentence}`);

@@ -14,9 +14,9 @@ from tests.support.browser import AS_A_PERSON, NO_3D, violations
 LAKE = "gymnasium:FrozenLake-v1"
 PRESS_WHAT_GOES_ON = """() => {
   const seen = [...document.querySelectorAll("button.go")].find((each) => each.checkVisibility());
-  const screen = window.marsStudy?.screen;
+  const [screen, text] = [window.marsStudy?.screen, document.body.innerText];
   if (screen !== "debrief") seen?.click();
-  return [screen, Boolean(seen)];
+  return [screen, text, Boolean(seen)];
 }"""
 
 
@@ -43,11 +43,13 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
         assert box["width"] == box["height"] >= 160
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     assert violations(page) == []
+    assert "terrain" not in page.locator("body").inner_text().lower()
     while not (frame := me.state())["outcome"]:
         me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
         me.wait(f"window.mars.state.player.frame.step > {frame['step']}")
     page.get_by_test_id("end-card").wait_for()
     title = page.get_by_test_id("end-title-player").inner_text()
+    assert page.get_by_test_id("next-terrain").inner_text().startswith("Next round")
     assert title == f"{frame['outcome'].capitalize()} after {frame['step']} moves"
     assert page.get_by_test_id("coverage-player").inner_text() == f"{frame['headline']:g}"
     stored = page.request.get(f"{lake.url}/api/episodes/{frame['episode']}").json()
@@ -69,8 +71,9 @@ def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
     page.goto(f"{lake.url}/study/lake")
     seen, pressed = set(), 0
     while "debrief" not in seen and pressed < 400:
-        screen, goes_on = page.evaluate(PRESS_WHAT_GOES_ON)
+        screen, text, goes_on = page.evaluate(PRESS_WHAT_GOES_ON)
         seen.add(screen)
+        assert "terrain" not in text.lower()
         if not goes_on:
             me.hand.press(page.keyboard, ("ArrowDown", "ArrowRight")[pressed % 2])
         pressed += 1

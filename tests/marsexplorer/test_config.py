@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from marsexplorer.config import LEVELS, EnvConfig
-from marsexplorer.score import score, steps_to_target
+from marsexplorer.episode import score, steps_to_target
 
 
 def test_the_twelve_levels_and_random():

@@ -16,12 +16,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version as version_of
 from itertools import accumulate
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
+from pydantic import BaseModel, Field
 
-from app.task import Cause, Metric, Words
+from app.play.messages import NewBoard, NewEpisode
+from app.task import Cause, Messages, Metric, Words
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "FrozenLake-v1": ("left", "down", "right", "up"),
@@ -40,6 +42,7 @@ WORDS = Words(
     reached="succeeded",
     short="short of success",
     definition="An episode that does not succeed counts max_steps. The score is the return, the sum of all rewards.",
+    spread="a tenth and a fifth of the limit of moves, for want of anything to know them from",
 )
 DEFAULT_LIMIT = 1000
 """Moves after which an episode times out where the environment sets no limit."""
@@ -105,7 +108,10 @@ class GymnasiumRecord:
 
 
 class GymnasiumRun:
-    """One running episode (`app.task.Run`)."""
+    """One running episode (`app.task.Run`).
+
+    It has succeeded when it ends by itself with a reward above 0 and above all before: a pole that falls pays no more.
+    """
 
     def __init__(self, config: GymnasiumConfig, seed: int) -> None:
         self.config, self.seed = config, seed
@@ -114,7 +120,7 @@ class GymnasiumRun:
         self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
         self._hash.update(_bytes(self._observation))
         self.actions, self._rewards = bytearray(), list[float]()
-        self.outcome, self.total = "running", 0.0
+        self.outcome, self.total, self._most = "running", 0.0, 0.0
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
@@ -128,9 +134,10 @@ class GymnasiumRun:
         self._rewards.append(reward)
         self.total += reward
         if terminated:
-            self.outcome = "succeeded" if reward > 0 else "failed"
+            self.outcome = "succeeded" if reward > self._most else "failed"
         elif truncated:
             self.outcome = "timed_out"
+        self._most = max(self._most, reward)
         self._hash.update(f"|{action},{reward!r},{self.outcome}|".encode())
         self._hash.update(_bytes(self._observation))
         return reward
@@ -210,11 +217,35 @@ class GymnasiumView:
         return json.dumps(expected, separators=(",", ":"))
 
 
+class Frame(BaseModel):
+    """What a board shows; its figures are null where a study hides them."""
+
+    kind: Literal["frame"]
+    episode: str
+    step: int
+    picture: str = Field(description="a PNG as a data URL")
+    text: str | None
+    reward: float | None = Field(description="of the last move")
+    return_: float | None = Field(alias="return", description="sum of the rewards")
+    score: float | None
+    headline: float | None
+    outcome: Literal["succeeded", "failed", "timed_out", "abandoned"] | None
+
+
+class History(BaseModel):
+    """The return after 0, 1, 2, ... moves."""
+
+    kind: Literal["history"]
+    episode: str
+    headlines: list[float]
+
+
 class GymnasiumRules:
     """The rules of the environment with an id (`app.task.Rules`)."""
 
     successes: ClassVar[frozenset[str]] = frozenset({"succeeded"})
     assets: ClassVar[str] = "picture"
+    messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
     def __init__(self, level: str) -> None:
         try:
@@ -228,12 +259,15 @@ class GymnasiumRules:
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
-        """The names of the actions, by their codes."""
+        """The names of the actions, by their codes; ValueError where they are not at most 10 from 0 on."""
         if self.level in CHOICES:
             return CHOICES[self.level]
         space = self.default.make().action_space
         if not isinstance(space, gymnasium.spaces.Discrete) or space.start != 0 or space.n > 10:
-            raise ValueError(f"{self.level} must have at most 10 discrete actions, it has {space}")
+            raise ValueError(
+                f"expected an environment with at most 10 discrete actions from 0 on, {self.level} has {space}: "
+                "name another one as --task"
+            )
         return tuple(str(code) for code in range(int(space.n)))
 
     @property
@@ -276,13 +310,10 @@ class GymnasiumRules:
         return (0.0, 1.0) if self.level in CHOICES else None
 
     words: ClassVar[Words] = WORDS
-    has_courses: ClassVar[bool] = False
+    courses: ClassVar[None] = None
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
-        """Return texts of a new study, and that it compares with no policy.
-
-        The assumed spread of the moves of an episode is a tenth and a fifth of its limit: there is nothing to know it from.
-        """
+        """Return texts of a new study, and that it compares with no policy."""
         return {
             "title": f"How well do people play {self.title}? ({{name}})",
             "opening": f"You are invited to take part in a study of how well people play {self.title}. You play it with the "
@@ -324,7 +355,7 @@ class GymnasiumRules:
 
     def prepare(self) -> None:
         """Make the environment and draw it once; ValueError where it has other actions, or what it needs is not installed."""
-        assert self.actions
+        _ = self.actions
         try:
             GymnasiumRun(self.default, 0).view()
         except gymnasium.error.DependencyNotInstalled as error:

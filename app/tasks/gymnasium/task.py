@@ -50,16 +50,19 @@ class GymnasiumTask(GymnasiumRules):
         super().__init__(level)
         self.policies = self.decides = NoPolicies()
 
+    def levels(self) -> list[dict[str, Any]]:
+        """Return nothing: the environment is one."""
+        return []
+
+    maps = levels
+
     @property
     def daily(self) -> GymnasiumConfig:
         """What the daily instance is played on."""
         return self.default
 
     def first(self, wanted: NewEpisode) -> Choice:
-        """Return what a new board is to begin on; ValueError for what only MarsExplorer has."""
-        for name in ("level", "size", "map"):
-            if getattr(wanted, name, None) is not None:
-                raise ValueError(f"{self.title} has no {name}; a seed alone chooses what is played")
+        """Return what a new board is to begin on."""
         return Choice(self.default, wanted.seed)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:

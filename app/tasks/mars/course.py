@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.tasks.mars.policies import PolicyOffer
+from app.task import GhostError, PolicyOffer
 from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
@@ -25,10 +25,6 @@ NEVER = -1
 """The move at which a cell became known that never did."""
 PREFERRED = ("ppo", "frontier-cost")
 """The policy that is shown when none is asked for: the first of these that did not drive the episode itself."""
-
-
-class GhostError(ValueError):
-    """The policy that is asked for cannot be shown on this terrain; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +72,19 @@ class Course:
     def headline(self) -> str:
         """Who did what: `A person mapped 99 % of the ground in 75 moves`."""
         return f"{self.name} {sentence(self)}"
+
+    def preview(self) -> bytes:
+        """Return the end as a PNG."""
+        from app.tasks.mars.pictures import preview
+
+        return preview(self)
+
+    def animation(self, others: Sequence[Course], is_large: bool) -> Any:
+        """Return what draws the course after each move, with others beside it."""
+        from app.tasks.mars.pictures import AnimationPicture, Look
+
+        look = Look(board=540, margin=30, text=24) if is_large else Look()
+        return AnimationPicture([self, *others], look)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the course as the page reads it."""

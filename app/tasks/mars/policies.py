@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -11,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from app.task import PolicyOffer
 from app.tasks.mars.messages import encode_thought
 from marsexplorer import policies
 from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
@@ -26,21 +26,6 @@ class ReportsThought(Protocol):
 
     def thought(self) -> tuple[NDArray[np.float32], float]:
         """Return (probabilities float32[4], value)."""
-
-
-@dataclass(frozen=True)
-class PolicyOffer:
-    """A policy that may be chosen: the name, one line about it, what `policies.load` takes, and the only board it plays.
-
-    size        (rows, cols); None for any
-    is_shipped  whether it comes with the package, not from a file of the server's operator
-    """
-
-    name: str
-    summary: str
-    source: str
-    size: tuple[int, int] | None
-    is_shipped: bool
 
 
 class PolicyCatalogue:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from app.task import Cause, Metric, Words
-from app.tasks.mars.messages import MAX_API_SIDE
+from app.task import Cause, Messages, Metric, Words
+from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
@@ -43,6 +43,7 @@ WORDS = Words(
     short="short of 99 %",
     definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
     "(r_invalid + r_bonus + cells), never clipped.",
+    spread="those of synthetic players",
 )
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
@@ -60,6 +61,7 @@ class MarsRules:
     title: ClassVar[str] = "MarsExplorer"
     assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
+    messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History)
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS
     metrics: ClassVar[tuple[Metric, ...]] = METRICS
@@ -90,7 +92,13 @@ class MarsRules:
         return float(-config.r_invalid), float(config.r_bonus + config.n)
 
     words: ClassVar[Words] = WORDS
-    has_courses: ClassVar[bool] = True
+
+    @property
+    def courses(self) -> Any:
+        """What makes courses."""
+        from app.tasks.mars import course
+
+        return course
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
         """Return texts, policies and the spread of steps that a new study assumes.

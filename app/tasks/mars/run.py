@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.kernels.visibility import VisibilityMap
-from marsexplorer.score import score
 
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
@@ -68,7 +67,8 @@ class View:
             episode.cells,
         )
         self.steps, self.outcome = episode.steps, episode.outcome
-        self.reward, self.total, self.ended = episode.reward, episode.total, episode.ended
+        self.reward, self.total, self.score = episode.reward, episode.total, episode.score
+        self.ended = episode.ended
 
     def is_of_same_run(self, other: View) -> bool:
         """Return whether the other view is one of the same episode, as it was or as it went on."""
@@ -82,11 +82,6 @@ class View:
     def coverage(self) -> float:
         """Discovered cells over the cells that count, 0..1."""
         return self.discovered / self.cells
-
-    @property
-    def score(self) -> float:
-        """The normalized score so far (section 3.2)."""
-        return score(self.config, self.total, self.cells)
 
     @property
     def heading(self) -> str:

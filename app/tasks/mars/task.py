@@ -10,7 +10,7 @@ from app.tasks.mars.messages import NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.rules import MarsRules
 from app.tasks.mars.run import MarsRun
-from app.tasks.mars.terrains import GivenTerrain, MapCatalogue, terrain_of
+from app.tasks.mars.terrains import GivenTerrain, MapCatalogue, levels_on_offer, terrain_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies.network import batch
@@ -21,18 +21,26 @@ class Mars(MarsRules):
     """MarsExplorer (`app.task.Task`) with the policies and the maps that a server offers."""
 
     policies: PolicyCatalogue
-    maps: MapCatalogue = field(default_factory=MapCatalogue)
+    catalogue: MapCatalogue = field(default_factory=MapCatalogue)
 
     daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
     decides: ClassVar[Decides] = batch
 
+    def levels(self) -> list[dict[str, Any]]:
+        """Return the levels whose terrains seeds draw."""
+        return levels_on_offer()
+
+    def maps(self) -> list[dict[str, Any]]:
+        """Return the maps that the server was started with."""
+        return self.catalogue.listed()
+
     def first(self, wanted: NewSession) -> Choice:
         """Return the terrain that a new session asks for; ValueError for an unknown map."""
-        return self.maps.first_terrain(wanted)
+        return self.catalogue.first_terrain(wanted)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:
         """Return the terrain of the next episode: what is left out stays as it was, so a map is played again."""
-        return self.maps.next_terrain(was, wanted)
+        return self.catalogue.next_terrain(was, wanted)
 
     def again(self, was: Cause) -> Choice:
         """Return the terrain of an episode, to be played once more."""
@@ -49,7 +57,7 @@ class Mars(MarsRules):
         """Return `level`, `map` and `size` of an episode; its size is one number where it is square."""
         config: EnvConfig = was.config
         size = config.rows if config.rows == config.cols else [config.rows, config.cols]
-        return {"level": config.level, "map": self.maps.name_of(was), "size": size}
+        return {"level": config.level, "map": self.catalogue.name_of(was), "size": size}
 
     def begin(self, choice: Choice) -> MarsRun:
         """Return a run at its start; ValueError before a seed is drawn."""

@@ -19,10 +19,9 @@ from scipy import ndimage
 from app.cli.console import PATH
 from marsexplorer import policies
 from marsexplorer.config import LEVELS, OBSTACLE, EnvConfig
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, score
 from marsexplorer.observation import DISPLACEMENTS
 from marsexplorer.rules import R_MOVE
-from marsexplorer.score import score
 from marsexplorer.terrain import generate
 from research.paper.episodes.play import DIFFICULTIES, TERRAINS
 from research.paper.jobs import Line, write_lines

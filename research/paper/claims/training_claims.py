@@ -12,8 +12,8 @@ from math import isnan
 import numpy as np
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import score
 from marsexplorer.evaluation.intervals import Floats
-from marsexplorer.score import score
 from research.paper.algorithms import ALGORITHMS
 from research.paper.claims.results import (
     NOT_YET,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.score import score
+from marsexplorer.episode import score
 from research.paper.algorithms import ALGORITHMS, begin
 from research.paper.claims import checks, page, settings_table, training_claims
 from research.paper.claims.claims import CLAIMS

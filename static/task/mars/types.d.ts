@@ -14,7 +14,7 @@ declare namespace Mars {
     return: number | null, score: number | null, outcome: Outcome | null,
   };
   type Task = TaskOf<Frame, Cell, Course, MoveHistory>;
-  type Words = Pick<Task, "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "headline" | "ending"
+  type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "headline" | "ending"
     | "trialEnding" | "scoreWhy" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   type MoveHistory = {kind: "history", episode: string, positions: Cell[], discovered: number[]};
   /** What a policy computed at the frame of `step` on its own board: probabilities of ACTIONS, in their order, what it

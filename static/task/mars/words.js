@@ -63,7 +63,7 @@ const LINES = [
 
 /** @type {Mars.Words} */
 export const words = {
-  target: TARGET,
+  round: "terrain", target: TARGET,
   chart: { title: "Coverage", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
   standing: "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.",
   outcome: (found) => (found ? ENDINGS[found]?.word ?? found : ""),

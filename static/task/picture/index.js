@@ -1,7 +1,7 @@
 // Any environment, shown as its own picture and told in the words of its description.
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { create } from "../../common/page.js";
-import { many, score } from "../../common/words.js";
+import { capital, many, score } from "../../common/words.js";
 
 /** A picture with a shorter side, pixels, is enlarged without smoothing. */
 const SMALL = 256;
@@ -45,9 +45,9 @@ export function taskOf(about) {
   /** @param {Picture.Course} course @param {number} step */
   const frameAt = ({ frames }, step) => frames.filter((frame, index) => index === 0 || frame.step <= step).slice(-1)[0];
   /** @param {Picture.Frame} frame */
-  const ending = ({ outcome, step }) => ({ title: `${words(outcome).replace(/^./, (first) => first.toUpperCase())} after ${many(step, "move")}`, line: "" });
+  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${many(step, "move")}`, line: "" });
   return {
-    ...about, order: about.actions, target: "the end", standing: "",
+    ...about, order: about.actions, round: "round", target: "the end", standing: "",
     chart: {
       title: metric.name, say: shown,
       axis(_, values) {

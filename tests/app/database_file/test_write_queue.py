@@ -12,10 +12,20 @@ from functools import partial
 import numpy as np
 import pytest
 
-from app.database_file import write_queue
-from app.database_file.write_queue import BROKEN, FULL, LOCKED, MAX_WAITING, SLOW, WAITS, WriteQueue
 from app.play import attestation
-from app.storage.store import StepRow, Store, StoreError
+from app.storage import store as store_module
+from app.storage.store import (
+    BROKEN,
+    FULL,
+    LOCKED,
+    MAX_WAITING,
+    SLOW,
+    WAITS,
+    StepRow,
+    Store,
+    StoreError,
+    WriteQueue,
+)
 from tests.support.recorded import NOW, add_session, open_episode
 from tests.support.servers import eventually
 from tests.support.write_lock import locked_elsewhere
@@ -188,7 +198,7 @@ def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_th
     serve, monkeypatch
 ):
     compare, compared = attestation.attest, []
-    monkeypatch.setattr(write_queue, "GATHERED_S", 1.0)
+    monkeypatch.setattr(store_module, "GATHERED_S", 1.0)
     monkeypatch.setattr(
         attestation, "attest", lambda *given: (compared.append(1), compare(*given))[1]
     )
@@ -260,7 +270,7 @@ def test_a_read_that_takes_long_delays_no_move(serve):
 
 
 def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve, monkeypatch):
-    monkeypatch.setattr("app.database_file.write_queue.MAX_WAITING", 3)
+    monkeypatch.setattr("app.storage.store.MAX_WAITING", 3)
     assert MAX_WAITING == 1000
     server = serve()
     boards = [begin(server.client(), seed) for seed in range(8)]
@@ -411,7 +421,7 @@ def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_go
 
 
 def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.05)
+    monkeypatch.setattr("app.storage.store.PATIENCE_S", 0.05)
 
     async def scenario(store, episodes):
         with locked_elsewhere(tmp_path / "a.db"), pytest.raises(StoreError, match=LOCKED):
@@ -422,8 +432,8 @@ def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
 
 
 def test_a_write_whose_turn_does_not_come_is_refused_and_never_made(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.database_file.write_queue.PATIENCE_S", 0.1)
-    monkeypatch.setattr("app.database_file.write_queue.NOTICE_S", 0.05)
+    monkeypatch.setattr("app.storage.store.PATIENCE_S", 0.1)
+    monkeypatch.setattr("app.storage.store.NOTICE_S", 0.05)
 
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)

@@ -18,8 +18,8 @@ from app.leaderboard.evaluations import (
 from app.leaderboard.making import make_board, make_figure, offered_boards
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
+from marsexplorer.episode import steps_to_target
 from marsexplorer.evaluation.episodes import play_episode
-from marsexplorer.score import steps_to_target
 
 TINY = EnvConfig("random", 5, 7)
 ORIGIN = Origin("9.9", "marsexplorer leaderboard")

@@ -110,7 +110,7 @@ def test_a_frame_that_a_slow_subscriber_never_got_is_counted(server):
 
 def test_each_server_has_its_own_counts():
     one, other = Metrics(), Metrics()
-    one.count_move("policy:ppo")
+    one.moves["policy"].inc()
     assert one.registry.get_sample_value("marsexplorer_moves_total", {"driver": "policy"}) == 1
     assert other.registry.get_sample_value("marsexplorer_moves_total", {"driver": "policy"}) == 0
 
@@ -133,7 +133,7 @@ def test_counting_costs_less_than_a_twentieth_of_a_move(server):
     other = Metrics()
 
     def count():
-        other.count_move("script")
+        other.moves["script"].inc()
         other.step.observe(move_s)
         other.commit.observe(move_s)
 

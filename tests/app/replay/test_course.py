@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.tasks.mars.course import GhostError, course_of, play_ghost, preferred, sentence
+from app.task import GhostError
+from app.tasks.mars.course import course_of, play_ghost, preferred, sentence
 from app.tasks.mars.run import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

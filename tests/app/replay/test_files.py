@@ -12,8 +12,6 @@ import pytest
 from PIL import Image
 
 from app.replay.files import (
-    GIF,
-    MP4,
     Timing,
     VideoMissingError,
     file_of,
@@ -29,7 +27,6 @@ from app.tasks.mars.pictures import (
     PREVIEW,
     ROCK,
     SOIL,
-    AnimationPicture,
     board_picture,
 )
 from marsexplorer.config import OBSTACLE, EnvConfig
@@ -77,7 +74,10 @@ def test_a_gif_has_a_picture_for_each_move_and_holds_the_end(courses):
     calls = []
     content = file_of("gif", "e", courses, 10, lambda done, total: calls.append((done, total)))
     with Image.open(io.BytesIO(content)) as picture:
-        assert (picture.n_frames, picture.size) == (last + 1, AnimationPicture(courses, GIF).size)
+        assert (picture.n_frames, picture.size) == (
+            last + 1,
+            courses[0].animation(courses[1:], is_large=False).size,
+        )
         durations = []
         for number in range(picture.n_frames):
             picture.seek(number)
@@ -95,7 +95,7 @@ def test_an_mp4_has_the_same_pictures_and_then_the_end_for_three_seconds(courses
         stream = container.streams.video[0]
         count = sum(1 for _ in container.decode(stream))
         assert count == len(timing.steps) + timing.held - 1 == courses[0].moves + 1 + 23
-        assert (stream.width, stream.height) == AnimationPicture(courses[:1], MP4).size
+        assert (stream.width, stream.height) == courses[0].animation([], is_large=True).size
         assert stream.average_rate == 8
 
 

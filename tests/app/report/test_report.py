@@ -13,8 +13,7 @@ from app.statistics.intervals import printed_interval
 from app.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
-from marsexplorer.score import score
+from marsexplorer.episode import Episode, score
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
 
 NAN = float("nan")

@@ -87,8 +87,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
 def test_nothing_else_can_be_asked_for(lake):
     client = lake.page()
     for body, said in (
-        ({"level": "random"}, "has no level"),
-        ({"size": 21}, "has no size"),
+        ({"level": "random"}, "unknown field 'level'"),
+        ({"size": 21}, "unknown field 'size'"),
         ({"player": "ppo"}, "no policy 'ppo'"),
         ({"rival": "ppo"}, "no policy 'ppo'"),
     ):
@@ -161,16 +161,34 @@ def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     assert " ".join(step["action"] for step in steps) == row["actions"]
 
 
-def test_a_run_is_a_function_of_configuration_seed_and_actions():
-    task = GymnasiumTask("FrozenLake-v1")
-    moves = bytes(np.random.default_rng(0).integers(0, 4, 40))
+def test_its_episode_is_no_file_of_a_replay(lake, tmp_path, capsys):
+    client = lake.page()
+    last = play(lake, client, begin(lake, client))[-1]
+    lake.stop()
+    args = ["--database", str(tmp_path / "playground.db"), "--out", str(tmp_path / "replay.gif")]
+    with pytest.raises(SystemExit) as left:
+        main(["replay", last["episode"], *args])
+    assert (left.value.code, "is shown at /watch/" in capsys.readouterr().err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("level", "kwargs", "outcome"),
+    [
+        ("FrozenLake-v1", {"is_slippery": False}, "failed"),
+        ("CartPole-v1", {"sutton_barto_reward": True}, "failed"),
+        ("Taxi-v4", {"is_rainy": True}, "timed_out"),
+    ],
+)
+def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, outcome):
+    task = GymnasiumTask(level)
+    moves = bytes(np.random.default_rng(0).integers(0, len(task.actions), 40))
     one = task.begin(Choice(task.default, 7))
     made = [one.step(move) for move in moves if one.outcome == "running"]
     record = one.record()
     again = task.replay_record(record)
     assert again.record() == record
-    assert again.rewards() == made
-    other = task.configuration({"kwargs": {"is_slippery": False}})
+    assert (again.rewards(), record.outcome) == (made, outcome)
+    other = task.configuration({"kwargs": kwargs})
     assert other.hash != task.default.hash
     assert task.configuration(other.to_dict()) == other
     with pytest.raises(ValueError, match="was played under gymnasium 0"):
@@ -181,6 +199,7 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions():
     ("name", "said"),
     [
         ("gymnasium:NoSuch-v0", "knows no environment"),
+        ("gymnasium:Taxi-v3", "use `Taxi-v4` instead"),
         ("chess", "expected a task of mars, gymnasium"),
         ("mars:x", "has no variants"),
         ("gymnasium:Pendulum-v1", "discrete actions"),

@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
-from app.simulate import Participant
+from app.simulate import Participant, RefusedError
 from app.study.verification import verify_database
 from app.task import rules_of
 
@@ -78,11 +78,33 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert ", 0 differ" in capsys.readouterr().out
 
 
-def test_a_server_of_another_task_says_what_to_do(serve, tmp_path):
+def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
+    studies = ("--studies", tmp_path / "studies")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    for name, task, spread in (
+        ("lake", ("--task", "FrozenLake-v1"), "a tenth and a fifth of the limit"),
+        ("mars", (), "those of synthetic players"),
+    ):
+        assert run("study", "new", name, *task, *sizes, *studies) == 0
+        assert f"which are {spread}" in " ".join(capsys.readouterr().out.split())
+        assert run("study", "freeze", name, "--underpowered", *studies) == 0
+    for name, of, plays in (("lake", LAKE, "mars"), ("mars", "mars", LAKE)):
+        server = serve(task=plays)
+        answer = server.page().post(f"/api/studies/{name}/join")
+        server.stop()
+        assert answer.status_code == 409
+        assert f"is of {of}, and this server plays {plays}" in answer.json()["detail"]
+
+
+def test_keys_are_chosen_for_the_actions_of_the_task(serve, tmp_path):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
     assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
-    answer = serve().page().post("/api/studies/lake/join")
-    assert answer.status_code == 409
-    assert f"is of {LAKE}, and this server plays mars" in answer.json()["detail"]
+    server = serve(task=LAKE)
+    person = Participant(server.page(), "lake", Wanderer(0), server.clock)
+    person.call("join")
+    person.call("settings", {"keys": {"left": ["KeyH"]}})
+    with pytest.raises(RefusedError, match="expected keys of left, down, right, up, ") as refused:
+        person.call("settings", {"keys": {"north": ["KeyH"]}})
+    assert refused.value.status == 422

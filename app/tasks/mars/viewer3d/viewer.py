@@ -165,8 +165,8 @@ class Viewer:
         """Return how many browsers look."""
         return len(self._transport.boards)
 
-    async def serve(self, websocket: WebSocket, session: Session, options: ViewOptions) -> None:
-        """Serve one browser's 3-D socket until it leaves."""
+    async def serve(self, websocket: WebSocket, session: Session) -> None:
+        """Serve one browser's 3-D socket until it leaves; its query has the browser's `ViewOptions`."""
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
             await Connection(websocket).close(
@@ -174,6 +174,7 @@ class Viewer:
             )
             return
         await websocket.accept(subprotocol=PROTOCOL)
+        options = ViewOptions.from_query(websocket.query_params)
         await self._transport.serve(Connection(websocket), ShownBoard(session, options))
 
     def close(self) -> None:
