@@ -85,7 +85,7 @@ def same_weights(one, two):
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
-    config = replace(QUICK, minibatch_size=128, learning_rate=1e-3)
+    config = replace(QUICK, minibatch_size=128, learning_rate=1e-3, update_epochs=1)
     run = TrainingRun.begin(config, [SMALL], 6 * 512, 3)
     folder = RunFolder(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
     ppo.train(run, folder.on_update)
