@@ -176,12 +176,7 @@ def play_forged(person, forger):
 
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
 def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
-    small = {
-        "size": SIZE,
-        "ranked": 1,
-        "warm_up": 1,
-        "recruitment": "invitation",
-    }
+    small = {"size": SIZE, "ranked": 1, "warm_up": 1, "recruitment": "invitation"}
     study = freeze(tmp_path / "studies", **small)
     issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 1 + 8 * times)
     invitations = iter([token_of(study, each.id) for each in issued])

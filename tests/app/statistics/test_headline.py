@@ -46,13 +46,7 @@ def with_failures(failed):
     people, trials = played(np.random.default_rng(4).normal(0.9, 0.01, (5, 6)))
     by = {person.id: index for index, person in enumerate(people)}
     changed = [
-        trial(
-            people[by[each.participant]],
-            each.trial,
-            0.3,
-            steps=9,
-            outcome="collided",
-        )
+        trial(people[by[each.participant]], each.trial, 0.3, steps=9, outcome="collided")
         if each.trial < failed[by[each.participant]]
         else each
         for each in trials

@@ -15,12 +15,7 @@ from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
 from marsexplorer.training import ppo, run_folder
 from marsexplorer.training.config import RECIPES
-from marsexplorer.training.envs import (
-    EVALUATION_SEEDS,
-    TrainingEnvs,
-    make_envs,
-    rewards_in_moves,
-)
+from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves
 from marsexplorer.training.interrupts import postponed_interrupt
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
 from marsexplorer.training.prior import rule_probabilities

@@ -33,20 +33,14 @@ TINY_REFINE = RefineConfig(
     batch_size=64,
     anchor_batch_size=16,
 )
-SIZES = ["--size", "21", "--size", "24"]
 OPTIONS = [
     "train",
-    "--recipe",
-    "priced",
-    *SIZES,
-    "--steps",
-    "256",
-    "--refine",
-    "2",
-    "--workers",
-    "1",
-    "--seed",
-    "3",
+    "--recipe=priced",
+    "--size=21",
+    "--size=24",
+    "--steps=256",
+    "--workers=1",
+    "--seed=3",
 ]
 
 
@@ -88,14 +82,13 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     quick, in_a_thread, interrupted_once, tmp_path
 ):
     folder = tmp_path / "mine"
-    command = [*OPTIONS, "--out", str(folder)]
+    unrefined = [*OPTIONS, "--out", str(folder)]
+    command = [*unrefined, "--refine", "2"]
     interrupted_once(folder / "refine.pt")
     stopped = CliRunner().invoke(cli, command)
     assert "stopped after 1 of 2 rounds of refining" in stopped.output
     assert "pairs" in torch.load(folder / "refine.pt", weights_only=True)["run"]
-    refused = CliRunner().invoke(
-        cli, [*(option for option in command if option not in ("--refine", "2")), "--resume"]
-    )
+    refused = CliRunner().invoke(cli, [*unrefined, "--resume"])
     assert refused.exit_code == 2
     done = CliRunner().invoke(cli, [*command, "--resume"])
     assert done.exit_code == 0, done.output
