@@ -1,7 +1,6 @@
 """The example of a clone: a policy from a release's people, held-out terrains, and no clone of nobody."""
 
 import importlib.util
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,55 +16,57 @@ from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.network import Net, save_network
 from tests.support.stored_studies import freeze, play_study
 
-ROOT = Path(__file__).parents[2]
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location(
+        "clone", Path(__file__).parents[2] / "examples" / "clone.py"
+    )
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    return example
 
 
 @pytest.fixture
-def release(tmp_path):
-    """`release(kinds)` is the folder of a small released study that these kinds of players played."""
+def clone(example, tmp_path, monkeypatch):
+    """`clone(kinds, words)` calls the example with a small released study that these kinds of players played."""
 
-    def made(*kinds):
-        play_study(tmp_path / "play.db", freeze(tmp_path / "studies"), kinds=kinds)
-        build_release(ReleaseRequest(tmp_path / "play.db", "dunes", tmp_path / "out"))
-        return tmp_path / "out"
+    def call(kinds, *words):
+        bundle = tmp_path / "out"
+        if not bundle.exists():
+            play_study(
+                tmp_path / "play.db", freeze(tmp_path / "studies", warm_up=1, ranked=2), kinds
+            )
+            build_release(ReleaseRequest(tmp_path / "play.db", "dunes", bundle))
+        monkeypatch.setattr(sys, "argv", ["clone.py", str(bundle), *map(str, words)])
+        example.main()
 
-    return made
+    return call
 
 
-def clone(*words):
-    command = [sys.executable, "examples/clone.py", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-
-
-def test_a_release_becomes_a_policy_with_a_card(release, tmp_path):
-    bundle = release("human", "human")
-    first, again = tmp_path / "dunes.onnx", tmp_path / "again.onnx"
-    done = clone(bundle, "--out", first, "--epochs", 2)
-    assert done.returncode == 0, done.stderr
-    assert "on 1 held-out terrains it makes" in done.stdout
+def test_a_release_becomes_a_policy_with_a_card(clone, tmp_path, capsys):
+    people, first, again = ("human", "human"), tmp_path / "dunes.onnx", tmp_path / "again.onnx"
+    clone(people, "--out", first, "--epochs", 2)
+    assert "on 1 held-out terrains it makes" in capsys.readouterr().out
     card = read_card(first)
     assert card["summary"].startswith("A clone of the people of out, from ")
     assert 0 <= card["results"]["human_likeness"] <= 1
     board = Episode.begin(EnvConfig("random", 9, 12, sensor_radius=4), seed=1).codes
     assert load(first).act(board) in range(4)
-    assert clone(bundle, "--out", again, "--epochs", 2).returncode == 0
+    clone(people, "--out", again, "--epochs", 2)
     assert again.read_bytes() == first.read_bytes(), "release and seed fix the weights"
 
 
-def test_scripts_alone_are_refused_and_marked_when_asked_for(release, tmp_path):
-    bundle, out = release("script", "script"), tmp_path / "scripts.onnx"
-    done = clone(bundle, "--out", out)
-    assert done.returncode == 1
-    assert "no finished ranked episodes of people" in done.stderr
+def test_scripts_alone_are_refused_and_marked_when_asked_for(clone, tmp_path):
+    scripts, out = ("script", "script"), tmp_path / "scripts.onnx"
+    with pytest.raises(SystemExit, match="no finished ranked episodes of people"):
+        clone(scripts, "--out", out)
     assert not out.exists()
-    assert clone(bundle, "--synthetic", "--epochs", 1, "--out", out).returncode == 0
+    clone(scripts, "--synthetic", "--epochs", 1, "--out", out)
     assert "SYNTHETIC" in read_card(out)["summary"]
 
 
-def test_a_clone_learns_the_moves_it_is_shown(tmp_path):
-    spec = importlib.util.spec_from_file_location("clone", ROOT / "examples" / "clone.py")
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
+def test_a_clone_learns_the_moves_it_is_shown(example, tmp_path):
     config, rule = EnvConfig("random", 9, 12, sensor_radius=4), load("frontier-cost", 4)
 
     def record(seed):

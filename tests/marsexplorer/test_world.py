@@ -21,7 +21,7 @@ def literal_twin(config, terrain):
     return reference.World(terrain, config.sensor_radius, config.beta, config.limit, pays)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     strategies.terrains(),
     strategies.moves,
@@ -47,11 +47,11 @@ def test_the_compiled_rules_are_the_literal_ones(terrain, actions, radius, beta,
             break
 
 
-@settings(max_examples=60, deadline=None)
-@given(strategies.configs(), strategies.seeds, st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+@given(strategies.configs(max_side=24), strategies.seeds, st.integers(0, 2**32 - 1))
 def test_a_stack_is_a_list_of_singles(config, seed, choice):
     rng = np.random.default_rng(choice)
-    num = 5
+    num = 3
     stack = Worlds(config, num)
     seeds = [(seed + i) % 2**53 for i in range(num)]
     try:

@@ -16,7 +16,7 @@ TINY = EnvConfig("random", 5, 7)
 pytestmark = pytest.mark.timeout(300)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def jobs():
     with Jobs(1) as found:
         yield found
@@ -54,7 +54,7 @@ def test_a_policy_that_fails_says_so_and_the_others_go_on(tmp_path, jobs):
 def test_an_evaluation_that_dies_is_said_to_have_died_and_the_next_one_is_made(tmp_path, jobs):
     evaluations = PolicyEvaluations(tmp_path / "figures.json", jobs)
     worker = jobs.submit(pid, owner=OWNER).result()
-    long = Evaluation("planner", EnvConfig.of("random", 21), tuple(range(500)))
+    long = Evaluation("random", EnvConfig.of("random", 21), tuple(range(5000)))
     wanted = [long, Evaluation("random", TINY, (1, 2))]
     eventually(lambda: evaluations.request(wanted)[0]["done"] > 0)
     assert [each["state"] for each in evaluations.request(wanted)] == ["computing", "waiting"]

@@ -96,7 +96,8 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Boards of few terrains: the server evaluates in seconds."""
+    """Boards of few terrains, played in one process: the server evaluates in seconds."""
+    monkeypatch.setattr("app.server.WORKERS", 1)
     monkeypatch.setattr(
         entries,
         "held_out_seeds",

@@ -133,11 +133,7 @@ def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch
             patch.setattr(lobby.store, "next_episode", broken)
             with pytest.raises(StoreError):
                 await lobby.restart(session, NewEpisode())
-        assert (session.frame, session.shown.steps, session.shown.outcome) == (
-            frame,
-            1,
-            "running",
-        )
+        assert (session.frame, session.shown.steps, session.shown.outcome) == (frame, 1, "running")
         assert (session.shown.codes == codes).all()
         await session.act(move(session))
         assert session.shown.steps == 2

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.comparisons import (
     compare_policy,
@@ -90,7 +90,7 @@ def test_the_test_knows_which_players_were_drawn():
     player = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
     table = 0.7 + player[:, None] + rng.normal(0, 0.01, (5, 20))
     found = compare_policy("ppo", "score", np.full(20, 0.78), table)
-    flipped = stats.permutation_test(
+    flipped = scipy.stats.permutation_test(
         (0.78 - table.mean(0),),
         np.mean,
         permutation_type="samples",
@@ -140,7 +140,7 @@ def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatev
     found = compare_policy("twin", "score", 0.9 * terrain, players * terrain)
     assert found.ratio == pytest.approx(0.9)
     low, high = 0.9 / (
-        1 + np.array([1, -1]) * stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / 5**0.5
+        1 + np.array([1, -1]) * scipy.stats.t.ppf(0.975, 4) * np.std(players, ddof=1) / 5**0.5
     )
     assert found.ratio_interval == pytest.approx((low, high), rel=0.02)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.report import build
 from app.report.page import render
@@ -36,7 +36,7 @@ def test_who_holds_the_failures(failed, expected):
 
 def test_the_test_of_equal_rates_is_the_textbooks():
     failed, episodes = np.array([6.0, 1, 0, 2]), np.array([30.0, 20, 30, 25])
-    p = stats.chi2_contingency([failed, episodes - failed], correction=False).pvalue
+    p = scipy.stats.chi2_contingency([failed, episodes - failed], correction=False).pvalue
     assert few(*failed) == (p < 0.05)
     assert bool(is_a_few_players(failed, episodes)) == (p < 0.05)
 
@@ -46,13 +46,7 @@ def with_failures(failed):
     people, trials = played(np.random.default_rng(4).normal(0.9, 0.01, (5, 6)))
     by = {person.id: index for index, person in enumerate(people)}
     changed = [
-        trial(
-            people[by[each.participant]],
-            each.trial,
-            0.3,
-            steps=9,
-            outcome="collided",
-        )
+        trial(people[by[each.participant]], each.trial, 0.3, steps=9, outcome="collided")
         if each.trial < failed[by[each.participant]]
         else each
         for each in trials

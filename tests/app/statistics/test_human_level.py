@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics import human_level as module
 from app.statistics.human_level import NOBODY_PLAYED, VolunteerFigures, human_level, mean_interval
@@ -188,7 +188,7 @@ def test_configurations_are_never_mixed(store):
 
 def test_the_interval_is_the_t_interval_of_the_mean():
     values = [0.5, 0.7, 0.9, 0.4]
-    low, high = stats.t.interval(0.95, 3, loc=np.mean(values), scale=stats.sem(values))
+    low, high = scipy.stats.t.interval(0.95, 3, loc=np.mean(values), scale=scipy.stats.sem(values))
     assert mean_interval(values) == {
         "mean": pytest.approx(0.625),
         "low": pytest.approx(low),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import optimize, stats
+import scipy
 
 from app.statistics.intervals import (
     estimate,
@@ -36,21 +36,23 @@ def test_the_t_interval_is_the_textbooks():
 @pytest.mark.parametrize("values", SAMPLES)
 def test_the_t_interval_and_the_skewness_are_scipys(values):
     assert t_interval(values) == pytest.approx(
-        stats.t.interval(0.95, len(values) - 1, values.mean(), stats.sem(values))
+        scipy.stats.t.interval(0.95, len(values) - 1, values.mean(), scipy.stats.sem(values))
     )
-    assert float(skewness(values)) == pytest.approx(float(stats.skew(values, bias=False)))
+    assert float(skewness(values)) == pytest.approx(float(scipy.stats.skew(values, bias=False)))
 
 
 @pytest.mark.parametrize("values", SAMPLES)
 def test_halls_ends_solve_his_cubic(values):
-    n, lean = len(values), stats.skew(values, bias=False) / math.sqrt(len(values))
+    n, lean = len(values), scipy.stats.skew(values, bias=False) / math.sqrt(len(values))
     found = []
-    for quantile in (stats.t.ppf(0.975, n - 1), stats.t.ppf(0.025, n - 1)):
+    for quantile in (scipy.stats.t.ppf(0.975, n - 1), scipy.stats.t.ppf(0.025, n - 1)):
 
         def cubic(x, quantile=quantile):
             return x + lean * x**2 / 3 + lean**2 * x**3 / 27 + lean / 6 - quantile
 
-        found.append(values.mean() - optimize.brentq(cubic, -1e4, 1e4) * stats.sem(values))
+        found.append(
+            values.mean() - scipy.optimize.brentq(cubic, -1e4, 1e4) * scipy.stats.sem(values)
+        )
     assert hall_interval(values) == pytest.approx(tuple(found), rel=1e-9)
 
 
@@ -87,8 +89,8 @@ def test_the_guaranteed_interval_is_its_literal_twin():
             stakes
         )
 
-    low = optimize.brentq(lambda mean: wealth(mean, values) - 40, 1e-6, np.mean(values))
-    high = 1 - optimize.brentq(
+    low = scipy.optimize.brentq(lambda mean: wealth(mean, values) - 40, 1e-6, np.mean(values))
+    high = 1 - scipy.optimize.brentq(
         lambda mean: wealth(mean, [1 - x for x in values]) - 40, 1e-6, 1 - np.mean(values)
     )
     assert guaranteed_interval(np.array(values), (0, 1)) == pytest.approx((low, high), abs=1e-6)

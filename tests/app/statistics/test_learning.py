@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.learning import assess_learning, tost
 from marsexplorer.evaluation.intervals import t_interval
@@ -27,10 +27,12 @@ def test_slopes_and_changes_over_trials():
 def test_the_equivalence_test_is_two_one_sided_t_tests():
     changes = np.array([1.0, -2.0, 0.5, 3.0, -1.0, 2.0])
     ends, p = tost(changes, 4.0)
-    above = stats.ttest_1samp(changes, -4.0, alternative="greater").pvalue
-    below = stats.ttest_1samp(changes, 4.0, alternative="less").pvalue
+    above = scipy.stats.ttest_1samp(changes, -4.0, alternative="greater").pvalue
+    below = scipy.stats.ttest_1samp(changes, 4.0, alternative="less").pvalue
     assert p == pytest.approx(max(above, below))
-    assert ends == pytest.approx(stats.t.interval(0.9, 5, changes.mean(), stats.sem(changes)))
+    assert ends == pytest.approx(
+        scipy.stats.t.interval(0.9, 5, changes.mean(), scipy.stats.sem(changes))
+    )
     assert (p < 0.05) == (ends[0] > -4 and ends[1] < 4)
 
 

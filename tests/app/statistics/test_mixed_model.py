@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.crossed import crossed_mean
 from app.statistics.mixed_model import fit_mixed_model
@@ -37,7 +37,9 @@ def test_without_gaps_the_variances_and_the_mean_are_those_of_the_analysis_of_va
     assert found.converged
     assert found.mean == pytest.approx(float(plain.mean), abs=1e-9)
     half = (found.interval[1] - found.interval[0]) / 2
-    assert half == pytest.approx(float(stats.t.ppf(0.975, plain.freedom) * plain.error), rel=0.05)
+    assert half == pytest.approx(
+        float(scipy.stats.t.ppf(0.975, plain.freedom) * plain.error), rel=0.05
+    )
 
 
 def test_the_figures_are_statsmodels_own():

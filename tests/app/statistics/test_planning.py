@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.intervals import printed_interval
 from app.statistics.planning import (
@@ -48,7 +48,7 @@ def test_the_derived_margin_is_the_least_that_is_seen(players):
 def test_the_power_for_a_policy_is_that_of_the_t_test_in_simulation():
     rng, players = np.random.default_rng(3), 8
     means = 1.4 + rng.standard_normal((20_000, players))
-    p = stats.ttest_1samp(means, 0, axis=1).pvalue
+    p = scipy.stats.ttest_1samp(means, 0, axis=1).pvalue
     assert difference_power(1.0, players, 1.4, 4) == pytest.approx((p < 0.05 / 4).mean(), abs=0.01)
     low, _ = printed_interval(means[:2000], 1 - 0.05 / 4)
     assert (low > 0).mean() <= difference_power(

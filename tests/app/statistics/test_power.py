@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.power import plan_sample_size, spread_of
 from tests.support.made_studies import played, study
@@ -22,7 +22,7 @@ def test_the_expected_and_the_assured_width_are_what_simulation_finds():
     plan = plan_sample_size(1.0, 0.0, 0.5, ranked=1, assurance=0.8)
     width = next(width for width in plan.table if width.players == 10)
     sds = np.random.default_rng(1).standard_normal((40_000, 10)).std(1, ddof=1)
-    halves = stats.t.ppf(0.975, 9) * sds / np.sqrt(10)
+    halves = scipy.stats.t.ppf(0.975, 9) * sds / np.sqrt(10)
     assert halves.mean() == pytest.approx(width.expected, rel=0.005)
     assert np.mean(halves <= width.assured) == pytest.approx(0.8, abs=0.01)
 

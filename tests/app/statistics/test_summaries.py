@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.statistics.summaries import (
     EpisodeSummary,
@@ -25,8 +25,8 @@ def test_a_curve_is_the_mean_over_groups_and_an_ended_episode_keeps_what_it_had(
     assert made["steps"] == [0, 1, 2]
     first, second = np.array([7, 17.5, 17.5]) / 35, np.array([7, 7, 35]) / 35
     assert made["mean"] == pytest.approx((first + second) / 2, abs=1e-4)
-    low, high = stats.t.interval(
-        0.95, 1, loc=(first[2] + second[2]) / 2, scale=stats.sem([first[2], second[2]])
+    low, high = scipy.stats.t.interval(
+        0.95, 1, loc=(first[2] + second[2]) / 2, scale=scipy.stats.sem([first[2], second[2]])
     )
     assert (made["low"][2], made["high"][2]) == pytest.approx((low, high), abs=1e-4)
     alone = coverage_curve(TINY, [[episode([7, 14])]])

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from app.jobs import Jobs
 from marsexplorer.config import CORE_VERSION, EnvConfig
@@ -77,7 +77,7 @@ def test_json_holds_config_seeds_version_and_every_episode():
 
 def test_the_interval_is_students():
     values = np.array([0.2, 0.5, 0.9, 0.4])
-    expected = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
+    expected = scipy.stats.t.interval(0.95, 3, values.mean(), scipy.stats.sem(values))
     assert t_interval(values) == pytest.approx(expected)
 
 

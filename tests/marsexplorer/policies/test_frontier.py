@@ -31,7 +31,7 @@ def steps_through(terrain, radius, name, limit=400):
         heading = action
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     strategies.terrains(max_side=9, max_density=0.4),
     st.integers(1, 5),
@@ -49,7 +49,7 @@ def test_the_compiled_rules_are_the_literal_ones(terrain, radius, rule):
         assert action == expected, codes
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(strategies.terrains(max_side=70, max_density=0.4), st.integers(1, 31), st.data())
 def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
     rows, cols = terrain.shape
@@ -134,7 +134,7 @@ def test_with_nothing_left_to_see_the_moves_stay_valid(name):
 def test_every_terrain_is_explored(name, level):
     config = EnvConfig(level, 21, 33)
     policy = policies.load(name)
-    for seed in range(30):
+    for seed in range(10):
         episode = Episode.begin(config, seed=seed)
         policy.reset(seed)
         while not episode.ended:

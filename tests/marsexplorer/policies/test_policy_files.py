@@ -2,7 +2,6 @@
 
 import json
 import pickle
-import subprocess
 import sys
 
 import numpy as np
@@ -141,24 +140,15 @@ def test_a_missing_package_is_asked_for_by_name(package, tmp_path, monkeypatch):
         policies.load(path)
 
 
-def test_evaluate_scores_files_of_other_makers(tmp_path):
+def test_evaluate_scores_files_of_other_makers(tmp_path, capsys):
     files.write_onnx(tmp_path / "mine.onnx")
     files.write_onnx(tmp_path / "other.onnx", masked=True)
     names = ["--policy", str(tmp_path / "mine.onnx"), "--policy", str(tmp_path / "other.onnx")]
-    command = [
-        sys.executable,
-        "-m",
-        "app.cli",
-        "evaluate",
-        *names,
-        "--size",
-        "6x7",
-        "--episodes",
-        "3",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "mine" in done.stdout
-    assert "other" in done.stdout
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["evaluate", *names, "--size", "6x7", "--episodes", "3"])
+    said = capsys.readouterr().out
+    assert "mine" in said
+    assert "other" in said
 
 
 def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys):

@@ -124,10 +124,7 @@ def test_rules_on_which_nothing_depends_are_not_priced_and_logits_and_values_sta
     far = 1e-5 if side == 84 else 0.0
     net, config = load("ppo").net, EnvConfig("random", side, side)
     assert net.rules_that_count(side, side) == rules
-    all_rules, few_rules = (
-        GreedyRollouts(config, 2),
-        GreedyRollouts(config, 2, rules),
-    )
+    all_rules, few_rules = (GreedyRollouts(config, 2), GreedyRollouts(config, 2, rules))
     for rollouts in (all_rules, few_rules):
         rollouts.worlds.start(np.arange(2))
     for _ in range(30):

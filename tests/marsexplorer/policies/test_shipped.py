@@ -20,10 +20,7 @@ def hundred_terrains():
     return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start).rows[0])
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["ppo"],
-)
+@pytest.mark.parametrize("name", ["ppo"])
 def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hundred_terrains):
     card = read_card(shipped()[name])
     assert all(

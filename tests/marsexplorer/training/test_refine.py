@@ -86,11 +86,11 @@ def literal(net, seed, at=None, other=None):
 @pytest.mark.parametrize("which", ["untrained", "shipped"])
 def test_episodes_are_those_of_the_policy_with_its_guard(which, scorer, tmp_path):
     net = playing(untrained_net(), tmp_path) if which == "untrained" else scorer
-    steps = np.zeros(8, np.int64)
+    steps = np.zeros(4, np.int64)
     guarded = sum(
         int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps)
     )
-    assert steps.tolist() == [literal(net, SEED + k) for k in range(8)]
+    assert steps.tolist() == [literal(net, SEED + k) for k in range(4)]
     if which == "untrained":
         assert guarded > 0
 
@@ -117,16 +117,16 @@ def test_the_cost_of_another_move_is_what_a_literal_replay_finds(scorer):
 
 
 def test_pairs_are_two_valid_moves_and_what_the_network_prefers(scorer):
-    pairs = branch_episodes(CONFIG, scorer, SEED, 16, 16)
+    pairs = branch_episodes(CONFIG, scorer, SEED, 8, 8)
     rows = np.arange(len(pairs.own))
-    assert 0.5 * 16 * 16 < len(rows) < 2 * 16 * 16
+    assert 0.5 * 8 * 8 < len(rows) < 2 * 8 * 8
     assert (pairs.moves[rows, pairs.own, 0] > 0).all()
     assert (pairs.moves[rows, pairs.other, 0] > 0).all()
     logits, _ = scorer.infer(pairs.planes, pairs.moves)
     assert (logits[rows, pairs.own] >= logits[rows, pairs.other] - 1e-3).all()
     assert abs(pairs.cost).max() <= MAX_COST
     assert pairs.cost.min() < 0 < pairs.cost.mean()
-    again = branch_episodes(CONFIG, scorer, SEED, 16, 16)
+    again = branch_episodes(CONFIG, scorer, SEED, 8, 8)
     assert all(
         np.array_equal(getattr(pairs, name), getattr(again, name))
         for name in ("planes", "own", "other", "cost", "steps")
@@ -202,11 +202,12 @@ def test_a_run_that_is_gone_on_with_comes_to_the_same_weights_on_any_number_of_w
         SMALL,
         tasks_per_level=(("random", 2),),
         first_round_tasks=1,
-        episodes_per_task=2,
-        pairs_per_episode=4,
-        gradient_steps=6,
-        batch_size=64,
-        anchor_sizes=((12, 2),),
+        episodes_per_task=1,
+        pairs_per_episode=2,
+        gradient_steps=3,
+        batch_size=16,
+        anchor_sizes=((12, 1),),
+        anchor_batch_size=4,
     )
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(2) as two:
         whole = RefineRun(deepcopy(net), 4, tiny)

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy import stats
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -16,12 +15,7 @@ from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
 from marsexplorer.training import ppo, run_folder
 from marsexplorer.training.config import RECIPES
-from marsexplorer.training.envs import (
-    EVALUATION_SEEDS,
-    TrainingEnvs,
-    make_envs,
-    rewards_in_moves,
-)
+from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves
 from marsexplorer.training.interrupts import postponed_interrupt
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
 from marsexplorer.training.prior import rule_probabilities
@@ -32,7 +26,7 @@ SMALL = EnvConfig(rows=9, cols=12)
 QUICK = replace(
     RECIPES["best"], num_envs=16, num_steps=32, minibatch_size=64, value_warmup_updates=1
 )
-TINY = {"num_envs": 8, "num_steps": 16, "minibatch_size": 64}
+TINY = {"num_envs": 4, "num_steps": 8, "minibatch_size": 16}
 BEST = replace(RECIPES["best"], value_warmup_updates=1, **TINY)
 PRICED = replace(RECIPES["priced"], value_warmup_updates=1, **TINY)
 LETTER = replace(
@@ -86,17 +80,16 @@ def same_weights(one, two):
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
-    config = replace(QUICK, minibatch_size=128, learning_rate=1e-3)
+    config = replace(QUICK, minibatch_size=128, learning_rate=1e-3, update_epochs=1)
     run = TrainingRun.begin(config, [SMALL], 6 * 512, 3)
     folder = RunFolder(tmp_path / "tiny", run, {"summary": "a tiny one"}, silent)
     ppo.train(run, folder.on_update)
     folder.save()
     tiny, chance = load(folder.policy), load("random")
-    gap = np.array(
-        [score_of(tiny, seed) - score_of(chance, seed) for seed in EVALUATION_SEEDS[:50]]
-    )
-    low, _ = stats.t.interval(0.95, len(gap) - 1, gap.mean(), stats.sem(gap))
-    assert low > 0
+    gap = np.array([score_of(tiny, k) - score_of(chance, k) for k in EVALUATION_SEEDS[:50]])
+    assert (
+        gap.mean() > 2.01 * gap.std(ddof=1) / len(gap) ** 0.5
+    )  # Student's t, 49 degrees of freedom
     found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
     assert found == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
@@ -105,12 +98,12 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     assert lines[-1]["steps"] < lines[3]["steps"]
 
 
-@pytest.mark.parametrize("config", [BEST, PRICED, LETTER], ids=["best", "priced", "letter"])
+@pytest.mark.parametrize("config", [BEST, PRICED], ids=["best", "priced"])
 @pytest.mark.usefixtures("no_curve")
 def test_a_run_that_was_stopped_goes_on_to_the_same_weights_and_another_seed_has_others(
     tmp_path, config
 ):
-    env_configs, steps = [EnvConfig(rows=9, cols=12, max_steps=20)], 3 * config.batch_size
+    env_configs, steps = [EnvConfig(rows=9, cols=12, max_steps=10)], 3 * config.batch_size
     whole = trained(steps, 5, config, env_configs)
 
     def stop(metrics, _):
@@ -141,8 +134,8 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights_and_another_seed_has
 
 @pytest.mark.usefixtures("no_curve")
 def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
-    config = replace(LETTER, num_envs=4, num_steps=8, minibatch_size=16)
-    whole, run = trained(3 * 32, 5, config), TrainingRun.begin(config, [SMALL], 3 * 32, 5)
+    config, steps = LETTER, 3 * 32
+    whole, run = trained(steps, 5, config), TrainingRun.begin(config, [SMALL], steps, 5)
     folder = RunFolder(tmp_path, run, {"summary": "stopped"}, silent)
     hook = run.optimizer.register_step_post_hook(
         lambda *_: os.kill(os.getpid(), signal.SIGINT) if run.updates_done == 1 else None
@@ -151,7 +144,7 @@ def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
         ppo.train(run, folder.on_update)  # the second Ctrl-C, at the next gradient step, breaks in
     assert (run.updates_done, run.is_between_updates) == (1, False)
     hook.remove()
-    run, pressed = TrainingRun.begin(config, [SMALL], 3 * 32, 5), []
+    run, pressed = TrainingRun.begin(config, [SMALL], steps, 5), []
     hook = run.optimizer.register_step_post_hook(
         lambda *_: (
             (pressed.append(1), os.kill(os.getpid(), signal.SIGINT))
@@ -165,7 +158,7 @@ def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
     hook.remove()
     assert (run.updates_done, run.is_between_updates) == (2, True)
     folder.save()
-    run = TrainingRun.begin(config, [SMALL], 3 * 32, 5)
+    run = TrainingRun.begin(config, [SMALL], steps, 5)
     folder = RunFolder(tmp_path, run, {"summary": "resumed"}, silent)
     folder.resume()
     ppo.train(run, folder.on_update)

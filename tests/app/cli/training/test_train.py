@@ -3,8 +3,7 @@
 import json
 import os
 import signal
-import threading
-import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -28,59 +27,68 @@ TINY = replace(
 TINY_REFINE = RefineConfig(
     tasks_per_level=(("random", 1),),
     episodes_per_task=2,
+    pairs_per_episode=2,
     anchor_sizes=((23, 1),),
     gradient_steps=6,
     batch_size=64,
     anchor_batch_size=16,
 )
-SIZES = ["--size", "21", "--size", "24"]
 OPTIONS = [
     "train",
-    "--recipe",
-    "priced",
-    *SIZES,
-    "--steps",
-    "256",
-    "--refine",
-    "2",
-    "--workers",
-    "1",
-    "--seed",
-    "3",
+    "--recipe=priced",
+    "--size=21",
+    "--size=24",
+    "--steps=256",
+    "--workers=1",
+    "--seed=3",
 ]
 
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Let the recipe and the rounds be small enough for a test; everything else is as it is."""
+    """Let the recipe and the rounds be small enough for a test, and draw no curve; everything else is as it is."""
     monkeypatch.setitem(RECIPES, "priced", TINY)
     monkeypatch.setattr(refine_module, "DEFAULT_CONFIG", TINY_REFINE)
     monkeypatch.setattr(cards, "HELD_OUT_TERRAINS", 3)
     monkeypatch.setattr(run_folder, "VALIDATION_EPISODES", 8)
+    monkeypatch.setattr(run_folder, "plot_learning_curve", lambda _, path: path.touch())
     monkeypatch.setattr("app.jobs.cores", lambda: 1)
 
 
-def interrupt_when_it_is_there(file):
-    """Press Ctrl-C once as soon as a file is there."""
-
-    def watch():
-        while not file.exists():
-            time.sleep(0.01)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    threading.Thread(target=watch, daemon=True).start()
+@pytest.fixture
+def in_a_thread(monkeypatch):
+    """Play in a thread instead of a process: `test_the_shipped_policy_is_refined_from_the_file_that_plays` takes processes."""
+    monkeypatch.setattr("app.jobs.Jobs", lambda *_: ThreadPoolExecutor(1))
 
 
-def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(quick, tmp_path):
+@pytest.fixture
+def interrupted_once(monkeypatch):
+    """`interrupted_once(file)` presses Ctrl-C where episodes are played and the file is there; no second time."""
+    play_task = refine_module.play_task
+
+    def arm(file):
+        def play(job):
+            if file.exists():
+                monkeypatch.setattr(refine_module, "play_task", play_task)
+                os.kill(os.getpid(), signal.SIGINT)
+            return play_task(job)
+
+        monkeypatch.setattr(refine_module, "play_task", play)
+
+    return arm
+
+
+def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
+    quick, in_a_thread, interrupted_once, tmp_path
+):
     folder = tmp_path / "mine"
-    command = [*OPTIONS, "--out", str(folder)]
-    interrupt_when_it_is_there(folder / "refine.pt")
+    unrefined = [*OPTIONS, "--out", str(folder)]
+    command = [*unrefined, "--refine", "2"]
+    interrupted_once(folder / "refine.pt")
     stopped = CliRunner().invoke(cli, command)
     assert "stopped after 1 of 2 rounds of refining" in stopped.output
     assert "pairs" in torch.load(folder / "refine.pt", weights_only=True)["run"]
-    refused = CliRunner().invoke(
-        cli, [*(option for option in command if option not in ("--refine", "2")), "--resume"]
-    )
+    refused = CliRunner().invoke(cli, [*unrefined, "--resume"])
     assert refused.exit_code == 2
     done = CliRunner().invoke(cli, [*command, "--resume"])
     assert done.exit_code == 0, done.output
