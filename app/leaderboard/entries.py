@@ -23,8 +23,8 @@ from app.storage.studies import closed_studies, count_participants
 from app.study.data import StudyData, load
 from app.study.policy_episodes import closed_seeds
 from app.study.policy_files import FOLDER, PolicyFiles
+from app.task import PolicyError
 from marsexplorer.config import LEVELS, EnvConfig
-from marsexplorer.policies import PolicyNotFoundError
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
@@ -77,7 +77,7 @@ class LeaderboardEntry:
             return sources.get(name, name)
         try:
             return self.files.source(name)
-        except PolicyNotFoundError:
+        except PolicyError:
             return str(self.files.place(name))
 
     def to_dict(self) -> dict[str, Any]:

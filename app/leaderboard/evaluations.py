@@ -20,9 +20,9 @@ from typing import Any
 from app.jobs import Jobs, JobsFullError, Progress
 from app.settings import SHIPPED_DATA
 from app.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
+from app.task import rules_of
 from marsexplorer import policies
 from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.files import write_whole
 from marsexplorer.policies.files.card import shipped
 
@@ -52,10 +52,12 @@ class Evaluation:
 
     def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
-        policy = policies.load(self.policy, self.config.sensor_radius)
+        rules = rules_of("mars")
+        players: Any = rules.players
+        policy = players.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
         for seed in self.seeds:
-            played.append(summary_of(play_episode(policy, self.config, seed)))
+            played.append(summary_of(rules, players.play(policy, self.config, seed, seed)))
             if progress:
                 progress(len(played), len(self.seeds))
         figure = summarize_episodes(self.config, [[each] for each in played])
