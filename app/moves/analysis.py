@@ -97,7 +97,7 @@ def analyse_known(
     found = {}
     for cohort in scripts_of(data) if synthetic else [people_of(data)]:
         regret = None
-        if data.closed_ms is not None and has_regret(data.protocol.env_config):
+        if data.closed_ms is not None and has_regret(data.protocol):
             with progress("regret of each move") as advance:
                 regret = _regret(reader, data, cohort, study_estimator(data, known.cache), advance)
         likeness = find_likeness(player_agreements(cohort, policies, known.agreements))

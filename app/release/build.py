@@ -183,7 +183,7 @@ def _write_report(
             report = make_report(reader, data, episodes, synthetic, bar, moves)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if request.with_report and played and has_regret(data.protocol.env_config):
+        if request.with_report and played and has_regret(data.protocol):
             ranked = [each for each in data.trials if each.phase == "ranked"]
             estimator = study_estimator(data, known.cache)
             with bar("regret of each move") as advance:

@@ -84,13 +84,14 @@ def play_policies(
     players: Any = rules.players
     sources = {name: (files or PolicyFiles()).source(name) for name in names}
     chosen = list(dict.fromkeys(sources.values()))
+    hashes = {source: players.hash_of(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
     for source, number, moves, trajectory in players.play_all(chosen, config, list(seeds.values())):
         terrain = index_of[number]
         for name in (name for name, own in sources.items() if own == source):
             found[name, terrain] = PolicyEpisode(
-                name, players.hash_of(source), terrain, number, moves, trajectory
+                name, hashes[source], terrain, number, moves, trajectory
             )
         if progress:
             progress(len(found), len(sources) * len(seeds))

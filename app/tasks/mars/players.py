@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,16 +16,26 @@ from app.task import PolicyError
 from app.tasks.mars.explanation import explanation_of
 from app.tasks.mars.run import MarsRun
 from marsexplorer import policies
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks
+from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks, play_terrain
+from marsexplorer.evaluation.losses import LossKind
+from marsexplorer.evaluation.regret import MAX_CELLS, RegretEstimator, check_size
 from marsexplorer.policies import find_shipped, is_rule
-from marsexplorer.policies.files.card import of_paper
+from marsexplorer.policies.files.card import of_paper, shipped
+
+OFFERED = (
+    *(EnvConfig.of(level, 21) for level in LEVELS),
+    EnvConfig.of("random", 42),
+    EnvConfig.of("random", 84),
+)
+"""The configurations that the page's terrain dialog offers: each has a board of figures, even if unplayed."""
 
 __all__ = [
-    "Agreement", "NoisyPolicy", "agreement_with", "begin", "explanation_of", "file_of", "find_shipped", "hash_of", "is_rule",
-    "load", "of_paper", "play", "play_all",
+    "OFFERED", "Agreement", "LossKind", "NoisyPolicy", "RegretEstimator", "agreement_with", "begin", "check_size",
+    "explanation_of", "file_of", "find_shipped", "has_regret", "hash_of", "hash_with_code", "is_rule", "load", "of_paper",
+    "play", "play_all", "play_terrain", "shipped",
 ]  # fmt: skip
 
 
@@ -53,6 +65,21 @@ def hash_of(source: str) -> str | None:
         return policies.policy_hash(source)
     except (LookupError, OSError) as error:
         raise PolicyError(str(error)) from error
+
+
+def hash_with_code(source: str) -> str:
+    """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
+    found = hashlib.sha256()
+    files = sorted(Path(policies.__file__).parent.rglob("*.py"))
+    for path in (*files, shipped().get(source, Path(source))):
+        if path.is_file():
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def has_regret(config: EnvConfig) -> bool:
+    """Return whether moves on boards of this configuration have regrets."""
+    return config.n <= MAX_CELLS and not config.discoverable_only
 
 
 def begin(config: EnvConfig, seed: int) -> MarsRun:
