@@ -11,8 +11,6 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from marsexplorer.maps import CELL_M
-
 PACKAGE = Path(__file__).resolve().parent
 ROOT = PACKAGE.parent
 IS_CHECKOUT = (ROOT / "pyproject.toml").is_file()
@@ -134,7 +132,7 @@ class Settings(BaseSettings):
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
     maps         map_server files (YAML) to offer for play (`serve --map FILE`)
-    cell_m       side of their cells in metres
+    cell_m       side of their cells in metres; None for the task's own
     public_url   where browsers find the pages, like https://mars.example; its host is served beside IP literals, localhost and
                  the machine's own names
     trusted_proxies  addresses and networks of proxies whose X-Forwarded headers count (`serve --trusted-proxy`)
@@ -165,7 +163,7 @@ class Settings(BaseSettings):
     signers: Path | None = None
     policies: tuple[Path, ...] = ()
     maps: tuple[Path, ...] = ()
-    cell_m: float = Field(default=CELL_M, gt=0)
+    cell_m: float | None = Field(default=None, gt=0)
     public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
     trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
     durable: bool = False

@@ -50,6 +50,10 @@ class GhostError(ValueError):
     """The policy that is asked for cannot be shown beside an episode; the text says why."""
 
 
+class PolicyError(ValueError):
+    """No policy goes by this name or path, or the file is there and cannot be played; the text says which."""
+
+
 @dataclass(frozen=True)
 class Metric:
     """A figure of an ended episode.
@@ -73,7 +77,6 @@ class Words:
     steps   moves of a success, the limit for any other ending
     reached, short  an episode that is a success, and one that is not: "reached 99 %", "short of 99 %"
     definition      of both figures, a sentence or two
-    spread          what the standard deviations are that a new study assumes
     """
 
     score: str
@@ -81,7 +84,6 @@ class Words:
     reached: str
     short: str
     definition: str
-    spread: str
 
 
 class View(Protocol):
@@ -288,6 +290,19 @@ class Rules(Protocol):
     def courses(self) -> Any | None:
         """Return what makes `Course`s: `course_of(name, record)`, `play_ghost(source, record)`, `choices(offers, config)`
         and `preferred(driver, names)`; None where moves cannot be drawn, priced and compared with policies'."""
+
+    @property
+    def players(self) -> Any | None:
+        """Return what finds the files of policies, lets them play away from boards, and compares moves with theirs
+        (`app.tasks.mars.players`); None where there are no policies."""
+
+    @property
+    def spread(self) -> str:
+        """Return what the standard deviations are that a new study assumes, in words."""
+
+    @property
+    def own_labels(self) -> Mapping[str, str]:
+        """Return what `labels` can be, with what each means."""
 
     def study(self, config: Configuration) -> Mapping[str, Any]:
         """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads, and

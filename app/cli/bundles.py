@@ -74,7 +74,7 @@ def release(
     with failures(f"cannot write to {out}", way_out):
         check_libraries()
     from app.release.build import build_release, request_of
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+    from app.task import PolicyError
 
     settings = settings_of()
     places = database or settings.database, studies or settings.studies
@@ -83,7 +83,7 @@ def release(
             request = request_of(study, out, *places, authors, url, without)
             with progress("verifying and writing") as advance:
                 built = build_release(request, advance, progress)
-    except (PolicyNotFoundError, PolicyFileError) as error:
+    except PolicyError as error:
         raise click.ClickException(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
         ) from error

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from app.settings import Settings
     from app.study.folder import Folder
     from app.task import Configuration
-    from marsexplorer.config import EnvConfig
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -82,16 +81,6 @@ def seed_option(what: str) -> Callable[[F], F]:
     return click.option(
         "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help=what
     )
-
-
-def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) -> list[EnvConfig]:
-    """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
-    from marsexplorer.training.config import FAMILIES
-
-    names = dict.fromkeys(
-        name for level in levels for name in (FAMILIES if level == "all" else (level,))
-    )
-    return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]
 
 
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
@@ -195,12 +184,12 @@ def default_config(task: str) -> Configuration:
         raise click.BadParameter(str(error)) from error
 
 
-def env_config_of(level: str, size: int | tuple[int, int]) -> EnvConfig:
+def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
     """Return the configuration of a level and size; raise UsageError when there is none."""
-    from marsexplorer.config import EnvConfig
+    from app.tasks.mars.rules import MarsRules
 
     try:
-        return EnvConfig.of(level, size)
+        return MarsRules.of_level(level, size)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 

@@ -155,7 +155,7 @@ def serve(
       marsexplorer serve --task FrozenLake-v1 --database lake.db
       marsexplorer serve --map office.yaml --map garage.yaml
     """
-    from marsexplorer.policies.files.card import of_paper
+    from app.tasks.mars.players import of_paper
 
     check_more(more, policies)
     of_the_paper = of_paper().values() if given.pop("paper") else ()

@@ -23,18 +23,15 @@ from app.storage.studies import closed_studies, count_participants
 from app.study.data import StudyData, load
 from app.study.policy_episodes import closed_seeds
 from app.study.policy_files import FOLDER, PolicyFiles
-from marsexplorer.config import LEVELS, EnvConfig
-from marsexplorer.policies import PolicyNotFoundError
+from app.task import Configuration, PolicyError
+from app.tasks.mars.rules import MarsRules
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
 
-OFFERED = (
-    *(EnvConfig.of(level, 21) for level in LEVELS),
-    EnvConfig.of("random", 42),
-    EnvConfig.of("random", 84),
-)
-"""The configurations that the page's terrain dialog offers: each has an entry, even if nobody has played it."""
+MARS = MarsRules()
+"""What the boards are of."""
+OFFERED: tuple[Configuration, ...] = MARS.players.OFFERED
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class LeaderboardEntry:
 
     id: str
     title: str
-    config: EnvConfig
+    config: Configuration
     human: dict[str, Any] | None
     seeds: tuple[int, ...]
     study: str | None = None
@@ -77,7 +74,7 @@ class LeaderboardEntry:
             return sources.get(name, name)
         try:
             return self.files.source(name)
-        except PolicyNotFoundError:
+        except PolicyError:
             return str(self.files.place(name))
 
     def to_dict(self) -> dict[str, Any]:
@@ -154,19 +151,19 @@ def list_entries(
         for data, human in studies.closed(reader)
     }
     for figure in volunteers.human_level(reader)["figures"]:
-        config = EnvConfig(**figure["config"])
+        config = MARS.configuration(figure["config"])
         found[config.hash] = _of_config(config, figure)
     for config in OFFERED:
         found.setdefault(config.hash, offered_entry(config))
     return list(found.values())
 
 
-def offered_entry(config: EnvConfig) -> LeaderboardEntry:
+def offered_entry(config: Configuration) -> LeaderboardEntry:
     """Return the entry of a configuration on offer as it is while nobody has played it."""
     return _of_config(config, None)
 
 
-def held_out_seeds(config: EnvConfig) -> tuple[int, ...]:
+def held_out_seeds(config: Configuration) -> tuple[int, ...]:
     """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
     count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
     return tuple(range(FIRST_SEED, FIRST_SEED + count))
@@ -185,9 +182,9 @@ def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry
     )
 
 
-def _of_config(config: EnvConfig, human: dict[str, Any] | None) -> LeaderboardEntry:
+def _of_config(config: Configuration, human: dict[str, Any] | None) -> LeaderboardEntry:
     name = f"{config.level}-{config.rows}x{config.cols}"
     title = f"{config.level} {config.rows} × {config.cols}"
-    if EnvConfig.of(config.level, (config.rows, config.cols)) != config:
+    if MARS.of_level(config.level, (config.rows, config.cols)) != config:
         name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
     return LeaderboardEntry(name, title, config, human, held_out_seeds(config))

@@ -20,11 +20,9 @@ from typing import Any
 from app.jobs import Jobs, JobsFullError, Progress
 from app.settings import SHIPPED_DATA
 from app.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
-from marsexplorer import policies
-from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.evaluation.episodes import play_episode
+from app.task import Configuration
+from app.tasks.mars.rules import MarsRules
 from marsexplorer.files import write_whole
-from marsexplorer.policies.files.card import shipped
 
 OWNER = "policies"
 """Whose jobs evaluations are: they take turns with what people ask for."""
@@ -33,6 +31,8 @@ LIMIT_S = 2 * 3600.0
 FOLDER = SHIPPED_DATA / "leaderboard"
 FORMAT = 1
 
+MARS = MarsRules()
+"""Whose policies are evaluated."""
 _log = logging.getLogger(__name__)
 
 
@@ -41,21 +41,22 @@ class Evaluation:
     """A policy (its name or path) on the terrains of some seeds: what is played, and everything that its figure depends on."""
 
     policy: str
-    config: EnvConfig
+    config: Configuration
     seeds: tuple[int, ...]
 
     @property
     def key(self) -> str:
         """Everything that the figure depends on, as one string."""
         parts = (self.policy, policy_hash(self.policy), self.config.hash, _digest(self.seeds))
-        return "|".join((CORE_VERSION, *parts))
+        return "|".join((MARS.version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
-        policy = policies.load(self.policy, self.config.sensor_radius)
+        players = MARS.players
+        policy = players.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
         for seed in self.seeds:
-            played.append(summary_of(play_episode(policy, self.config, seed)))
+            played.append(summary_of(MARS, players.play(policy, self.config, seed, seed)))
             if progress:
                 progress(len(played), len(self.seeds))
         figure = summarize_episodes(self.config, [[each] for each in played])
@@ -65,13 +66,8 @@ class Evaluation:
 @lru_cache(64)
 def policy_hash(source: str) -> str:
     """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
-    found = hashlib.sha256()
-    files = sorted(Path(policies.__file__).parent.rglob("*.py"))
-    own = shipped().get(source, Path(source))
-    for path in (*files, own):
-        if path.is_file():
-            found.update(path.read_bytes())
-    return found.hexdigest()
+    found: str = MARS.players.hash_with_code(source)
+    return found
 
 
 @dataclass(frozen=True)
@@ -119,7 +115,7 @@ class ShippedFigures:
         return next(found, None)
 
 
-def file_name(config: EnvConfig) -> str:
+def file_name(config: Configuration) -> str:
     """Return the name of a configuration's file of shipped figures."""
     return f"{config.level}-{config.rows}x{config.cols}.json"
 
@@ -127,16 +123,16 @@ def file_name(config: EnvConfig) -> str:
 @cache
 def file_sha256(policy: str) -> str | None:
     """Return SHA-256 (hex) of the file of a shipped policy; None for a policy that is code."""
-    path = shipped().get(policy)
+    path = MARS.players.shipped().get(policy)
     return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def to_document(
-    config: EnvConfig, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin
+    config: Configuration, seeds: Iterable[int], figures: Iterable[ShippedFigure], origin: Origin
 ) -> str:
     """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
     head = {
-        "format": FORMAT, "core_version": CORE_VERSION, **asdict(origin), "config": config.to_dict(),
+        "format": FORMAT, "core_version": MARS.version, **asdict(origin), "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
     rows = [
@@ -224,7 +220,7 @@ def _read_kept(path: Path) -> dict[str, dict[str, Any]]:
         return {
             key: value
             for key, value in kept.items()
-            if key.split("|")[0] == CORE_VERSION and "curve" in value
+            if key.split("|")[0] == MARS.version and "curve" in value
         }
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
@@ -236,7 +232,7 @@ def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
         found = json.loads(path.read_bytes())
     except OSError:
         return []
-    if (found["format"], found["core_version"], found["depends_on"]) != (FORMAT, CORE_VERSION, key):
+    if (found["format"], found["core_version"], found["depends_on"]) != (FORMAT, MARS.version, key):
         return []
     origin = Origin(found["version"], found["command"])
     return [

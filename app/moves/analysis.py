@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from app.jobs import Progress
 from app.moves.likeness import (
     EpisodeAgreements,
     Likeness,
@@ -25,8 +27,6 @@ from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.study_figures import primary_set
 from app.storage.reader import Reader
 from app.study.data import StudyData
-from marsexplorer.evaluation.regret import RegretEstimator
-from marsexplorer.evaluation.table import Progress
 
 ProgressBar = Callable[[str], AbstractContextManager[Progress]]
 """Opens a progress bar of a name."""
@@ -97,7 +97,7 @@ def analyse_known(
     found = {}
     for cohort in scripts_of(data) if synthetic else [people_of(data)]:
         regret = None
-        if data.closed_ms is not None and has_regret(data.protocol.env_config):
+        if data.closed_ms is not None and has_regret(data.protocol):
             with progress("regret of each move") as advance:
                 regret = _regret(reader, data, cohort, study_estimator(data, known.cache), advance)
         likeness = find_likeness(player_agreements(cohort, policies, known.agreements))
@@ -106,7 +106,7 @@ def analyse_known(
 
 
 def _regret(
-    reader: Reader, data: StudyData, cohort: Cohort, estimator: RegretEstimator, advance: Progress
+    reader: Reader, data: StudyData, cohort: Cohort, estimator: Any, advance: Progress
 ) -> RegretSummary | None:
     ids = members(cohort, data.protocol.exclusion.get(primary_set(data), {}))
     return summarize_regret(reader, data, cohort, ids, estimator, advance)

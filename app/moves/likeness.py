@@ -5,23 +5,26 @@ The policy is shown what the rover saw before each move. The share is a descript
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any
 
 import numpy as np
 
+from app.jobs import Progress
 from app.statistics.exclusion_sets import Cohort, members
 from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
-from marsexplorer.config import CORE_VERSION
-from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.evaluation.table import Progress
-from marsexplorer.policies import load
+from app.task import PolicyError
 
 SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
 NO_PLAN = "random"
 """The policy whose moves are drawn: agreement with it says nothing."""
 
+Agreement = Any
+"""Moves made, and how many of them a policy would have made too: `moves`, `agreed`, `share`; can be added up."""
 PlayerAgreements = Mapping[str, Mapping[str, Agreement]]
 """By player, by policy."""
 EpisodeAgreements = Mapping[tuple[str, str], Agreement]
@@ -44,22 +47,23 @@ def episode_agreements(
     """Return the agreement of every finished ranked episode with each policy (names or paths; `random` is left out).
 
     Episodes of another core version cannot be replayed and are left out. progress: (episodes compared, in all). Errors are
-    those of `policies.load`. Nothing where episodes have no courses.
+    those of `players.load`. Nothing where there are no policies.
     """
-    if data.protocol.rules.courses is None:
+    rules, config, source = data.protocol.rules, data.protocol.env_config, data.policy_files.source
+    if (players := rules.players) is None:
         return {}
-    radius = data.protocol.env_config.sensor_radius
-    source = data.policy_files.source
     loaded = {
-        name: load(source(name), radius) for name in dict.fromkeys(policies) if name != NO_PLAN
+        name: players.load(source(name), config)
+        for name in dict.fromkeys(policies)
+        if name != NO_PLAN
     }
     trials = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
     found = {}
     for done, (trial, record) in enumerate(trial_records(reader, trials), 1):
-        if trial.core_version == CORE_VERSION:
+        if trial.core_version == rules.version:
             found.update(
                 {
-                    (trial.id, name): agreement_with(policy, record)
+                    (trial.id, name): players.agreement_with(policy, record)
                     for name, policy in loaded.items()
                 }
             )
@@ -72,10 +76,10 @@ def player_agreements(
     cohort: Cohort, policies: Sequence[str], found: EpisodeAgreements
 ) -> dict[str, dict[str, Agreement]]:
     """Return each player's agreement with each policy over their ranked episodes, `random` left out."""
-    names, none = [name for name in dict.fromkeys(policies) if name != NO_PLAN], Agreement()
+    names = [name for name in dict.fromkeys(policies) if name != NO_PLAN]
     return {
         player: {
-            name: sum((found.get((trial.id, name), none) for trial in cohort.ranked[player]), none)
+            name: _total(found.get((trial.id, name)) for trial in cohort.ranked[player])
             for name in names
         }
         for player in members(cohort, {})
@@ -90,14 +94,13 @@ def human_likeness(
     Each of the first SAMPLED_PLAYERS `ids` enters with the first SAMPLED_EPISODES ranked terrains they finished: that takes
     seconds. A policy that cannot be loaded here is left out.
     """
-    found = {}
+    found, rules = {}, data.protocol.rules
+    players: Any = rules.players
     for name in data.protocol.policies:
         try:
             source = data.policy_files.source(name)
-            policy = (
-                load(source, data.protocol.env_config.sensor_radius) if name != NO_PLAN else None
-            )
-        except (LookupError, ValueError, OSError):
+            policy = players.load(source, data.protocol.env_config) if name != NO_PLAN else None
+        except PolicyError:
             policy = None
         if policy is not None:
             agreements = {}
@@ -108,15 +111,21 @@ def human_likeness(
                 own = [
                     record
                     for trial, record in trial_records(reader, trials)
-                    if trial.core_version == CORE_VERSION
+                    if trial.core_version == rules.version
                 ]
                 agreements[player] = {
-                    name: sum((agreement_with(policy, record) for record in own), start=Agreement())
+                    name: _total(players.agreement_with(policy, record) for record in own)
                 }
             share = mean_agreement(agreements, name)
             if share is not None:
                 found[name] = share
     return found
+
+
+def _total(agreements: Iterable[Agreement | None]) -> Agreement | None:
+    """Return all together; None without any."""
+    known = [each for each in agreements if each is not None]
+    return reduce(add, known) if known else None
 
 
 def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
@@ -125,13 +134,12 @@ def find_likeness(agreements: PlayerAgreements) -> tuple[Likeness, ...]:
         Likeness(player, policy, agreement.moves, agreement.share)
         for player, own in agreements.items()
         for policy, agreement in own.items()
-        if agreement.moves
+        if agreement is not None and agreement.moves
     )
 
 
 def mean_agreement(agreements: PlayerAgreements, policy: str) -> float | None:
     """Return the mean over players of their agreement with a policy, 0..1: its likeness to people; None without a move."""
-    shares = [
-        own[policy].share for own in agreements.values() if policy in own and own[policy].moves
-    ]
+    known = [own[policy] for own in agreements.values() if own.get(policy) is not None]
+    shares = [each.share for each in known if each.moves]
     return float(np.mean(shares)) if shares else None

@@ -15,26 +15,15 @@ from typing import Any
 
 import numpy as np
 
+from app.jobs import Progress
 from app.statistics.exclusion_sets import Cohort, members, people_of
 from app.statistics.intervals import Interval, printed_interval
 from app.storage.reader import Reader
 from app.storage.trial import Trial
 from app.study.data import StudyData, trial_records
 from app.study.policy_files import REGRET_POLICY
-from app.study.protocol import StudyError
-from app.task import Configuration
-from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
-from marsexplorer.episode import Record
-from marsexplorer.evaluation.episodes import play_terrain
-from marsexplorer.evaluation.losses import LossKind
-from marsexplorer.evaluation.regret import (
-    MAX_CELLS,
-    EpisodeRegret,
-    RegretEstimator,
-    check_size,
-)
-from marsexplorer.evaluation.table import Progress
-from marsexplorer.policies import load
+from app.study.protocol import Protocol, StudyError
+from app.task import Record
 
 POLICY = REGRET_POLICY
 """The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""
@@ -93,26 +82,27 @@ def forget_regrets(database: Path) -> None:
     shutil.rmtree(regret_cache(database), ignore_errors=True)
 
 
-def has_regret(config: Configuration) -> bool:
-    """Return whether boards of this configuration have regrets."""
-    return isinstance(config, EnvConfig) and config.n <= MAX_CELLS and not config.discoverable_only
+def has_regret(protocol: Protocol) -> bool:
+    """Return whether moves on boards of a study have regrets."""
+    players = protocol.rules.players
+    return players is not None and bool(players.has_regret(protocol.env_config))
 
 
-def study_estimator(data: StudyData, cache: Path | None) -> RegretEstimator:
+def study_estimator(data: StudyData, cache: Path | None) -> Any:
     """Return what works out a study's regrets: with POLICY's file of the time at which the study was frozen.
 
     cache  the folder in which regrets are kept; None keeps nothing
     """
-    return RegretEstimator(data.policy_files.source(POLICY), cache)
+    return _players(data).RegretEstimator(data.policy_files.source(POLICY), cache)
 
 
 def trial_regrets(
     reader: Reader,
     data: StudyData,
     trials: Sequence[Trial],
-    estimator: RegretEstimator,
+    estimator: Any,
     progress: Progress | None = None,
-) -> Iterator[tuple[Trial, Record, EpisodeRegret]]:
+) -> Iterator[tuple[Trial, Record, Any]]:
     """Yield the regret of each finished trial that this core version can replay; StudyError for a ranked one of an open study.
 
     progress  called with (episodes done, in all)
@@ -125,7 +115,7 @@ def trial_regrets(
     own = [
         trial
         for trial in trials
-        if trial.ended_ms is not None and trial.core_version == CORE_VERSION
+        if trial.ended_ms is not None and trial.core_version == trial.rules.version
     ]
     for done, (trial, record) in enumerate(trial_records(reader, own), 1):
         yield trial, record, estimator.regret(record)
@@ -137,22 +127,18 @@ def regret_rows(
     reader: Reader,
     data: StudyData,
     trials: Sequence[Trial],
-    estimator: RegretEstimator,
+    estimator: Any,
     progress: Progress | None = None,
 ) -> Iterator[RegretRow]:
     """Yield every move of the trials with its regret, as tables of it have them; see `trial_regrets`."""
+    names = data.protocol.rules.actions
     for trial, _, found in trial_regrets(reader, data, trials, estimator, progress):
-        yield from rows_of(trial.id, found)
-
-
-def rows_of(episode: str, found: EpisodeRegret) -> Iterator[RegretRow]:
-    """Yield the moves of one episode."""
-    for step in range(len(found.actions)):
-        loss = found.loss(step)
-        kind = None if loss.kind is None else str(loss.kind)
-        yield RegretRow(
-            episode, step, ACTIONS[loss.action], loss.regret, ACTIONS[loss.best_action], kind
-        )
+        for step in range(len(found.actions)):
+            loss = found.loss(step)
+            kind = None if loss.kind is None else str(loss.kind)
+            yield RegretRow(
+                trial.id, step, names[loss.action], loss.regret, names[loss.best_action], kind
+            )
 
 
 def regret_of_study(
@@ -162,7 +148,7 @@ def regret_of_study(
 
     ValueError where the boards are too large, and where nobody's finished episode can be shown yet.
     """
-    check_size(data.protocol.env_config)
+    _players(data).check_size(data.protocol.env_config)
     cohort, estimator = people_of(data), study_estimator(data, regret_cache(reader.path))
     is_closed = data.closed_ms is not None
     ids = (
@@ -189,7 +175,7 @@ def summarize_regret(
     data: StudyData,
     cohort: Cohort,
     ids: Sequence[str],
-    estimator: RegretEstimator,
+    estimator: Any,
     progress: Progress | None = None,
 ) -> RegretSummary | None:
     """Return where some players of a cohort lose moves: in ranked episodes of a closed study, else in the warm-up.
@@ -200,16 +186,17 @@ def summarize_regret(
         ("warm_up", cohort.warm_up) if data.closed_ms is None else ("ranked", cohort.ranked)
     )
     trials = [trial for player in ids for trial in own[player]]
-    if not has_regret(data.protocol.env_config):
+    if not has_regret(data.protocol):
         return None
-    episodes: dict[str, list[EpisodeRegret]] = defaultdict(list)
+    episodes: dict[str, list[Any]] = defaultdict(list)
     terrains: dict[bytes, Record] = {}
     for trial, record, found in trial_regrets(reader, data, trials, estimator, progress):
         episodes[trial.participant].append(found)
         terrains[record.terrain] = record
     if not episodes:
         return None
-    players = tuple(_player(player, own) for player, own in episodes.items())
+    kinds = tuple(map(str, _players(data).LossKind))
+    players = tuple(_player(player, own, kinds) for player, own in episodes.items())
     means = np.sort(np.array([player.mean for player in players]))
     total = float(means.mean())
     low_high = printed_interval(means) if len(means) > 1 else None
@@ -219,10 +206,10 @@ def summarize_regret(
         mean=total,
         interval=None if low_high is None else (max(0.0, float(low_high[0])), float(low_high[1])),
         by_kind={
-            str(kind): float(np.mean([player.by_kind[str(kind)] for player in players])) / total
+            kind: float(np.mean([player.by_kind[kind] for player in players])) / total
             if total
             else 0.0
-            for kind in LossKind
+            for kind in kinds
         },
         by_tenth=tuple(
             float(value)
@@ -232,28 +219,34 @@ def summarize_regret(
             )
         ),
         policy=POLICY,
-        policy_mean=_policy_mean(
-            data.policy_files.source(POLICY), list(terrains.values()), estimator
-        ),
+        policy_mean=_policy_mean(data, list(terrains.values()), estimator),
         by_player=players,
     )
 
 
-def _player(player: str, episodes: Sequence[EpisodeRegret]) -> PlayerRegret:
-    kinds = [each.by_kind() for each in episodes]
+def _players(data: StudyData) -> Any:
+    return data.protocol.rules.players
+
+
+def _player(player: str, episodes: Sequence[Any], kinds: Sequence[str]) -> PlayerRegret:
+    lost = [{str(kind): moves for kind, moves in each.by_kind().items()} for each in episodes]
     return PlayerRegret(
         player=player,
         episodes=len(episodes),
         mean=float(np.mean([each.total for each in episodes])),
-        by_kind={str(kind): float(np.mean([each[kind] for each in kinds])) for kind in LossKind},
+        by_kind={kind: float(np.mean([each[kind] for each in lost])) for kind in kinds},
     )
 
 
-def _policy_mean(source: str, records: Sequence[Record], estimator: RegretEstimator) -> float:
-    """Return the mean regret of the policy's own episodes on the terrains of some records; `source` as `load` takes it."""
-    policy = load(source, records[0].config.sensor_radius)
+def _policy_mean(data: StudyData, records: Sequence[Record], estimator: Any) -> float:
+    """Return the mean regret of the policy's own episodes on the terrains of some records."""
+    players = _players(data)
+    policy = players.load(data.policy_files.source(POLICY), records[0].config)
     return float(
         np.mean(
-            [estimator.regret(play_terrain(policy, record).record()).total for record in records]
+            [
+                estimator.regret(players.play_terrain(policy, record).record()).total
+                for record in records
+            ]
         )
     )

@@ -25,7 +25,7 @@ from app.moves.regret import (
     study_estimator,
 )
 from app.release import signing
-from app.release.bundle import INITIALS
+from app.release.bundle import initials
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
@@ -46,10 +46,8 @@ from app.study.policy_episodes import PolicyEpisode, closed_seeds, compared_poli
 from app.study.policy_files import FOLDER, PolicyFiles
 from app.study.protocol import Protocol, StudyError, parse_protocol
 from app.study.verification import verify_moment
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import steps_to_target
+from app.task import Configuration, Rules
 from marsexplorer.files import replace_whole
-from marsexplorer.policies import policy_hash
 
 COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN_REASON = "a participant asked to be forgotten"
@@ -124,7 +122,7 @@ def build_release(
     bar       of what the report takes
 
     ReleaseError when the study is unknown or open, an episode fails, the folder is there already, or a library is missing;
-    PolicyNotFoundError when the file of a policy that the report compares is lost.
+    PolicyError when the file of a policy that the report compares is lost.
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
@@ -185,13 +183,14 @@ def _write_report(
             report = make_report(reader, data, episodes, synthetic, bar, moves)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if request.with_report and played and has_regret(data.protocol.env_config):
+        if request.with_report and played and has_regret(data.protocol):
             ranked = [each for each in data.trials if each.phase == "ranked"]
             estimator = study_estimator(data, known.cache)
             with bar("regret of each move") as advance:
                 regrets = list(regret_rows(reader, data, ranked, estimator, advance))
-            source = data.policy_files.source(POLICY)
-            header = replace(header, regret_policy_hash=policy_hash(source) or "")
+            source, players = data.policy_files.source(POLICY), data.protocol.rules.players
+            assert players is not None  # where there are regrets, there are policies
+            header = replace(header, regret_policy_hash=players.hash_of(source) or "")
     _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets, agreements)
     return header
 
@@ -320,7 +319,8 @@ def _write_derived(
         name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))
     }
     found = [
-        (places[each.policy], *_policy_row(each, data.protocol.env_config)) for each in episodes
+        (places[each.policy], *_policy_row(each, data.protocol.rules, data.protocol.env_config))
+        for each in episodes
     ]
     conn = sqlite3.connect(database, isolation_level=None)
     try:
@@ -352,8 +352,10 @@ def _add(conn: sqlite3.Connection, table: str, found: Iterable[tuple[Any, ...]])
     conn.executemany(TABLES[table].insert("bundle database"), found)
 
 
-def _policy_row(each: PolicyEpisode, config: EnvConfig) -> tuple[str | int | float | None, ...]:
-    episode = each.replay(config)
+def _policy_row(
+    each: PolicyEpisode, rules: Rules, config: Configuration
+) -> tuple[str | int | float | None, ...]:
+    episode, letters = each.replay(rules, config).record(), initials(rules)
     return (
         each.policy,
         each.policy_hash,
@@ -361,9 +363,9 @@ def _policy_row(each: PolicyEpisode, config: EnvConfig) -> tuple[str | int | flo
         each.seed,
         episode.outcome,
         episode.steps,
-        steps_to_target(config, episode.outcome, episode.steps),
+        episode.steps if episode.outcome in rules.successes else config.limit,
         episode.score,
-        "".join(INITIALS[action] for action in each.actions),
+        "".join(letters[action] for action in each.actions),
         each.trajectory_hash,
     )
 

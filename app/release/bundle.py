@@ -23,12 +23,16 @@ from app.storage.resimulation import Finding
 from app.study.data import load
 from app.study.folder import Advance
 from app.study.policy_episodes import PolicyEpisode
-from app.study.policy_files import FOLDER, PolicyFiles
+from app.study.policy_files import FOLDER
 from app.study.verification import Verification, verify_database
-from marsexplorer.config import ACTIONS
-from marsexplorer.evaluation.agreement import Agreement
+from app.task import Rules
 
-INITIALS = "".join(name[0].upper() for name in ACTIONS)
+
+def initials(rules: Rules) -> str:
+    """Return what stands for each action in the moves of policies."""
+    return "".join(name[0].upper() for name in rules.actions)
+
+
 """The letters of moves in the table of the policies' episodes."""
 
 
@@ -45,15 +49,17 @@ class Bundle:
         self.manifest, self.manifest_hash = read_manifest(folder)
         self.reader = Reader.open(folder / BUNDLE_DATABASE)
         try:
-            self.policy_episodes = self._policy_episodes()
             data = load(self.reader, str(self.manifest["study"]))
+            self.policy_episodes = self._policy_episodes(initials(data.protocol.rules))
         except BaseException:
             self.reader.close()
             raise
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
         recorded = {**played, POLICY: self.regret_policy_hash}
         known = {name: digest for name, digest in recorded.items() if digest}
-        files = PolicyFiles({**data.policy_files.hashes, **known}, folder / FOLDER)
+        files = replace(
+            data.policy_files, hashes={**data.policy_files.hashes, **known}, folder=folder / FOLDER
+        )
         self.data = replace(data, policy_files=files)
 
     def __enter__(self) -> Self:
@@ -68,7 +74,7 @@ class Bundle:
         found: str | None = self.manifest.get("regret_policy_hash")
         return found
 
-    def _policy_episodes(self) -> tuple[PolicyEpisode, ...]:
+    def _policy_episodes(self, letters: str) -> tuple[PolicyEpisode, ...]:
         found = self.reader.query("SELECT * FROM policy_episodes ORDER BY place, terrain_index")
         return tuple(
             PolicyEpisode(
@@ -76,18 +82,22 @@ class Bundle:
                 policy_hash=row["policy_hash"],
                 terrain=row["terrain_index"],
                 seed=row["seed"],
-                actions=bytes(INITIALS.index(letter) for letter in row["actions"]),
+                actions=bytes(letters.index(letter) for letter in row["actions"]),
                 trajectory_hash=row["trajectory_hash"],
             )
             for row in found
         )
 
-    def agreements(self) -> dict[tuple[str, str], Agreement]:
+    def agreements(self) -> dict[tuple[str, str], Any]:
         """Return the recorded agreements of moves by (episode id, policy)."""
-        found = self.reader.query("SELECT * FROM move_agreements")
+        found, players = (
+            self.reader.query("SELECT * FROM move_agreements"),
+            self.data.protocol.rules.players,
+        )
         return {
-            (row["episode_id"], row["policy"]): Agreement(row["moves"], row["agreed"])
+            (row["episode_id"], row["policy"]): players.Agreement(row["moves"], row["agreed"])
             for row in found
+            if players is not None
         }
 
     def regrets(self) -> tuple[RegretRow, ...]:

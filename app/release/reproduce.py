@@ -25,8 +25,7 @@ from app.report.model import Report
 from app.report.page import render
 from app.storage.resimulation import Finding
 from app.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
-from marsexplorer.config import CORE_VERSION
-from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load, policy_hash
+from app.task import PolicyError
 
 NOT_COMPARED = ("made_at", "software_version")
 """Keys of a report that tell when and by what it was made."""
@@ -181,7 +180,7 @@ class _Derivation:
             return None
         try:
             data.policy_files.source(POLICY)
-        except PolicyNotFoundError as error:
+        except PolicyError as error:
             self._made.not_compared.append(f"regret and likeness of moves: {error}")
             return None
         policies = dict.fromkeys(policy for _, policy in recorded) if self._plays_again else ()
@@ -232,7 +231,8 @@ class _Derivation:
         for each in self._episodes:
             where = f"{each.policy}, terrain {each.terrain}"
             self._made.compare(section, f"{where}: seed", each.seed, seeds.get(each.terrain))
-            found = each.replay(self._data.protocol.env_config).record().trajectory_hash
+            run = each.replay(self._data.protocol.rules, self._data.protocol.env_config)
+            found = run.record().trajectory_hash
             self._made.compare(section, f"{where}: trajectory hash", each.trajectory_hash, found)
 
     def _play_again(self) -> None:
@@ -241,7 +241,7 @@ class _Derivation:
         names = [
             name for name in dict.fromkeys(name for name, _ in recorded) if self._is_at_hand(name)
         ]
-        if not names or self._data.protocol.core_version != CORE_VERSION:
+        if not names or self._data.protocol.core_version != self._data.protocol.rules.version:
             return
         seeds = {each.terrain: each.seed for each in self._episodes}
         for each in play_compared(self._data, seeds, names, self._bar):
@@ -257,7 +257,7 @@ class _Derivation:
             try:
                 self._load(name)
                 names.append(name)
-            except (PolicyNotFoundError, PolicyFileError) as error:
+            except PolicyError as error:
                 self._made.left_out.append(f"{name} is left out: {error}")
         return play_compared(
             self._data, closed_seeds(self._data) or self._data.seeds(), names, self._bar
@@ -269,9 +269,10 @@ class _Derivation:
             (recorded, *_) = (each.policy_hash for each in self._episodes if each.policy == name)
             why = None
             try:
-                if policy_hash(self._load(name)) != recorded:
+                source = self._load(name)
+                if self._players.hash_of(source) != recorded:
                     why = f"its file here has another SHA-256 than {recorded}"
-            except (PolicyNotFoundError, PolicyFileError) as error:
+            except PolicyError as error:
                 why = str(error)
             if why is not None:
                 self._made.not_compared.append(
@@ -280,10 +281,14 @@ class _Derivation:
             self._at_hand[name] = why is None
         return self._at_hand[name]
 
+    @property
+    def _players(self) -> Any:
+        return self._data.protocol.rules.players
+
     def _load(self, name: str) -> str:
-        """Return what `policies.load` takes for a policy, which it did take; its errors otherwise."""
+        """Return what `players.load` takes for a policy, which it did take; PolicyError otherwise."""
         source = self._data.policy_files.source(name)
-        load(source, self._data.protocol.env_config.sensor_radius)
+        self._players.load(source, self._data.protocol.env_config)
         return source
 
 

@@ -28,7 +28,7 @@ from app.study.invitations import Invitations
 from app.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.study.policy_files import FOLDER
 from app.study.protocol import StudyError
-from app.task import Configuration
+from app.task import Configuration, Rules
 
 REPORT_FILES = {
     False: ("report.json", "report.html"),
@@ -92,7 +92,11 @@ def _built(
     moves: Mapping[str, MoveAnalysis] | None,
 ) -> Report:
     config, terrains = data.protocol.env_config, data.protocol.ranked
-    runs = runs_of(episodes, config, terrains) if has_played(data, synthetic) else ()
+    runs = (
+        runs_of(episodes, data.protocol.rules, config, terrains)
+        if has_played(data, synthetic)
+        else ()
+    )
     return build(data, runs, synthetic, pictures, moves)
 
 
@@ -116,11 +120,13 @@ def play_compared(
 ) -> tuple[PolicyEpisode, ...]:
     """Return the policies' episodes on the terrains of these seeds, played now; errors as `play_policies`."""
     with bar("policies on the same terrains") as advance:
-        return play_policies(names, data.protocol.env_config, seeds, advance, data.policy_files)
+        rules, config = data.protocol.rules, data.protocol.env_config
+        return play_policies(names, rules, config, seeds, advance, data.policy_files)
 
 
 def runs_of(
     episodes: Sequence[PolicyEpisode],
+    rules: Rules,
     config: Configuration,
     terrains: int,
     names: Sequence[str] = (),
@@ -129,14 +135,23 @@ def runs_of(
     found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
     for each in episodes:
         found.setdefault(each.policy, {})[each.terrain] = each
-    return tuple(_run(name, config, by_terrain, terrains) for name, by_terrain in found.items())
+    return tuple(
+        _run(name, rules, config, by_terrain, terrains) for name, by_terrain in found.items()
+    )
 
 
 def _run(
-    name: str, config: Configuration, episodes: Mapping[int, PolicyEpisode], terrains: int
+    name: str,
+    rules: Rules,
+    config: Configuration,
+    episodes: Mapping[int, PolicyEpisode],
+    terrains: int,
 ) -> PolicyRun:
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    summaries = {index: summary_of(each.replay(config)) for index, each in sorted(episodes.items())}
+    summaries = {
+        index: summary_of(rules, each.replay(rules, config))
+        for index, each in sorted(episodes.items())
+    }
     for index, summary in summaries.items():
         score[index], steps[index] = summary.score, summary.steps
     outcomes = tuple(

@@ -59,7 +59,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
         sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
-        labels=LABELS,
+        labels={**LABELS, **protocol.rules.own_labels},
         rule=HEADLINE_RULE,
         policies=compared_policies(protocol),
         plan=plan_study(protocol),

@@ -21,14 +21,12 @@ from typing import Any, Literal
 from urllib.parse import quote
 
 import httpx
-import numpy as np
-from numpy.typing import NDArray
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
-from marsexplorer import policies
-from marsexplorer.config import ACTIONS
+from app.tasks.mars.players import NoisyPolicy
+from app.tasks.mars.players import occupancy_codes as occupancy_codes
 
 Frame = dict[str, Any]
 
@@ -144,34 +142,6 @@ class Socket:
             if message["kind"] in ("refused", "error"):
                 raise RefusedError(None, message.get("reason") or message["detail"])
         return message
-
-
-def occupancy_codes(frame: Frame) -> NDArray[np.uint8]:
-    """Return what a frame shows: uint8[rows, cols], 0 unknown, 1 free, 2 rover, 3 obstacle."""
-    return np.array([["?.@#".index(cell) for cell in row] for row in frame["grid"]], np.uint8)
-
-
-class NoisyPolicy:
-    """A policy of which some moves are replaced by random valid ones."""
-
-    def __init__(self, name: str, noise: float, radius: int, seed: int = 0) -> None:
-        """Load a policy by name or path.
-
-        noise   probability (0..1) that a move is the random policy's
-        radius  of the sensor, cells
-        """
-        self._policy, self._random = policies.load(name, radius), policies.load("random")
-        self._noise, self._dice = noise, random.Random(seed)
-
-    def reset(self) -> None:
-        """Begin another episode."""
-        self._policy.reset(self._dice.getrandbits(31))
-        self._random.reset(self._dice.getrandbits(31))
-
-    def choose(self, frame: Frame) -> str:
-        """Return the action that answers a frame."""
-        policy = self._random if self._dice.random() < self._noise else self._policy
-        return ACTIONS[policy.act(occupancy_codes(frame))]
 
 
 class Participant:

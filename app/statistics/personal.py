@@ -8,8 +8,7 @@ from typing import Any
 
 from app.storage.reader import Reader
 from app.storage.trial import Trial, parse_config
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import steps_to_target
+from app.task import Configuration, rules_of
 
 
 def describe_own(trial: Trial) -> dict[str, Any]:
@@ -37,7 +36,7 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
     `best` is the explored episode with the fewest moves on a terrain that was new to the player, by their own hand; None
     without one. `people` places their ranked episodes among the volunteers'.
     """
-    by_config: dict[EnvConfig, list[Trial]] = {}
+    by_config: dict[Configuration, list[Trial]] = {}
     for trial in trials:
         by_config.setdefault(trial.config, []).append(trial)
     volunteers = [(parse_config(row["task"], row["config"]), row) for row in reader.totals("human")]
@@ -49,7 +48,7 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
 
 
 def _figure(
-    config: EnvConfig, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
+    config: Configuration, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     explored = [trial for trial in own if trial.outcome == "explored"]
     fresh = [
@@ -71,12 +70,13 @@ def _figure(
 
 
 def _standing(
-    config: EnvConfig, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
+    config: Configuration, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
     """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
     steps: dict[str, list[int]] = {}
     for row in volunteers:
-        made = steps_to_target(config, row["outcome"], row["steps"])
+        reached = row["outcome"] in rules_of(row["task"]).successes
+        made = row["steps"] if reached else config.limit
         steps.setdefault(row["owner_id"], []).append(made)
     ranked = [trial.steps_to_target or 0 for trial in own if trial.counts]
     return {

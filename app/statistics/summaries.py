@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.jobs import Progress
 from app.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.statistics.human_level import mean_interval
 from app.storage.reader import Reader
 from app.study.data import StudyData, trial_records
-from marsexplorer.config import CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, Record, replay, steps_to_target
+from app.task import Configuration, Record, Rules
 from marsexplorer.evaluation.intervals import Floats, t_interval
-from marsexplorer.evaluation.table import Progress
 
 POINTS = 120
 """Points of a drawn curve, at most."""
@@ -45,27 +44,28 @@ class EpisodeSummary:
     cells: int | None = None
 
 
-def summary_of(episode: Episode) -> EpisodeSummary:
-    """Return what figures need of a finished episode, in 8 bytes a move."""
+def summary_of(rules: Rules, run: Any) -> EpisodeSummary:
+    """Return what figures need of an ended run of a task with courses, in 8 bytes a move."""
+    record = run.record()
     return EpisodeSummary(
-        outcome=episode.outcome,
-        score=episode.score,
-        steps=steps_to_target(episode.config, episode.outcome, episode.steps),
-        discoveries=np.array(episode.discoveries, np.int32),
-        path=np.array(episode.path, np.int16),
-        cells=int(episode.cells),
+        outcome=record.outcome,
+        score=record.score,
+        steps=record.steps if record.outcome in rules.successes else record.config.limit,
+        discoveries=np.array(run.counts(), np.int32),
+        path=np.array(run.path, np.int16),
+        cells=run.cells,
     )
 
 
-def summary_of_record(record: Record) -> EpisodeSummary:
-    """Return what figures need of a record, replayed; ValueError where it is another core version's."""
-    return summary_of(replay(record))
+def summary_of_record(rules: Rules, record: Record) -> EpisodeSummary:
+    """Return what figures need of a record, replayed; ValueError where it is another version's."""
+    return summary_of(rules, rules.replay_record(record))
 
 
 EpisodeGroup = Sequence[EpisodeSummary]
 
 
-def summarize_episodes(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
     """Return everything that is shown of some groups (at least one, none of them empty)."""
     return {
         "groups": len(groups),
@@ -84,7 +84,7 @@ def summarize_episodes(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dic
     }
 
 
-def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
+def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
     """Return mean coverage (0..1) with its interval at some step counts; an episode that has ended keeps what it had."""
     longest = max(len(each.discoveries) for group in groups for each in group) - 1
     steps = np.unique(np.linspace(0, longest, min(POINTS, longest + 1)).astype(np.int64))
@@ -102,7 +102,7 @@ def coverage_curve(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> dict[st
     }
 
 
-def visit_counts(config: EnvConfig, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
+def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
     """Return how often the rover is on each cell in a mean episode, [rows][cols]; the start counts."""
     total = np.zeros((config.rows, config.cols))
     for group in groups:
@@ -173,8 +173,8 @@ def _pictures(
     for person in members(cohort, {}):
         own = []
         for trial, record in trial_records(reader, cohort.ranked[person]):
-            if trial.core_version == CORE_VERSION:
-                own.append(summary_of_record(record))
+            if trial.core_version == trial.rules.version:
+                own.append(summary_of_record(trial.rules, record))
             advance()
         if own:
             groups.append(own)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Literal
 
 from app.storage.store import Store
@@ -15,8 +16,7 @@ from app.storage.study_rows import Participant
 from app.storage.trial import Trial
 from app.study.folder import Study
 from app.study.progress import StageError
-from marsexplorer.episode import Episode, Record, steps_to_target
-from marsexplorer.policies import load
+from app.task import PolicyError, Record
 
 _log = logging.getLogger(__name__)
 Shown = Literal["warm_up", "ranked"]
@@ -44,7 +44,8 @@ class Debriefs:
             trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None
         ]
         own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
-        its = [steps_to_target(run.config, run.outcome, run.steps) for run in runs]
+        successes = study.protocol.rules.successes
+        its = [run.steps if run.outcome in successes else run.config.limit for run in runs]
         url, code = study.protocol.return_url, participant.completion_code or ""
         return {
             "mean_score": _mean([trial.score or 0.0 for trial in ranked]),
@@ -115,24 +116,18 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 
 def _play(study: Study, phase: Shown) -> list[Record]:
     """Return what the debrief policy does on the terrains of a phase; nothing when it cannot be loaded any more."""
-    config, runs, name = study.protocol.env_config, list[Record](), study.protocol.debrief_policy
-    if name is None:
-        return runs
+    config, name = study.protocol.env_config, study.protocol.debrief_policy
+    players = study.protocol.rules.players
+    if name is None or players is None:
+        return []
     count = study.protocol.warm_up if phase == "warm_up" else study.protocol.ranked
     try:
-        policy = load(study.policy_files.source(name), config.sensor_radius)
-    except (LookupError, ValueError, OSError) as error:
+        policy = players.load(study.policy_files.source(name), config)
+    except PolicyError as error:
         _log.warning("the debrief of study %s does without its policy: %s", study.name, error)
         return []
-    for i in range(count):
-        episode = Episode.begin(
-            config, seed=study.seed("warm-up" if phase == "warm_up" else "ranked", i)
-        )
-        policy.reset(i)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes.copy()))
-        runs.append(episode.record())
-    return runs
+    seed = partial(study.seed, "warm-up" if phase == "warm_up" else "ranked")
+    return [players.play(policy, config, seed(i), i).record() for i in range(count)]
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -38,6 +38,7 @@ from app.study.protocol import (
 )
 from app.study.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, seed
 from app.study.templates import fill
+from app.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
 
@@ -291,19 +292,18 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
 
     A hash that the draft gives already must be that of the file.
     """
-    from marsexplorer.policies import PolicyNotFoundError, load
-
-    shown = protocol.debrief_policy
+    shown, players = protocol.debrief_policy, protocol.rules.players
+    if players is None:
+        return {}
     named = {*protocol.policies, *([shown] if shown is not None else [])}
     for policy in named:
         try:
-            load(policy)
-        except (PolicyNotFoundError, ValueError, OSError) as error:
+            players.load(policy, protocol.env_config)
+        except PolicyError as error:
             raise StudyError(
                 f"the protocol's policy {policy!r} cannot be loaded: {error}"
             ) from error
-    priced = {REGRET_POLICY} if protocol.rules.courses else set()
-    found = record_files({*named, *priced}, folder)
+    found = record_files({*named, REGRET_POLICY}, folder, players)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
             raise StudyError(

@@ -12,8 +12,6 @@ from itertools import pairwise
 from statistics import quantiles
 from typing import Any
 
-from marsexplorer.evaluation.effort import QUANTILE, SHORTEST
-
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed."""
 FASTEST_MS = 80.0
@@ -33,9 +31,8 @@ LABELS = {
     "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
     "unfocused": "a press while the page was hidden",
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
-    "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; {SHORTEST:.1%} of the limit or longer",
 }
-"""Every label with what it means."""
+"""Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
 
 PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
 Rows = Sequence[Mapping[str, Any]]

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from app.jobs import Jobs
 from app.study.data import StudyData
 from app.study.policy_files import PolicyFiles
 from app.study.protocol import Protocol
 from app.study.seeds import seed
-from marsexplorer import policies
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
-from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks
+from app.task import Configuration, Rules
 
 
 @dataclass(frozen=True)
@@ -38,16 +35,17 @@ class PolicyEpisode:
     actions: bytes
     trajectory_hash: str
 
-    def replay(self, config: EnvConfig) -> Episode:
-        """Return the episode that the seed and the moves give; ValueError when a move goes on after the end."""
-        episode = Episode.begin(config, seed=self.seed)
+    def replay(self, rules: Rules, config: Configuration) -> Any:
+        """Return the run that the seed and the moves give; ValueError when a move goes on after the end."""
+        players: Any = rules.players
+        run = players.begin(config, self.seed)
         for action in self.actions:
-            if episode.ended:
+            if run.ended:
                 raise ValueError(
                     f"{self.policy}, terrain {self.terrain}: the recorded moves go on after the end"
                 )
-            episode.step(action)
-        return episode
+            run.step(action)
+        return run
 
 
 def closed_seeds(data: StudyData) -> dict[int, int]:
@@ -61,14 +59,15 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
 
 def compared_policies(protocol: Protocol) -> list[str]:
     """Return the policies of the report: those of the protocol, and `random` as the zero; none where a task has none."""
-    if protocol.rules.courses is None:
+    if protocol.rules.players is None:
         return list(protocol.policies)
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
 def play_policies(
     names: Sequence[str],
-    config: EnvConfig,
+    rules: Rules,
+    config: Configuration,
     seeds: Mapping[int, int],
     progress: Callable[[int, int], None] | None = None,
     files: PolicyFiles | None = None,
@@ -78,27 +77,22 @@ def play_policies(
     seeds     by terrain index; progress is called with (episodes played, episodes in all)
     files     of the study's policies; None takes the files that are there today
 
-    PolicyNotFoundError and PolicyFileError when a policy cannot be played; nothing is played then.
+    PolicyError when a policy cannot be played; nothing is played then.
     """
+    if not names:
+        return ()
+    players: Any = rules.players
     sources = {name: (files or PolicyFiles()).source(name) for name in names}
     chosen = list(dict.fromkeys(sources.values()))
-    for source in chosen:
-        policies.load(
-            source, config.sensor_radius
-        )  # what cannot be played is refused before anything is
-    hashes = {source: policies.policy_hash(source) for source in chosen}
+    hashes = {source: players.hash_of(source) for source in chosen}
     index_of = {number: index for index, number in seeds.items()}
     found: dict[tuple[str, int], PolicyEpisode] = {}
-    chunks = make_chunks(chosen, [config], list(seeds.values()), traces=True)
-    with Jobs() as jobs:
-        for part in play_chunks(chunks, jobs if len(chunks) > FEW_CHUNKS else None):
-            for each in part:
-                assert each.trace is not None
-                terrain, moves, own = index_of[each.seed], bytes(each.trace.actions), each.trace
-                for name in (name for name, source in sources.items() if source == each.policy):
-                    found[name, terrain] = PolicyEpisode(
-                        name, hashes[each.policy], terrain, each.seed, moves, own.trajectory_hash
-                    )
-            if progress:
-                progress(len(found), len(sources) * len(seeds))
+    for source, number, moves, trajectory in players.play_all(chosen, config, list(seeds.values())):
+        terrain = index_of[number]
+        for name in (name for name, own in sources.items() if own == source):
+            found[name, terrain] = PolicyEpisode(
+                name, hashes[source], terrain, number, moves, trajectory
+            )
+        if progress:
+            progress(len(found), len(sources) * len(seeds))
     return tuple(found[name, index] for name in sources for index in sorted(seeds))

@@ -12,9 +12,11 @@ import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from app.study.files import write_bytes
 from app.study.protocol import Protocol, StudyError
+from app.task import PolicyError, rules_of
 
 FOLDER = "policies"
 """The folder of the kept files, in a study's folder and in a release."""
@@ -29,34 +31,34 @@ class PolicyFiles:
 
     hashes  SHA-256 (hex) by policy, as the protocol names it; a rule has none, and where none was recorded, today's file plays
     folder  where the files are kept; None where that is not at hand
+    task    whose policies they are
     """
 
     hashes: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+    task: str = "mars"
 
     @classmethod
     def of(cls, protocol: Protocol, folder: Path | None = None) -> PolicyFiles:
         """Return the files that a frozen protocol means."""
-        return cls(protocol.policy_hashes, folder)
+        return cls(protocol.policy_hashes, folder, protocol.task)
 
     def at(self, folder: Path) -> PolicyFiles:
         """Return the same with the files kept in this folder."""
         return replace(self, folder=folder)
 
     def source(self, policy: str) -> str:
-        """Return what `policies.load` takes for a policy: its name where that still stands for its file, else a path.
+        """Return what `players.load` takes for a policy: its name where that still stands for its file, else a path.
 
-        PolicyNotFoundError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
+        PolicyError when the file of the recorded hash is neither there, nor kept, nor shipped under another name.
         """
-        from marsexplorer.policies import PolicyNotFoundError, find_shipped
-
         expected = self.hashes.get(policy)
-        if expected is None or _hash_of(policy) == expected:
+        if expected is None or self._hash_of(policy) == expected:
             return policy
-        for path in (*self._kept(expected), find_shipped(expected)):
-            if path is not None and _hash_of(str(path)) == expected:
+        for path in (*self._kept(expected), self._players.find_shipped(expected)):
+            if path is not None and self._hash_of(str(path)) == expected:
                 return str(path)
-        raise PolicyNotFoundError(
+        raise PolicyError(
             f"the study compares with the policy {policy!r} of SHA-256 {expected}, and that file is not here; no other one is "
             f"played in its place. Copy it from the study's folder or from a release to {self.place(policy)}"
         )
@@ -72,33 +74,41 @@ class PolicyFiles:
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
         """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
-        from marsexplorer.policies import find_file
-
         for policy in (policy for policy in dict.fromkeys(policies) if policy in self.hashes):
-            _keep(find_file(self.source(policy)), folder)
+            _keep(self._players.file_of(self.source(policy)), folder)
 
     def damaged(self) -> Iterator[tuple[Path, str | None, str]]:
         """Yield (file, its hash or None where it is missing, the recorded hash) of each kept file that is not as recorded."""
         for policy, expected in self.hashes.items():
             path = self.place(policy)
-            if (found := _hash_of(str(path))) != expected:
+            if (found := self._hash_of(str(path))) != expected:
                 yield path, found, expected
+
+    @property
+    def _players(self) -> Any:
+        return rules_of(self.task).players
+
+    def _hash_of(self, policy: str) -> str | None:
+        """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
+        try:
+            found: str | None = self._players.hash_of(policy)
+        except PolicyError:
+            return None
+        return found
 
     def _kept(self, digest: str) -> Iterator[Path]:
         return iter(()) if self.folder is None else self.folder.glob(f"{digest}.*")
 
 
-def record_files(policies: Iterable[str], folder: Path) -> dict[str, str]:
+def record_files(policies: Iterable[str], folder: Path, players: Any) -> dict[str, str]:
     """Keep the file of each policy (a name or path) in a folder, and return the SHA-256 (hex) by policy; rules have none.
 
-    PolicyNotFoundError for a policy that is not there; StudyError when a file cannot be read or written.
+    PolicyError for a policy that is not there; StudyError when a file cannot be read or written. players: `Rules.players`
     """
-    from marsexplorer.policies import find_file, is_rule
-
     return {
-        policy: _keep(find_file(policy), folder)
+        policy: _keep(players.file_of(policy), folder)
         for policy in sorted(set(policies))
-        if not is_rule(policy)
+        if not players.is_rule(policy)
     }
 
 
@@ -113,13 +123,3 @@ def _keep(path: Path, folder: Path) -> str:
     digest = hashlib.sha256(content).hexdigest()
     write_bytes(folder / f"{digest}{path.suffix}", content)
     return digest
-
-
-def _hash_of(policy: str) -> str | None:
-    """Return SHA-256 (hex) of the file that a name or path stands for; None where there is none that can be read."""
-    from marsexplorer.policies import PolicyNotFoundError, policy_hash
-
-    try:
-        return policy_hash(policy)
-    except (PolicyNotFoundError, OSError):
-        return None

@@ -11,8 +11,7 @@ from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
 from app.leaderboard.leaderboard import UnknownEntryError
-from app.moves.explanation import explanation_of
-from app.moves.regret import POLICY
+from app.moves.regret import POLICY, regret_cache
 from app.statistics.personal import describe_own, personal_bests
 from app.storage.export import write_own_table, write_table
 from app.storage.reader import Reader
@@ -96,8 +95,12 @@ async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
 async def regret_of(request: Request, record: Record) -> dict[str, Any]:
     """Return where moves were lost in an episode that the asker may see; HTTPException when that cannot be said."""
     services = services_of(request)
+    if (players := services.lobby.task.players) is None:
+        raise HTTPException(422, f"moves of {services.lobby.task.title} have no regrets")
     try:
-        return await explanation_of(services.jobs, services.store.path, record, owner_of(request))
+        cache, owner = regret_cache(services.store.path), owner_of(request)
+        found: dict[str, Any] = await players.explanation_of(services.jobs, cache, record, owner)
+        return found
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 

@@ -13,7 +13,6 @@ import click
 
 from app.cli.console import (
     PATH,
-    configs_of,
     levels_option,
     print_table,
     progress,
@@ -21,6 +20,7 @@ from app.cli.console import (
     seed_option,
     sizes_option,
 )
+from app.cli.training.train import configs_of
 from app.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.files import write_whole

@@ -64,7 +64,7 @@ def report(
     """
     from app.report.making import make_study_report
     from app.report.page import render
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
+    from app.task import PolicyError
 
     settings = settings_of()
     where = database or settings.database, studies or settings.studies
@@ -73,7 +73,7 @@ def report(
             found = make_study_report(
                 *where, name, progress, synthetic, not no_policies, not no_moves
             )
-    except (PolicyNotFoundError, PolicyFileError) as error:
+    except PolicyError as error:
         raise click.ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
         ) from error

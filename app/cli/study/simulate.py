@@ -70,7 +70,6 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
     from httpx import HTTPError
 
     from app.simulate import Plan, RefusedError, ServerAwayError, fetch_study, simulate
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     plan = Plan(url.rstrip("/"), study, 0, token=os.environ.get(TOKEN_VARIABLE), **options)
     outcomes: list[Outcome] = []
@@ -82,7 +81,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
         raise click.UsageError(
             f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url"
         ) from error
-    except (ValueError, PolicyNotFoundError, PolicyFileError) as error:
+    except ValueError as error:
         raise click.UsageError(str(error)) from error
     except (RefusedError, ServerAwayError) as error:
         raise click.ClickException(str(error)) from error

@@ -548,7 +548,7 @@ def _echo_reachable_effects(protocol: Protocol) -> None:
         f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
         f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
         f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
-        f"{protocol.rules.words.spread}: put better ones into the protocol where you have them."
+        f"{protocol.rules.spread}: put better ones into the protocol where you have them."
     )
 
 

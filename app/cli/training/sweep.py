@@ -15,13 +15,13 @@ import click
 
 from app.cli.console import (
     PATH,
-    configs_of,
     levels_option,
     print_table,
     progress,
     reason,
     sizes_option,
 )
+from app.cli.training.train import configs_of
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, configs_of, levels_option, reason, seed_option, sizes_option
+from app.cli.console import PATH, env_config_of, levels_option, reason, seed_option, sizes_option
 from app.cli.training.cards import commit, hardware, measure_policy
 from app.cli.training.refine import RefineOutput, refine_policy
 
@@ -315,3 +315,13 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
                 printed = now
 
         yield on_update
+
+
+def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) -> list[EnvConfig]:
+    """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
+    from marsexplorer.training.config import FAMILIES
+
+    names = dict.fromkeys(
+        name for level in levels for name in (FAMILIES if level == "all" else (level,))
+    )
+    return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]

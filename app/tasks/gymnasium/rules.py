@@ -42,7 +42,6 @@ WORDS = Words(
     reached="succeeded",
     short="short of success",
     definition="An episode that does not succeed counts max_steps. The score is the return, the sum of all rewards.",
-    spread="a tenth and a fifth of the limit of moves, for want of anything to know them from",
 )
 DEFAULT_LIMIT = 1000
 """Moves after which an episode times out where the environment sets no limit."""
@@ -311,6 +310,9 @@ class GymnasiumRules:
 
     words: ClassVar[Words] = WORDS
     courses: ClassVar[None] = None
+    players: ClassVar[None] = None
+    spread: ClassVar[str] = "a tenth and a fifth of the limit of moves, for want of anything better"
+    own_labels: ClassVar[Mapping[str, str]] = {}
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
         """Return texts of a new study, and that it compares with no policy."""

@@ -18,7 +18,7 @@ from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, Ne
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
-from marsexplorer.evaluation.effort import makes_no_effort
+from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
 from marsexplorer.terrain import generate
 from marsexplorer.world import cells_that_count
 
@@ -43,7 +43,6 @@ WORDS = Words(
     short="short of 99 %",
     definition="An episode that ends short of 99 % counts max_steps. The score is (return + r_invalid) / "
     "(r_invalid + r_bonus + cells), never clipped.",
-    spread="those of synthetic players",
 )
 OPENING = (
     "You are invited to take part in a study of how well people explore unknown terrain with a rover that sees only the "
@@ -70,6 +69,11 @@ class MarsRules:
     def configuration(self, values: Mapping[str, Any]) -> EnvConfig:
         """Return the configuration of plain values; ValueError or TypeError where they are none."""
         return EnvConfig(**values)
+
+    @staticmethod
+    def of_level(level: str, size: int | tuple[int, int]) -> EnvConfig:
+        """Return the configuration of a level at a size, a side or (rows, cols); ValueError where there is none."""
+        return EnvConfig.of(level, size)
 
     def environment(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
@@ -99,6 +103,19 @@ class MarsRules:
         from app.tasks.mars import course
 
         return course
+
+    @property
+    def players(self) -> Any:
+        """What is done with policies away from boards."""
+        from app.tasks.mars import players
+
+        return players
+
+    spread: ClassVar[str] = "those of synthetic players"
+    own_labels: ClassVar[Mapping[str, str]] = {
+        "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
+        f"{SHORTEST:.1%} of the limit or longer",
+    }
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
         """Return texts, policies and the spread of steps that a new study assumes.

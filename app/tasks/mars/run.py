@@ -45,6 +45,21 @@ class MarsRun:
         discovered = self._episode.discoveries[step]
         return {"row": row, "col": col, "coverage": discovered / self._episode.cells}
 
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self._episode.ended
+
+    @property
+    def path(self) -> list[tuple[int, int]]:
+        """(row, col) of the rover after 0, 1, 2, ... moves."""
+        return self._episode.path
+
+    @property
+    def cells(self) -> int:
+        """How many cells coverage refers to."""
+        return int(self._episode.cells)
+
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""
         return View(self._episode)

@@ -57,12 +57,12 @@ class MapCatalogue:
             self._maps[each.name] = each
 
     @classmethod
-    def read(cls, paths: Iterable[Path], cell_m: float = CELL_M) -> MapCatalogue:
+    def read(cls, paths: Iterable[Path], cell_m: float | None = None) -> MapCatalogue:
         """Return the maps of files, each under its file's name without suffix; ValueError for a file that is none.
 
-        cell_m  side of a cell in metres
+        cell_m  side of a cell in metres; None for 0.5
         """
-        return cls(_offered(path, cell_m) for path in paths)
+        return cls(_offered(path, cell_m or CELL_M) for path in paths)
 
     def offers(self) -> list[OfferedMap]:
         """Return what may be chosen."""

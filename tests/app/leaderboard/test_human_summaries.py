@@ -5,9 +5,9 @@ import pytest
 from app.jobs import Jobs
 from app.leaderboard import leaderboard
 from app.leaderboard.leaderboard import HumanSummaries, Leaderboard
-from app.statistics import summaries as replays
 from app.statistics.human_level import human_level
 from app.storage.store import Store
+from app.tasks.mars import rules as replays
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, play
 

@@ -12,8 +12,9 @@ from app.study.folder import Folder
 from app.study.policy_episodes import play_policies
 from app.study.protocol import StudyError, default_protocol
 from app.study.verification import check_policy_files
+from app.task import PolicyError, rules_of
 from marsexplorer.config import EnvConfig
-from marsexplorer.policies import PolicyNotFoundError, find_file
+from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
 from tests.support.policy_files import write_network, write_onnx
 
@@ -49,7 +50,7 @@ def study(tmp_path, mine):
 def moves(study, mine, files=None):
     return [
         (each.policy_hash, each.actions)
-        for each in play_policies([str(mine)], CONFIG, SEEDS, files=files)
+        for each in play_policies([str(mine)], rules_of("mars"), CONFIG, SEEDS, files=files)
     ]
 
 
@@ -81,11 +82,11 @@ def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
     write_onnx(mine, seed=2)
     kept = study.policy_files.place(str(mine))
     kept.unlink()
-    with pytest.raises(PolicyNotFoundError, match=f"and that file is not here.* to {kept}"):
+    with pytest.raises(PolicyError, match=f"and that file is not here.* to {kept}"):
         moves(study, mine, study.policy_files)
     assert _play(study, "warm_up") == []
     kept.write_bytes(mine.read_bytes())
-    with pytest.raises(PolicyNotFoundError, match="no other one is played in its place"):
+    with pytest.raises(PolicyError, match="no other one is played in its place"):
         moves(study, mine, study.policy_files)
 
 
@@ -135,7 +136,7 @@ def test_a_shipped_file_is_found_by_its_hash_whatever_its_name_is_now(
     assert files.source("ppo") == str(later_version / "ppo-first.onnx")
     assert files.source("frontier-cost") == "frontier-cost"
     (later_version / "ppo-first.onnx").unlink()
-    with pytest.raises(PolicyNotFoundError, match="'ppo' of SHA-256"):
+    with pytest.raises(PolicyError, match="'ppo' of SHA-256"):
         files.source("ppo")
     kept = study.policy_files.place("ppo")
     assert study.policy_files.source("ppo") == str(kept), "it keeps its own"

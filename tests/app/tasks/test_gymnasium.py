@@ -81,6 +81,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
     answer = client.get(f"/replay/{last['episode']}", follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, f"../watch/{last['episode']}")
+    answer = client.get(f"/api/episodes/{last['episode']}/regret")
+    assert (answer.status_code, "have no regrets" in answer.text) == (422, True)
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 

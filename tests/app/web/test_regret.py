@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from app.jobs import Jobs
-from app.moves.explanation import explanation_of
+from app.tasks.mars.explanation import explanation_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.regret import RegretEstimator
@@ -68,7 +68,7 @@ def test_nothing_of_an_open_study(serve, tmp_path):
 
 def test_it_says_what_the_estimator_says_and_refuses_large_boards_at_once(tmp_path):
     async def ask(record):
-        return await explanation_of(jobs, tmp_path / "play.db", record, "ada")
+        return await explanation_of(jobs, tmp_path / "regrets", record, "ada")
 
     with Jobs(1) as jobs:
         found = asyncio.run(ask(ended().record()))

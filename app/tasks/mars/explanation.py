@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from app.jobs import Jobs
-from app.moves.regret import regret_cache
 from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
@@ -23,15 +22,14 @@ LIMIT_S = 120.0
 """Seconds that one episode may take."""
 
 
-async def explanation_of(jobs: Jobs, database: Path, record: Record, owner: str) -> dict[str, Any]:
-    """Return what `explain` says of a finished episode; the regret is kept next to the database.
+async def explanation_of(jobs: Jobs, cache: Path, record: Record, owner: str) -> dict[str, Any]:
+    """Return what `explain` says of a finished episode; the regret is kept in the folder `cache`.
 
     Whoever asks has checked that the asker may see the episode; `owner` is whose turn the job has. ValueError for a board that
     is too large or an episode that cannot be replayed; JobError and JobsFullError as `Jobs` raises them.
     """
     check_size(record.config)
     key = ("regret", record.config.hash, record.terrain, record.trajectory_hash)
-    cache = regret_cache(database)
     return await jobs.run(explain_kept, cache, record, owner=owner, key=key, limit_s=LIMIT_S)
 
 
