@@ -119,19 +119,6 @@ def test_the_vector_environment_equals_single_ones(observation):
     assert ends > 20
 
 
-def test_codes_are_given_without_a_copy():
-    vector = gymnasium.make_vec(
-        "MarsExplorer-v0",
-        num_envs=2,
-        vectorization_mode="vector_entry_point",
-        size=(6, 9),
-        observation="uint8",
-    )
-    first, _ = vector.reset(seed=1)
-    second = vector.step(np.array([1, 2]))[0]
-    assert np.shares_memory(first, second)
-
-
 IMPORT = """
 import sys
 import gymnasium
