@@ -9,17 +9,22 @@ import pytest
 from marsexplorer import compiled
 
 FIRST_STEP = """
+import sys
 import gymnasium
-import marsexplorer
-env = gymnasium.make("MarsExplorer-v0")
-env.reset(seed=0)
+assert "marsexplorer" not in sys.modules
+env = gymnasium.make("marsexplorer:MarsExplorer-v0", size=(9, 14))
+observation, info = env.reset(seed=3)
 env.step(1)
+envs = gymnasium.make_vec("marsexplorer:MarsExplorer-v0", 2, "vector_entry_point", size=(9, 14))
+observations, _ = envs.reset(seed=3)
+assert observation.shape == (9, 14) and observations.shape == (2, 9, 14)
+assert (observation == observations[0]).all()
 """
 
 
 def first_step(**env):
-    """Return what a process writes to stderr from its first import to its first step."""
-    command = [sys.executable, "-c", FIRST_STEP]
+    """Return what a process that makes the environment by its module and id writes to stderr until its first steps."""
+    command = [sys.executable, "-W", "error", "-c", FIRST_STEP]
     return subprocess.run(
         command, env=os.environ | env, capture_output=True, text=True, check=True
     ).stderr
@@ -29,7 +34,10 @@ def first_step(**env):
 def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     with subprocess.Popen(
-        [sys.executable, "-c", FIRST_STEP], env=env, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-W", "error", "-c", FIRST_STEP],
+        env=env,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as cold:
         assert "compiling the rules" in cold.stderr.readline()
         cold.kill()

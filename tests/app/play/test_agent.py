@@ -154,23 +154,6 @@ def test_two_policies_side_by_side(server):
         assert last["outcome"] == "explored"
 
 
-def test_a_policys_moves_are_its_own_offline(serve):
-    server = serve()
-    client = server.client()
-    begun = client.post("/api/sessions", json={"player": "random", "size": 6, "seed": 2}).json()
-    client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
-    last = eventually(
-        lambda: (now := client.get(f"/api/sessions/{begun['session']}").json())["outcome"] and now
-    )
-    row = server.services.store.resume_session(begun["session"])
-    policy, episode = load("random"), Episode.begin(EnvConfig.of("random", 6), seed=2)
-    policy.reset(row.episode.policy_seed)
-    while not episode.ended:
-        episode.step(policy.act(episode.observation()))
-    assert bytes(episode.actions) == row.actions
-    assert last["outcome"] == episode.outcome
-
-
 def test_a_policy_that_remembers_goes_on_where_it_stood_after_a_restart(serve):
     server = serve()
     client = server.client()
@@ -296,10 +279,12 @@ def test_a_policy_that_fails_fails_its_own_board_alone():
     async def ask():
         decisions = DecisionQueue(thread, batch)
         codes = Episode.begin(EnvConfig(), seed=1).codes.copy()
-        asked = (decisions.act(load("ppo"), grid) for grid in (codes, codes[:0], codes))
+        boards = [("ppo", codes), ("ppo", codes[:0]), ("frontier-cost", codes), ("ppo", codes)]
+        asked = (decisions.act(load(name), grid) for name, grid in boards)
         return await asyncio.gather(*asked, return_exceptions=True)
 
     with ThreadPoolExecutor(1) as thread:
-        first, error, last = asyncio.run(ask())
+        first, error, rule, last = asyncio.run(ask())
     assert first == last in range(4)
+    assert rule in range(4)
     assert isinstance(error, ValueError)

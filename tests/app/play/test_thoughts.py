@@ -151,20 +151,3 @@ def test_no_thought_is_published_about_a_persons_board(client_and_server, rival)
     )
     assert "probabilities" not in answers
     assert "goal" not in answers
-
-
-def test_thoughts_about_terrains_that_look_alike_so_far_are_the_same(client_and_server):
-    client, server = client_and_server
-    said = []
-    for _ in range(2):
-        session = client.post(
-            "/api/sessions", json={"size": SIZE, "player": "thinker", "seed": 3}
-        ).json()["session"]
-        client.post(f"/api/sessions/{session}/pace", json={"pause": True})
-        client.post(
-            f"/api/sessions/{session}/episodes", json={"seed": 3}
-        )  # paused from its beginning
-        with server.socket(session, client) as socket:
-            thought = socket.receive("thought")
-            said.append((thought["probabilities"], thought["value"]))
-    assert said[0] == said[1]

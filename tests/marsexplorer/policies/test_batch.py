@@ -93,17 +93,6 @@ def test_a_close_call_is_made_alone():
         assert net.calls == calls
 
 
-def test_one_board_that_fails_leaves_the_others_their_moves(file):
-    good, bad = policies.load(file), policies.load(file)
-    codes = Episode.begin(EnvConfig(), seed=1).codes
-    answer, error, rule = act_many(
-        [good, bad, policies.load("frontier-cost")], [codes, np.zeros((5, 5), np.uint8), codes]
-    )
-    assert answer == policies.load(file).act(codes)
-    assert isinstance(error, ValueError)
-    assert rule in range(4)
-
-
 def test_a_batch_takes_less_time_a_move_than_single_decisions_and_both_under_two_milliseconds():
     boards = [(EnvConfig(), 10**9 + seed) for seed in range(16)]
     took = {}

@@ -49,7 +49,7 @@ def test_the_compiled_rules_are_the_literal_ones(terrain, radius, rule):
         assert action == expected, codes
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(strategies.terrains(max_side=70, max_density=0.4), st.integers(1, 31), st.data())
 def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
     rows, cols = terrain.shape
@@ -66,7 +66,7 @@ def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     strategies.terrains(max_side=16, max_density=0.5),
     st.integers(1, 8),

@@ -20,7 +20,7 @@ def hundred_terrains():
     return cache(lambda name: evaluate([name], EnvConfig(), 100, EVALUATION_SEEDS.start).rows[0])
 
 
-@pytest.mark.parametrize("name", ["ppo"])
+@pytest.mark.parametrize("name", sorted(shipped()))
 def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hundred_terrains):
     card = read_card(shipped()[name])
     assert all(
@@ -29,10 +29,6 @@ def test_a_shipped_policy_does_what_its_card_says_on_a_hundred_terrains(name, hu
     results = card["results"]["random 21x21"]
     row = hundred_terrains(name)
     assert row.steps_low <= results["steps"] <= row.steps_high
-
-
-def test_every_shipped_policy_is_held_to_its_card():
-    assert sorted(shipped()) == ["ppo"]
 
 
 def test_the_shipped_network_explores_everything_without_a_collision_and_in_fewer_steps_than_any_rule(
