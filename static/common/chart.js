@@ -13,7 +13,7 @@ const charts = new WeakMap();
 export function paintChart(place, how) {
   const { clientWidth: width, clientHeight: height } = place;
   if (width < 60 || height < 20) return;
-  const looks = how.lines.map((line) => [line.colour, line.dash, line.width, line.alpha, hasBand(line)]);
+  const looks = how.lines.map((line) => [line.colour, line.dash, line.width, line.alpha, line.isColumns, hasBand(line)]);
   const key = JSON.stringify([how.inks, how.font, how.edges, how.title, looks]);
   const found = charts.get(place);
   if (found?.key === key) {
@@ -55,7 +55,8 @@ function options({ lines, inks, font, edges, title, goal }, now) {
       for (const alpha of [0.16, 1]) series.push({ stroke: "transparent", width: 0, alpha, spanGaps: true, points });
     }
     const { colour, width = 2, dash, alpha } = line;
-    series.push({ stroke: colour, width, dash, alpha, spanGaps: true, points });
+    const paths = line.isColumns ? { paths: uPlot.paths.bars?.({ size: [0.92] }), fill: colour } : {};
+    series.push({ stroke: colour, width, dash, alpha, spanGaps: true, points, ...paths });
   }
   return {
     series, bands, legend: { show: false }, cursor: { show: false },

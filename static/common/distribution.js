@@ -1,5 +1,6 @@
 // How many people needed how many moves, as columns, with a dot for you and a line for each policy. The lower part paints.
-import { createSvg } from "./page.js";
+import { drawDot, paintChart } from "./chart.js";
+import { chartColours } from "./page.js";
 
 /** Return columns of one width that hold all values: at most `most` of them, whole numbers of moves wide.
  * @param {[number, number][]} counts [moves, how many people]
@@ -37,40 +38,66 @@ export function describe(target, bins, you, marks) {
   return [`Moves to ${target}: ${people.join(", ") || "nobody yet"}`, you === null ? "" : `you ${you}`, ...policies].filter(Boolean).join("; ");
 }
 
-const WIDTH = 480;
-const BASE = 118;
+const ROW = 15;
+/** @type {WeakMap<Element, () => ChartLook>} */
+const looks = new WeakMap();
+/** @type {ResizeObserver | undefined} */
+let sizes;
 
-/** Paint a distribution into an element.
- * @param {HTMLElement} root
+/** @param {Element} place */
+function draw(place) {
+  const look = looks.get(place);
+  if (look) paintChart(/** @type {HTMLElement} */ (place), look());
+}
+
+function listen() {
+  addEventListener("theme", () => document.querySelectorAll(".distribution").forEach(draw));
+  return new ResizeObserver((entries) => entries.forEach(({ target }) => draw(target)));
+}
+
+/** Paint a distribution into an element as soon as it has a size, and whenever it has another one.
+ * @param {HTMLElement} place
  * @param {{target: string, counts: [number, number][], you: number | null, marks?: Named[]}} what you: your own moves; null leaves the
  *   dot out */
-export function paintDistribution(root, { target, counts, you, marks = [] }) {
+export function paintDistribution(place, { target, counts, you, marks = [] }) {
   const bins = binsOf(counts, [...marks.map(({ moves }) => moves), ...(you === null ? [] : [you])]);
-  if (!bins.length) return root.replaceChildren();
+  place.classList.toggle("distribution", bins.length > 0);
+  if (!bins.length) return;
+  place.setAttribute("role", "img");
+  place.setAttribute("aria-label", describe(target, bins, you, marks));
   const [low, high] = [bins[0].from, bins[bins.length - 1].to];
-  const most = Math.max(1, ...bins.map(({ count }) => count));
-  const at = (/** @type {number} */ moves) => 14 + ((moves - low) / (high - low)) * (WIDTH - 28);
   const sorted = [...marks].sort((a, b) => a.moves - b.moves);
-  const rows = rowsOf(sorted.map(({ name, moves }) => ({ at: at(moves + 0.5), width: 6.4 * name.length + 8 })), 3);
-  const depth = Math.max(0, ...rows.map((row) => (row === null ? 0 : row + 1)));
-  const svg = createSvg("svg", { class: "distribution", viewBox: `0 0 ${WIDTH} ${BASE + 20 + 15 * depth}`, role: "img", "aria-label": describe(target, bins, you, marks) });
-  for (const { from, to, count } of bins) {
-    const isYours = you !== null && you >= from && you < to;
-    const height = count ? 6 + (70 * count) / most : 0;
-    svg.append(createSvg("rect", { class: isYours ? "bar-yours" : "bar-people", x: at(from) + 1.5, y: BASE - height, width: Math.max(2, at(to) - at(from) - 3), height, rx: 2 }));
-  }
-  sorted.forEach(({ name, moves }, index) => {
-    const x = at(moves + 0.5);
-    const row = rows[index];
-    svg.append(createSvg("line", { class: "policy", x1: x, x2: x, y1: 34, y2: BASE }));
-    if (row !== null) svg.append(createSvg("text", { class: "policy-text", x: Math.min(WIDTH - 3.2 * name.length - 4, Math.max(3.2 * name.length + 4, x)), y: BASE + 31 + 15 * row, "text-anchor": "middle" }, name));
+  const isYours = (/** @type {Bin} */ { from, to }) => you !== null && you >= from && you < to;
+  const columns = (/** @type {string} */ colour, /** @type {(bin: Bin) => boolean} */ takes) => ({
+    colour, dash: [], isColumns: true, x: bins.map(({ from, to }) => (from + to) / 2), y: bins.map((bin) => (takes(bin) ? bin.count : NaN)),
   });
-  svg.append(createSvg("line", { class: "axis", x1: 8, x2: WIDTH - 8, y1: BASE + 0.5, y2: BASE + 0.5 }));
-  svg.append(createSvg("text", { x: 8, y: BASE + 15 }, `${low} moves`), createSvg("text", { x: WIDTH - 8, y: BASE + 15, "text-anchor": "end" }, String(high)));
-  if (you !== null) {
-    const x = at(you + 0.5);
-    svg.append(createSvg("circle", { class: "you", cx: x, cy: 24, r: 7 }));
-    svg.append(createSvg("text", { class: "you-text", x: x > WIDTH - 80 ? x - 13 : x + 13, y: 28, "text-anchor": x > WIDTH - 80 ? "end" : "start" }, `you ${Math.round(10 * you) / 10}`));
-  }
-  root.replaceChildren(svg);
+  looks.set(place, () => {
+    const colours = chartColours(place);
+    return {
+      ...colours, edges: { left: 32, right: 32, top: 40, bottom: 24 + (marks.length ? 3 * ROW : 0) },
+      x: { low, high, ticks: [low, high], text: (moves) => (moves === low ? `${moves} moves` : String(moves)) },
+      y: { low: 0, high: Math.max(1, ...bins.map(({ count }) => count)), ticks: [], text: String },
+      lines: [columns(colours.inks.base, (bin) => !isYours(bin)), columns(colours.you, isYours)],
+      over: (context, at) => {
+        context.textAlign = "center";
+        const widths = sorted.map(({ name, moves }) => ({ at: at.x(moves + 0.5), width: context.measureText(name).width }));
+        const rows = rowsOf(widths, 3);
+        Object.assign(context, { fillStyle: colours.policy, strokeStyle: colours.policy, lineWidth: 2 });
+        sorted.forEach(({ name }, index) => {
+          const [{ at: x, width }, row] = [widths[index], rows[index]];
+          context.setLineDash([4, 3]);
+          context.stroke(new Path2D(`M${x} ${at.y(0)}V34`));
+          const inside = Math.min(place.clientWidth - width / 2, Math.max(width / 2, x));
+          if (row !== null) context.fillText(name, inside, at.y(0) + 30 + ROW * row);
+        });
+        if (you === null) return;
+        const x = at.x(you + 0.5);
+        const isLeft = x > place.clientWidth - 80;
+        drawDot(context, { x, y: 20 }, 7, colours.you);
+        Object.assign(context, { fillStyle: colours.you, textAlign: isLeft ? "end" : "start" });
+        context.fillText(`you ${Math.round(10 * you) / 10}`, isLeft ? x - 13 : x + 13, 24);
+      },
+    };
+  });
+  (sizes ??= listen()).observe(place);
 }

@@ -1,5 +1,5 @@
 // What the modules of the page hand on to each other, the messages in both directions (the twin of
-// app/play/messages.py: a test compares them), and what the server answers. What is a task's own stands in static/task/.
+// app/board/messages.py: a test compares them), and what the server answers. What is a task's own stands in static/task/.
 
 /** A course as its task has it: the board after some moves is `Task.boardAt`. */
 type Course = {name: string, actions: Action[], outcome: string | null, sentence: string};
@@ -59,7 +59,7 @@ type ChartAxis = {low: number, high: number, ticks: number[], text: (value: numb
  * at its end, or of all dots where there are whiskers. */
 type ChartLine = {
   colour: string, dash: number[], width?: number, alpha?: number, x: number[], y: number[], dot?: number,
-  low?: (number | null)[], high?: (number | null)[], hasWhiskers?: boolean,
+  low?: (number | null)[], high?: (number | null)[], hasWhiskers?: boolean, isColumns?: boolean,
 };
 /** A chart. Lines drawn last stand in front; edges: room round the plot, CSS pixels; title: of the x axis; goal: a
  * value with a dotted line and its name; base: the one with a solid line, else the lowest; over: draws what else there is. */
