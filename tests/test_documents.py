@@ -5,8 +5,10 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -125,3 +127,25 @@ def test_every_test_that_a_page_names_exists(page):
     assert [path for path in sorted(files) if not (ROOT / path).is_file()] == []
     written = "\n".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert [name for name in sorted(words - files) if not re.search(rf"def {name}", written)] == []
+
+
+def test_the_drawing_of_the_units_is_their_contract():
+    """Ten units at most on seven floors; what one imports of another counts as one arrow, of which there are at most 35."""
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    contracts = {each["name"]: each for each in pyproject["tool"]["importlinter"]["contracts"]}
+    layers = contracts["ten units of app on seven floors"]["layers"]
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    drawn = [(line[4:14], line[14:27]) for line in re.findall(r"^\d   .*$", text, re.M)]
+    assert [[name.strip() for name in floor if name.strip()] for floor in drawn] == [
+        each.split(" | ") for each in layers
+    ]
+    graph = grimp.build_graph("app", cache_dir=None)
+    arrows = {
+        (module.split(".")[1], imported.split(".")[1])
+        for module in graph.modules - {"app"}
+        for imported in graph.find_modules_directly_imported_by(module) - {"app"}
+        if module.split(".")[1] != imported.split(".")[1]
+    }
+    assert len(layers) <= 7
+    assert len({unit for arrow in arrows for unit in arrow}) <= 10
+    assert len(arrows) <= 35

@@ -16,9 +16,9 @@ import click
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from app.settings import Settings
-    from app.study.folder import Folder
+    from app.series.folder import Folder
     from app.task import Configuration
+    from app.web.settings import Settings
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -93,7 +93,7 @@ def settings_of(**flags: Any) -> Settings:
     """Return the settings from flags and MARS_* variables; raise UsageError that names the first wrong one."""
     from pydantic import ValidationError
 
-    from app.settings import Settings
+    from app.web.settings import Settings
 
     try:
         return Settings(**flags)
@@ -108,7 +108,7 @@ def settings_of(**flags: Any) -> Settings:
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
-    from app.study.folder import StudyError
+    from app.series.folder import StudyError
 
     try:
         yield
@@ -123,10 +123,10 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
 
     what  "{file}" in it stands for the file that could not be read or written
     """
+    from app.db.database import StoreError
+    from app.db.operators import OperatorError
     from app.release.errors import ReleaseError
-    from app.storage.database import StoreError
-    from app.storage.operators import OperatorError
-    from app.study.protocol import StudyError
+    from app.series.protocol import StudyError
 
     try:
         yield
@@ -159,7 +159,7 @@ def write_file(path: Path, content: bytes, option: str = "file", private: bool =
 
 def folder_of(studies: Path | None) -> Folder:
     """Return the folder of studies: the one given, else that of the settings."""
-    from app.study.folder import Folder
+    from app.series.folder import Folder
 
     return Folder(studies or settings_of().studies)
 

@@ -15,8 +15,8 @@ import click
 from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
 
 if TYPE_CHECKING:
-    from app.storage.reader import Who
-    from app.study.verification import Verification
+    from app.db.reader import Who
+    from app.series.verification import Verification
 
 
 @click.command(short_help="Write what was played as CSV.")
@@ -48,7 +48,7 @@ def export(database: Path | None, out: Path, who: Who) -> None:
       marsexplorer export --out results
       marsexplorer export --database lab.db --out results --who human
     """
-    from app.storage.export import export_to
+    from app.db.export import export_to
 
     path = database or settings_of().database
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
@@ -145,8 +145,8 @@ def verify(
 def _of_database(
     database: Path | None, studies: Path | None, head: str | None
 ) -> tuple[Verification, str]:
-    from app.study.folder import Folder
-    from app.study.verification import check_policy_files, verify_database
+    from app.series.folder import Folder
+    from app.series.verification import check_policy_files, verify_database
 
     settings = settings_of()
     path, folder = database or settings.database, Folder(studies or settings.studies)
@@ -247,7 +247,7 @@ def backup(file: Path, database: Path | None) -> None:
       marsexplorer backup monday.db
       marsexplorer backup /mnt/backups/lab.db --database lab.db
     """
-    from app.storage.backup import back_up
+    from app.db.backup import back_up
 
     path = database or settings_of().database
     with failures("cannot read the database"), progress("copying") as advance:
@@ -270,7 +270,7 @@ def restore(backup: Path, database: Path | None, yes: bool) -> None:
       marsexplorer restore monday.db
       marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
     """
-    from app.storage.backup import restore as put_back
+    from app.db.backup import restore as put_back
 
     path = database or settings_of().database
     if path.exists() and not yes:
@@ -304,7 +304,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
         raise click.UsageError(
             "give two databases or more: marsexplorer merge A.db B.db --out C.db"
         )
-    from app.storage import merging
+    from app.db import merging
 
     with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
         counts, twice = merging.merge(databases, out, advance)
@@ -345,8 +345,8 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
       marsexplorer forget 5f3e0c9a1b2d --study dunes
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
-    from app.moves.regret import forget_regrets
-    from app.storage import erasure
+    from app.db import erasure
+    from app.report.moves.regret import forget_regrets
 
     path = database or settings_of().database
     with failures(f"cannot write {path}"):
@@ -400,7 +400,7 @@ def operator() -> None:
 @DATABASE
 def add(name: str, database: Path | None) -> None:
     """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
-    from app.storage.operators import add_operator
+    from app.db.operators import add_operator
 
     path = database or settings_of().database
     if sys.stdin.isatty():
@@ -418,7 +418,7 @@ def add(name: str, database: Path | None) -> None:
 @DATABASE
 def list_(database: Path | None) -> None:
     """List the operators: by name, and since when."""
-    from app.storage.operators import list_operators
+    from app.db.operators import list_operators
 
     with failures("cannot read the database"):
         found = list_operators(database or settings_of().database)
@@ -431,7 +431,7 @@ def list_(database: Path | None) -> None:
 @DATABASE
 def remove(name: str, database: Path | None) -> None:
     """Remove an operator; what they did stays in the log."""
-    from app.storage.operators import remove_operator
+    from app.db.operators import remove_operator
 
     path = database or settings_of().database
     with failures("cannot read the database"):
@@ -446,7 +446,7 @@ def remove(name: str, database: Path | None) -> None:
 @DATABASE
 def log(count: int, database: Path | None) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
-    from app.storage.operators import read_actions
+    from app.db.operators import read_actions
 
     with failures("cannot read the database"):
         found = read_actions(database or settings_of().database, count)

@@ -10,9 +10,9 @@ import click
 from app.cli.console import PATH, progress, reason, settings_of
 
 if TYPE_CHECKING:
-    from app.replay.episodes import ShownEpisode
-    from app.replay.files import Format
     from app.task import Course
+    from app.web.replays.episodes import ShownEpisode
+    from app.web.replays.files import Format
 
 NO_GHOST = "none"
 
@@ -52,8 +52,8 @@ def replay(
       marsexplorer replay 3f9a --out replay.gif --ghost frontier-cost --speed 8
       marsexplorer replay 3f9a --out replay.mp4 --ghost none
     """
-    from app.replay.files import VideoMissingError, file_of
     from app.task import GhostError
+    from app.web.replays.files import VideoMissingError, file_of
     from marsexplorer.files import write_whole
 
     form = _format_of(out)
@@ -80,7 +80,7 @@ def replay(
 
 def _format_of(out: Path) -> Format:
     """Return the format that a file's ending names; UsageError for any other."""
-    from app.replay.files import FORMATS
+    from app.web.replays.files import FORMATS
 
     form = next((each for each in FORMATS if out.suffix.lower() == f".{each}"), None)
     if form is None:
@@ -90,8 +90,8 @@ def _format_of(out: Path) -> Format:
 
 
 def _find(database: Path, prefix: str) -> ShownEpisode:
-    from app.replay.episodes import UnknownReplayError, find_episode
-    from app.storage.database import StoreError
+    from app.db.database import StoreError
+    from app.web.replays.episodes import UnknownReplayError, find_episode
 
     try:
         return find_episode(database, prefix)
@@ -103,7 +103,7 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
-    from app.replay.episodes import NoCourseError, courses_of
+    from app.web.replays.episodes import NoCourseError, courses_of
 
     try:
         courses = courses_of(shown)

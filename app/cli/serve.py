@@ -169,8 +169,8 @@ def serve(
     if policies or more or of_the_paper:
         flags["policies"] = (*policies, *more, *of_the_paper)
     settings = settings_of(**flags)
-    from app.server import ServerError, run
-    from app.storage.store import StoreError
+    from app.db.store import StoreError
+    from app.web.server import ServerError, run
 
     try:
         run(settings)

@@ -14,16 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from app.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
-from app.moves.likeness import EpisodeAgreements, episode_agreements
-from app.moves.regret import (
-    POLICY,
-    RegretRow,
-    has_regret,
-    regret_cache,
-    regret_rows,
-    study_estimator,
-)
+from app.db import chain
+from app.db.columns import TABLES
+from app.db.database import BUSY_MS, StoreError, reading, rows, transaction
+from app.db.reader import Reader
+from app.db.releases import ReleaseRow, latest_release, note_release
 from app.release import signing
 from app.release.bundle import initials
 from app.release.croissant import write_croissant
@@ -34,18 +29,23 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.tables import QUERIES, released_episodes, write_tables
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
-from app.storage import chain
-from app.storage.columns import TABLES
-from app.storage.database import BUSY_MS, StoreError, reading, rows, transaction
-from app.storage.reader import Reader
-from app.storage.releases import ReleaseRow, latest_release, note_release
-from app.study.data import StudyData, load
-from app.study.folder import Advance, Folder
-from app.study.invitations import Invitation, Invitations
-from app.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
-from app.study.policy_files import FOLDER, PolicyFiles
-from app.study.protocol import Protocol, StudyError, parse_protocol
-from app.study.verification import verify_moment
+from app.report.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
+from app.report.moves.likeness import EpisodeAgreements, episode_agreements
+from app.report.moves.regret import (
+    POLICY,
+    RegretRow,
+    has_regret,
+    regret_cache,
+    regret_rows,
+    study_estimator,
+)
+from app.series.data import StudyData, load
+from app.series.folder import Advance, Folder
+from app.series.invitations import Invitation, Invitations
+from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
+from app.series.policy_files import FOLDER, PolicyFiles
+from app.series.protocol import Protocol, StudyError, parse_protocol
+from app.series.verification import verify_moment
 from app.task import Configuration, Rules
 from marsexplorer.files import replace_whole
 

@@ -10,21 +10,21 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from app.database_file.file import DatabaseLock
-from app.moves.regret import POLICY, RegretRow
+from app.db.database import StoreError, reading, transaction
+from app.db.erasure import learn_counts
+from app.db.file import DatabaseLock
+from app.db.merging import MergeCounts, kept_or_new_database, merge_rows
+from app.db.reader import Reader
+from app.db.releases import ReleaseRow, note_imported_release
+from app.db.resimulation import Finding
 from app.release.errors import ReleaseError
 from app.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
-from app.storage.database import StoreError, reading, transaction
-from app.storage.erasure import learn_counts
-from app.storage.merging import MergeCounts, kept_or_new_database, merge_rows
-from app.storage.reader import Reader
-from app.storage.releases import ReleaseRow, note_imported_release
-from app.storage.resimulation import Finding
-from app.study.data import load
-from app.study.folder import Advance
-from app.study.policy_episodes import PolicyEpisode
-from app.study.policy_files import FOLDER
-from app.study.verification import Verification, verify_database
+from app.report.moves.regret import POLICY, RegretRow
+from app.series.data import load
+from app.series.folder import Advance
+from app.series.policy_episodes import PolicyEpisode
+from app.series.policy_files import FOLDER
+from app.series.verification import Verification, verify_database
 from app.task import Rules
 
 

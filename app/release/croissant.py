@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from app.db.columns import Column, bundle_reference, bundle_table, summary
 from app.release.errors import ReleaseError, library
 from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader, sha256
 from app.release.tables import PARQUET
-from app.storage.columns import Column, bundle_reference, bundle_table, summary
 
 ENCODING_FORMATS = {
     **{f"parquet/{table}.parquet": "application/x-parquet" for table in PARQUET},

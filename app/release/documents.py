@@ -14,9 +14,9 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader
-from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
-from app.study.protocol import canonical
+from app.series.protocol import canonical
 
 LICENCES = {
     "CC-BY-4.0": (

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from app.db.resimulation import Finding
 from app.release import signing
 from app.release.errors import ReleaseError
-from app.storage.resimulation import Finding
-from app.study.flow import Arrivals
-from app.study.protocol import Protocol
+from app.series.flow import Arrivals
+from app.series.protocol import Protocol
 
 RELEASE_FORMAT = "marsexplorer-release-1"
 BUNDLE_DATABASE = "study.sqlite"

@@ -15,13 +15,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.db import chain
+from app.db.columns import TABLES
+from app.db.database import open_database, rows, stream, transaction
+from app.db.erasure import ARRIVALS, ERASED
 from app.release.errors import ReleaseError
-from app.storage import chain
-from app.storage.columns import TABLES
-from app.storage.database import open_database, rows, stream, transaction
-from app.storage.erasure import ARRIVALS, ERASED
-from app.study.flow import Arrivals, with_invitations, with_noted
-from app.study.invitations import Invitation
+from app.series.flow import Arrivals, with_invitations, with_noted
+from app.series.invitations import Invitation
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")

@@ -14,17 +14,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from app.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
-from app.moves.likeness import NO_PLAN, episode_agreements
-from app.moves.regret import POLICY, regret_rows, study_estimator
+from app.db.resimulation import Finding
 from app.release.bundle import Bundle
 from app.release.manifest import check_files
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared
 from app.report.model import Report
+from app.report.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
+from app.report.moves.likeness import NO_PLAN, episode_agreements
+from app.report.moves.regret import POLICY, regret_rows, study_estimator
 from app.report.page import render
-from app.storage.resimulation import Finding
-from app.study.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
+from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.task import PolicyError
 
 NOT_COMPARED = ("made_at", "software_version")

@@ -12,11 +12,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from app.db.columns import BUNDLE_TABLES, bundle_table
+from app.db.database import rows, stream
+from app.db.export import csv_cell
+from app.db.trial import Trial
 from app.release.errors import library
-from app.storage.columns import BUNDLE_TABLES, bundle_table
-from app.storage.database import rows, stream
-from app.storage.export import csv_cell
-from app.storage.trial import Trial
 from app.task import Run
 
 QUERIES = Path(__file__).with_name("queries.sql")

@@ -6,6 +6,6 @@ score so far.
 
 from app.report.build import build
 from app.report.model import Report
-from app.statistics.study_figures import live_figure
+from app.report.statistics.study_figures import live_figure
 
 __all__ = ["Report", "build", "live_figure"]

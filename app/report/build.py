@@ -13,19 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.moves.analysis import MoveAnalysis
+from app.db.trial import Trial
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import Facts, checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
-from app.statistics.attestation_summary import attestation_summary
-from app.statistics.comparisons import (
+from app.report.moves.analysis import MoveAnalysis
+from app.report.statistics.attestation_summary import attestation_summary
+from app.report.statistics.comparisons import (
     PolicyComparison,
     compare_policy,
     holm,
     new_terrains_interval,
     player_means,
 )
-from app.statistics.exclusion_sets import (
+from app.report.statistics.exclusion_sets import (
     METRICS,
     Cohort,
     MetricName,
@@ -33,20 +34,19 @@ from app.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
-from app.statistics.headline import HEADLINE_RULE
-from app.statistics.learning import assess_learning, trial_means
-from app.statistics.mixed_model import fit_mixed_model
-from app.statistics.spread import iqm, iqm_interval, variance_components
-from app.statistics.study_figures import (
+from app.report.statistics.headline import HEADLINE_RULE
+from app.report.statistics.learning import assess_learning, trial_means
+from app.report.statistics.mixed_model import fit_mixed_model
+from app.report.statistics.spread import iqm, iqm_interval, variance_components
+from app.report.statistics.study_figures import (
     NO_HUMAN_FIGURE,
     figure_sentence,
     primary_set,
     study_figures,
 )
-from app.statistics.terrain_leaks import leak_trend
-from app.storage.trial import Trial
-from app.study.data import StudyData
-from app.study.flow import participant_flow
+from app.report.statistics.terrain_leaks import leak_trend
+from app.series.data import StudyData
+from app.series.flow import participant_flow
 from marsexplorer.evaluation.intervals import Floats
 
 ESTIMAND = (
@@ -66,8 +66,8 @@ def build(
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
-    pictures  by group's name, what `app.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    moves     by group's name, what `app.moves.analysis.analyse_moves` gives; none: no regret and no likeness
+    pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
+    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret and no likeness
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from app.db.trial import Trial
 from app.report import measured_coverage
-from app.statistics.exclusion_sets import Cohort
-from app.statistics.formatting import percent
-from app.statistics.intervals import TAIL, Estimate
-from app.storage.trial import Trial
-from app.study.data import StudyData
-from app.study.protocol import protocol_hash
-from app.study.seeds import commitment, seed
+from app.report.statistics.exclusion_sets import Cohort
+from app.report.statistics.formatting import percent
+from app.report.statistics.intervals import TAIL, Estimate
+from app.series.data import StudyData
+from app.series.protocol import protocol_hash
+from app.series.seeds import commitment, seed
 from app.task import Words
 
 if TYPE_CHECKING:

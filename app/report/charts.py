@@ -17,8 +17,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from app.report.model import GroupReport, PolicyRow, Report
-from app.statistics.comparisons import PolicyComparison
-from app.study.flow import ParticipantFlow
+from app.report.statistics.comparisons import PolicyComparison
+from app.series.flow import ParticipantFlow
 
 PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from app.study.protocol import Protocol
+from app.series.protocol import Protocol
 
 Source = Literal["database", "protocol", "software", "missing"]
 RECRUITMENT = {
@@ -41,7 +41,7 @@ class Facts:
     """What the answers are made from.
 
     sets      the figure under each exclusion set, as sentences
-    leak      what the trend over earlier finishers says (`app.statistics.terrain_leaks`)
+    leak      what the trend over earlier finishers says (`app.report.statistics.terrain_leaks`)
     started   people who began a ranked episode
     excluded  of them, those who are not in the primary figure
     """

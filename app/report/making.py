@@ -9,25 +9,25 @@ from pathlib import Path
 
 import numpy as np
 
-from app.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
+from app.db.reader import Reader
+from app.db.studies import find_study, participants
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
+from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
 from app.report.page import render
-from app.statistics.summaries import (
+from app.report.statistics.summaries import (
     coverage_curve,
     summarize_groups,
     summary_of,
     visit_counts,
 )
-from app.storage.reader import Reader
-from app.storage.studies import find_study, participants
-from app.study.data import StudyData, load
-from app.study.flow import with_invitations
-from app.study.folder import Folder, Study
-from app.study.invitations import Invitations
-from app.study.policy_episodes import PolicyEpisode, compared_policies, play_policies
-from app.study.policy_files import FOLDER
-from app.study.protocol import StudyError
+from app.series.data import StudyData, load
+from app.series.flow import with_invitations
+from app.series.folder import Folder, Study
+from app.series.invitations import Invitations
+from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
+from app.series.policy_files import FOLDER
+from app.series.protocol import StudyError
 from app.task import Configuration, Rules
 
 REPORT_FILES = {

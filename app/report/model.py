@@ -7,17 +7,17 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from app.moves.analysis import MoveAnalysis
 from app.report.checklist import Item
-from app.statistics.attestation_summary import AttestationSummary
-from app.statistics.comparisons import PolicyComparison
-from app.statistics.intervals import Interval
-from app.statistics.learning import Learning, TrialMean
-from app.statistics.mixed_model import MixedModel
-from app.statistics.spread import VarianceComponents
-from app.statistics.study_figures import StudyFigure
-from app.statistics.terrain_leaks import LeakTrend
-from app.study.flow import ParticipantFlow
+from app.report.moves.analysis import MoveAnalysis
+from app.report.statistics.attestation_summary import AttestationSummary
+from app.report.statistics.comparisons import PolicyComparison
+from app.report.statistics.intervals import Interval
+from app.report.statistics.learning import Learning, TrialMean
+from app.report.statistics.mixed_model import MixedModel
+from app.report.statistics.spread import VarianceComponents
+from app.report.statistics.study_figures import StudyFigure
+from app.report.statistics.terrain_leaks import LeakTrend
+from app.series.flow import ParticipantFlow
 from app.task import Words
 from marsexplorer.evaluation.intervals import Floats
 

@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
+from app.report.statistics.study_figures import why_no_interval
 from app.report.tables import (
     GroupTables,
     PageTable,
@@ -25,7 +26,6 @@ from app.report.tables import (
     group_tables,
     second_analysis_tables,
 )
-from app.statistics.study_figures import why_no_interval
 from app.task import rules_of
 
 FOLDER = Path(__file__).parent

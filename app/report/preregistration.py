@@ -12,13 +12,13 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.report.build import ESTIMAND
-from app.statistics.exclusion_sets import rule_in_words
-from app.statistics.headline import HEADLINE_RULE
-from app.statistics.planning import plan_study
-from app.study.folder import Study
-from app.study.plausibility import LABELS
-from app.study.policy_episodes import compared_policies
-from app.study.protocol import Protocol
+from app.report.statistics.exclusion_sets import rule_in_words
+from app.report.statistics.headline import HEADLINE_RULE
+from app.report.statistics.planning import plan_study
+from app.series.folder import Study
+from app.series.plausibility import LABELS
+from app.series.policy_episodes import compared_policies
+from app.series.protocol import Protocol
 
 RECRUITMENT = {
     "open": "Anybody who has the link may take part.",

@@ -6,16 +6,16 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from app.moves.analysis import MoveAnalysis
-from app.moves.likeness import Likeness
-from app.moves.regret import RegretSummary
+from app.db.trial import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, Cell, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.statistics.exclusion_sets import METRICS
-from app.statistics.formatting import NONE, interval, number, p_value, percent
-from app.statistics.mixed_model import MixedModel
-from app.statistics.study_figures import StudyFigure, why_no_interval
-from app.storage.trial import Attestation
+from app.report.moves.analysis import MoveAnalysis
+from app.report.moves.likeness import Likeness
+from app.report.moves.regret import RegretSummary
+from app.report.statistics.exclusion_sets import METRICS
+from app.report.statistics.formatting import NONE, interval, number, p_value, percent
+from app.report.statistics.mixed_model import MixedModel
+from app.report.statistics.study_figures import StudyFigure, why_no_interval
 from app.task import rules_of
 
 

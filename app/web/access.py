@@ -11,12 +11,12 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 from starlette.websockets import WebSocket
 
-from app.play.lobby import UnknownSessionError
-from app.play.session import Session
-from app.protection import client_address
-from app.replay.episodes import Asker
-from app.services import Services
+from app.board.lobby import UnknownSessionError
+from app.board.session import Session
 from app.web import cookies
+from app.web.protection import client_address
+from app.web.replays.episodes import Asker
+from app.web.services import Services
 
 
 def services_of(connection: HTTPConnection) -> Services:

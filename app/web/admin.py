@@ -27,20 +27,20 @@ from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from pydantic import Field
 
-from app.admin import live_boards, participants
-from app.admin.exports import ExportError, ExportKind
-from app.admin.login import TooManyAttemptsError, WrongPasswordError
-from app.admin.participants import recruiting
-from app.admin.services import AdminServices
-from app.play.lobby import UnknownSessionError
-from app.play.messages import Message, encode_error
-from app.protection import client_address, has_own_origin
-from app.storage.reader import Reader
-from app.study.folder import Study
-from app.study.invitations import MAX_INVITATIONS, token_of
-from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.board.lobby import UnknownSessionError
+from app.board.messages import Message, encode_error
+from app.db.reader import Reader
+from app.series.folder import Study
+from app.series.invitations import MAX_INVITATIONS, token_of
+from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import close, is_operator, services_of
+from app.web.operator import live_boards, participants
+from app.web.operator.exports import ExportError, ExportKind
+from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
+from app.web.operator.participants import recruiting
+from app.web.operator.services import AdminServices
+from app.web.protection import client_address, has_own_origin
 from app.web.sockets import UNKNOWN_SESSION
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403

@@ -9,14 +9,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
-from app.play.lobby import Lobby
-from app.play.messages import (
+from app.board.lobby import Lobby
+from app.board.messages import (
     Act,
     ChangePace,
     Pace,
 )
-from app.play.session import SCRIPT, RefusedError, Session
-from app.protection import has_own_origin
+from app.board.session import SCRIPT, RefusedError, Session
 from app.task import Messages, describe
 from app.web.access import (
     controlled_session,
@@ -26,6 +25,7 @@ from app.web.access import (
     services_of,
     visible_session,
 )
+from app.web.protection import has_own_origin
 from app.web.sockets import as_move
 
 router = APIRouter(prefix="/api")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
-from app.admin.login import TOKEN_S
-from app.protection import is_secure
+from app.web.operator.login import TOKEN_S
+from app.web.protection import is_secure
 
 PLAYER_COOKIE = "mars_player"
 ADMIN_COOKIE = "mars_admin"

@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 
-from app.daily import day_end_ms, describe_attempt, people_on, streak
-from app.play.daily import DailyPlayedError, day_before, seed_of
-from app.protection import has_own_origin
-from app.services import Services
-from app.storage.playground import DailyTerrain, attempts_of
-from app.storage.reader import Reader
+from app.board.daily import DailyPlayedError, day_before, seed_of
+from app.db.playground import DailyTerrain, attempts_of
+from app.db.reader import Reader
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.daily_results import day_end_ms, describe_attempt, people_on, streak
+from app.web.protection import has_own_origin
+from app.web.services import Services
 
 router = APIRouter(prefix="/api/daily", tags=["daily"])
 Day = Annotated[

@@ -11,11 +11,11 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse, Response
 from starlette.exceptions import HTTPException
 
+from app.board.lobby import UnknownSessionError
+from app.board.messages import NO_BODY, describe_errors
+from app.db.store import StoreError
 from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
-from app.play.lobby import UnknownSessionError
-from app.play.messages import NO_BODY, describe_errors
-from app.protection.headers import headers_of
-from app.storage.store import StoreError
+from app.web.protection.headers import headers_of
 from app.web.templates import environment, path_of, root_of
 
 TITLES = {

@@ -17,7 +17,7 @@ from fastapi import FastAPI
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
 
-from app.play.messages import MAX_MESSAGE_BYTES
+from app.board.messages import MAX_MESSAGE_BYTES
 
 BACKLOG = 1024
 """Connections that may wait to be accepted."""
@@ -161,7 +161,7 @@ def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
         "ws_per_message_deflate": False, "ws_ping_interval": 20.0, "ws_ping_timeout": 20.0,
         "backlog": BACKLOG, "timeout_graceful_shutdown": 3, "lifespan": "on",
         "access_log": False, "log_level": "warning", "server_header": False,
-        "proxy_headers": False,  # `app.protection` reads them
+        "proxy_headers": False,  # `app.web.protection` reads them
     }  # fmt: skip
     config = uvicorn.Config(app, **{**options, **changes})
     logging.getLogger("uvicorn.error").addFilter(is_worth_a_line)

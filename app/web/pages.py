@@ -15,9 +15,9 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
-from app.protection import NO_CACHE, page_policy
-from app.settings import STATIC
+from app import STATIC
 from app.web import api_docs
+from app.web.protection import NO_CACHE, page_policy
 from app.web.templates import environment, root_of
 
 ADMIN_CSP = page_policy(framed="'none'")

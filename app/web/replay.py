@@ -10,12 +10,12 @@ from urllib.parse import quote
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from app.protection import SHARED, is_secure
-from app.replay.episodes import NoCourseError, UnknownReplayError
-from app.replay.files import MEDIA_TYPES, Format, VideoMissingError, offered
-from app.replay.page import Addresses, render
-from app.storage.playground import watchable_session
+from app.db.playground import watchable_session
 from app.web.access import asker_of, owner_of, services_of
+from app.web.protection import SHARED, is_secure
+from app.web.replays.episodes import NoCourseError, UnknownReplayError
+from app.web.replays.files import MEDIA_TYPES, Format, VideoMissingError, offered
+from app.web.replays.page import Addresses, render
 
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]

@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
-from app.leaderboard.leaderboard import UnknownEntryError
-from app.moves.regret import POLICY, regret_cache
-from app.statistics.personal import describe_own, personal_bests
-from app.storage.export import write_own_table, write_table
-from app.storage.reader import Reader
+from app.db.export import write_own_table, write_table
+from app.db.reader import Reader
+from app.report.moves.regret import POLICY, regret_cache
+from app.report.statistics.personal import describe_own, personal_bests
 from app.task import Record
 from app.web.access import owner_of, player_of, services_of
 from app.web.downloads import send_made
+from app.web.leaderboard.leaderboard import UnknownEntryError
 
 router = APIRouter(prefix="/api")
 mine = APIRouter(prefix="/api/me", tags=["me"])

@@ -11,8 +11,8 @@ import contextlib
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from app.play.lobby import UnknownSessionError
-from app.play.messages import (
+from app.board.lobby import UnknownSessionError
+from app.board.messages import (
     Act,
     BadMessageError,
     Events,
@@ -24,11 +24,11 @@ from app.play.messages import (
     no_action,
     parse_message,
 )
-from app.play.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
-from app.protection import has_own_origin
-from app.storage.store import StoreError
+from app.board.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
+from app.db.store import StoreError
 from app.task import Task
 from app.web.access import close, is_owner, may_control, services_of, visible_session
+from app.web.protection import has_own_origin
 
 UNKNOWN_SESSION = 4404
 """Close code of our own sockets for a session that the asker may not see."""

@@ -10,17 +10,17 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
 
-from app.moves.regret import POLICY
-from app.play.messages import Message
-from app.play.session import RefusedError
-from app.storage.study_rows import Participant, participant_label
-from app.storage.trial import Trial
-from app.study.debrief import NoTerrainError, Shown, own_trial
-from app.study.folder import Study
-from app.study.progress import NotJoinedError, ParticipantProgress, StageError, break_due
-from app.study.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.study.recruitment import Arrival, supervised_until_ms
-from app.study.templates import placeholder_values
+from app.board.messages import Message
+from app.board.session import RefusedError
+from app.db.study_rows import Participant, participant_label
+from app.db.trial import Trial
+from app.report.moves.regret import POLICY
+from app.series.debrief import NoTerrainError, Shown, own_trial
+from app.series.folder import Study
+from app.series.progress import NotJoinedError, ParticipantProgress, StageError, break_due
+from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.series.recruitment import Arrival, supervised_until_ms
+from app.series.templates import placeholder_values
 from app.task import describe
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
@@ -31,7 +31,7 @@ Name = Annotated[str, Path(max_length=100, description="of the study")]
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
 RULES = ("coverage", "lidar_radius", "max_steps")
-"""What the page's own sentences say of the configuration, by the names of `app.study.templates.PLACEHOLDERS`."""
+"""What the page's own sentences say of the configuration, by the names of `app.series.templates.PLACEHOLDERS`."""
 
 WITHDRAWN = (
     "You have withdrawn. What you had played until then is kept without your name, as the consent text says; to have it "

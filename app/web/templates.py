@@ -7,7 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import HTTPConnection
 
-from app.settings import STATIC
+from app import STATIC
 
 environment = Environment(
     loader=FileSystemLoader([Path(__file__).parent, STATIC]),

@@ -7,9 +7,9 @@ from typing import Any
 from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
-from app.play.lobby import UnknownSessionError
-from app.protection import viewer_policy
+from app.board.lobby import UnknownSessionError
 from app.web.access import close, services_of, visible_session
+from app.web.protection import viewer_policy
 from app.web.sockets import UNKNOWN_SESSION
 
 router = APIRouter(include_in_schema=False)

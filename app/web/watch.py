@@ -10,8 +10,8 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import RedirectResponse, Response
 
-from app.play.messages import encode_error
-from app.play.spectators import UnwatchableError
+from app.board.messages import encode_error
+from app.board.spectators import UnwatchableError
 from app.web.access import asker_of, close, player_of, services_of
 from app.web.pages import page
 from app.web.sockets import UNKNOWN_SESSION

@@ -3,7 +3,7 @@
 Coverage of the printed interval, of the ratio, the IQM and the mixed model, and false alarms of the
 test. The truth of a simulated study (`simulated_studies`) is the mean over the population of players
 on its own terrains, as in a report; "new terrains" is judged by the mean over terrains as well.
-Test and ratio are the same test (`app.statistics.comparisons`): of policy - people = 0 for a policy
+Test and ratio are the same test (`app.report.statistics.comparisons`): of policy - people = 0 for a policy
 that is as good as people in the mean, and of policy - ratio people = 0 for the true ratio.
 """
 
@@ -16,11 +16,11 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.measured_coverage import Cell, ScorePopulation
-from app.statistics.crossed import crossed_interval, crossed_p
-from app.statistics.headline import is_a_few_players
-from app.statistics.intervals import TAIL, Ends, guaranteed_covers, printed_interval
-from app.statistics.mixed_model import fit_mixed_model
-from app.statistics.spread import iqm, iqm_shares
+from app.report.statistics.crossed import crossed_interval, crossed_p
+from app.report.statistics.headline import is_a_few_players
+from app.report.statistics.intervals import TAIL, Ends, guaranteed_covers, printed_interval
+from app.report.statistics.mixed_model import fit_mixed_model
+from app.report.statistics.spread import iqm, iqm_shares
 from marsexplorer.evaluation.intervals import Floats, t_interval
 from research.coverage.simulated_studies import (
     SCORE_BOUNDS,

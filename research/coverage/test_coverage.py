@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest, saved
-from app.statistics.spread import iqm
+from app.report.statistics.spread import iqm
 from research.coverage.__main__ import headline_table, markdown_table
 from research.coverage.measure import (
     coverage_error,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from app.statistics.learning import assess_learning
-from app.statistics.planning import derived_margin, plan_study, planned_sds
-from app.study.protocol import Protocol, default_protocol
+from app.report.statistics.learning import assess_learning
+from app.report.statistics.planning import derived_margin, plan_study, planned_sds
+from app.series.protocol import Protocol, default_protocol
 from marsexplorer.config import EnvConfig
 
 

@@ -14,7 +14,7 @@ import click
 import numpy as np
 import scipy
 
-from app.statistics.intervals import printed_interval
+from app.report.statistics.intervals import printed_interval
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.intervals import Floats

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.statistics.planning import derived_margin, plan_study
-from app.study.protocol import default_protocol
+from app.report.statistics.planning import derived_margin, plan_study
+from app.series.protocol import default_protocol
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
 from research.methods.effort_rates import effort_rate

@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from app.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
-from app.statistics.human_level import VolunteerFigures, human_level
-from app.statistics.intervals import estimate
-from app.statistics.study_figures import metric_bounds
-from app.storage.store import Store
+from app.db.store import Store
+from app.report.statistics.human_level import VolunteerFigures, human_level
+from app.report.statistics.intervals import estimate
+from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
+from app.web.leaderboard.leaderboard import MAX_EPISODES, HumanSummaries
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from app.simulate import occupancy_codes
+from app.web.simulate import occupancy_codes
 from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, Hand, chromium_path
 from tests.support.servers import PATIENCE_S, eventually
 

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from app.leaderboard import entries
 from app.tasks.mars.policies import PolicyCatalogue
+from app.web.leaderboard import entries
 from tests.support.browser import NO_3D, keep_picture, violations
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -59,7 +59,7 @@ def until(page, claim):
 def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     serve, player, look, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("app.admin.participants.FRESH_S", 0.5)
+    monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
     study = freeze(tmp_path / "studies", size=(7, 9), title="Dunes of the south")
     server = serve(admin_password=PASSWORD)
     me = player(server, NO_3D)
@@ -206,7 +206,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
 
 def play_for_the_score(server, client):
     """A counted episode: the person's own cookie, keys, our page's Origin."""
-    from app.simulate import occupancy_codes
+    from app.web.simulate import occupancy_codes
     from marsexplorer.config import ACTIONS
     from marsexplorer.policies import load
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.storage.store import Store
+from app.db.store import Store
 from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S

@@ -5,9 +5,9 @@ from contextlib import closing
 
 import pytest
 
-from app.study.folder import Folder
-from app.study.protocol import default_protocol
-from app.study.verification import verify_database
+from app.series.folder import Folder
+from app.series.protocol import default_protocol
+from app.series.verification import verify_database
 from app.task import rules_of
 from tests.support.browser import AS_A_PERSON, NO_3D, violations
 

@@ -7,9 +7,9 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
-from app.study.folder import Folder
-from app.study.invitations import Invitations, link_of
-from app.study.recruitment import code_of
+from app.series.folder import Folder
+from app.series.invitations import Invitations, link_of
+from app.series.recruitment import code_of
 from tests.browser.test_study_page import SIZES, Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
 from tests.support.servers import eventually

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from app.settings import Settings
+from app.web.settings import Settings
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 ENVIRONMENT = (DEPLOY / "systemd" / "marsexplorer.env").read_text()

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from app.admin.login import ATTEMPTS_PER_MINUTE
-from app.simulate import Socket
 from app.web.listening import uvicorn_config
+from app.web.operator.login import ATTEMPTS_PER_MINUTE
+from app.web.simulate import Socket
 from tests.support.browser import free_port
 from tests.support.others import measure, misbehaving
 from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually

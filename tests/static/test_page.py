@@ -11,7 +11,7 @@ from typing import get_args
 
 import pytest
 
-from app.play import messages
+from app.board import messages
 from app.tasks.mars import messages as mars
 from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from axe_playwright_python.base import AXE_SCRIPT
 
-from app.play.attestation import FASTEST
+from app.board.attestation import FASTEST
 
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
 """Where pictures of the screens go, when MARS_PICTURES is set."""

@@ -2,7 +2,7 @@
 
 That process is one for a whole run of pytest, however many processes test. `python -m tests.support.forked_server FD` is it: it
 answers at the listening socket FD, imports the app with the first request, and ends with its standard input, hence with the
-run. Each fork runs `app.server.run` with its own settings, database and port; it can be stopped, killed and waited for.
+run. Each fork runs `app.web.server.run` with its own settings, database and port; it can be stopped, killed and waited for.
 """
 
 import os
@@ -78,7 +78,7 @@ def serve_and_wait(answers, request):
 
 def serve(settings, log, environment, listening=None):
     """Run a server whose output goes to the file `log`; `listening` is a socket's descriptor that it inherits."""
-    from app.settings import Settings
+    from app.web.settings import Settings
     from tests.support.loaded_app import run
 
     os.environ.clear()

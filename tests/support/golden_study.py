@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from app.cli.main import main
-from app.storage.export import export_to
-from app.study.folder import Folder
+from app.db.export import export_to
+from app.series.folder import Folder
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.stored_studies import StudyRecorder

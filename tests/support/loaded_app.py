@@ -5,8 +5,8 @@ What a server does at its start it still does; what it would read from the disk 
 
 import gc
 
-from app.server import run
 from app.tasks.mars.policies import PolicyCatalogue
+from app.web.server import run
 
 __all__ = ["run"]
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from app.db.trial import Trial
 from app.report.model import PolicyRun
-from app.storage.trial import Trial
-from app.study.data import Person, StudyData
-from app.study.protocol import default_protocol, protocol_hash
+from app.series.data import Person, StudyData
+from app.series.protocol import default_protocol, protocol_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
 
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from websockets.asyncio.client import connect
 
-from app.simulate import occupancy_codes
+from app.web.simulate import occupancy_codes
 from marsexplorer.policies import load
 
 PLAYERS, MOVES_PER_SECOND = 8, 10

@@ -6,8 +6,8 @@ import itertools
 import time
 from collections.abc import Sequence
 
-from app.storage.input_events import InputEventRow, add_input_events
-from app.storage.store import Resumable, SessionRow, StepRow, Store, Trial
+from app.db.input_events import InputEventRow, add_input_events
+from app.db.store import Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 

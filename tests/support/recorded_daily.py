@@ -1,8 +1,8 @@
 """Daily attempts put into a store as the server does it."""
 
-from app.play.daily import day_start_ms, seed_of, terrain_of_day
-from app.storage.playground import daily_secret, keep_terrain
-from app.storage.store import DailyDay, Store
+from app.board.daily import day_start_ms, seed_of, terrain_of_day
+from app.db.playground import daily_secret, keep_terrain
+from app.db.store import DailyDay, Store
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 

@@ -12,7 +12,7 @@ import pytest
 import uvicorn
 from websockets.sync.client import connect
 
-from app.simulate import Clock, Socket
+from app.web.simulate import Clock, Socket
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -167,7 +167,7 @@ class Running:
 @pytest.fixture
 def limits():
     """The limits of a server that is asked for none: people at machine speed are not slowed down to a hand's."""
-    from app.settings import Limits
+    from app.web.settings import Limits
 
     fast = "100000+100000/s"
     return Limits(messages=fast, requests_per_address=fast)
@@ -184,10 +184,10 @@ def shipped_policies():
 @pytest.fixture
 def serve(tmp_path, limits, shipped_policies):
     """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
-    from app.play.sources import Sources
-    from app.server import Prepared, create_app
-    from app.settings import Settings
+    from app.board.sources import Sources
     from app.web.listening import bound_connections, listen, uvicorn_config
+    from app.web.server import Prepared, create_app
+    from app.web.settings import Settings
 
     running = []
 

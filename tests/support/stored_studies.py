@@ -6,13 +6,13 @@ import itertools
 import json
 import random
 
-from app.storage import chain
-from app.storage.store import SessionRow, StepRow, Store, Trial
-from app.storage.studies import StudyStore
-from app.storage.study_rows import Participant
-from app.study.folder import Folder
-from app.study.protocol import canonical, default_protocol
-from app.study.seeds import TUTORIAL_SEED
+from app.db import chain
+from app.db.store import SessionRow, StepRow, Store, Trial
+from app.db.studies import StudyStore
+from app.db.study_rows import Participant
+from app.series.folder import Folder
+from app.series.protocol import canonical, default_protocol
+from app.series.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 

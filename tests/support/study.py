@@ -2,9 +2,9 @@
 
 import pytest
 
-from app.simulate import NoisyPolicy, Participant, RefusedError
-from app.study.folder import Folder
-from app.study.protocol import default_protocol
+from app.series.folder import Folder
+from app.series.protocol import default_protocol
+from app.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 
 SIZE = (7, 9)

@@ -23,8 +23,8 @@ from app.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from app.moves.regret import RegretSummary
-    from app.study.data import StudyData
+    from app.report.moves.regret import RegretSummary
+    from app.series.data import StudyData
 
 
 @click.command(short_help="Where the players of a study lose moves.")
@@ -49,9 +49,9 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
       marsexplorer regret --study pilot
       marsexplorer regret --study pilot --json regret.json
     """
-    from app.moves.regret import regret_of_study
+    from app.db.reader import Reader
     from app.report.making import load_with_folder
-    from app.storage.reader import Reader
+    from app.report.moves.regret import regret_of_study
 
     settings = settings_of()
     path = database or settings.database
@@ -70,7 +70,7 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
 
 def _show(data: StudyData, found: RegretSummary) -> None:
     """Print a row for each player, and the means."""
-    from app.statistics.formatting import interval, number, percent
+    from app.report.statistics.formatting import interval, number, percent
 
     phase = "ranked" if found.phase == "ranked" else "warm-up"
     rows = [

@@ -109,7 +109,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
 
 def _print_figures(mark: str, group: GroupReport) -> None:
     """Print the figure under each exclusion set; nothing where no set has players."""
-    from app.statistics.formatting import interval, number
+    from app.report.statistics.formatting import interval, number
 
     rows = []
     for figure in group.figures:
@@ -127,7 +127,7 @@ def _print_figures(mark: str, group: GroupReport) -> None:
 
 def _print_comparisons(mark: str, group: GroupReport) -> None:
     """Print the comparisons in score; nothing where there are none."""
-    from app.statistics.formatting import interval, number, p_value
+    from app.report.statistics.formatting import interval, number, p_value
 
     compared = [
         (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.new, 4), p_value(each.p_value),
@@ -149,7 +149,7 @@ def _print_comparisons(mark: str, group: GroupReport) -> None:
 
 def _print_regret(group: GroupReport) -> None:
     """Print where moves are lost; nothing where that was not worked out."""
-    from app.statistics.formatting import interval, number, percent
+    from app.report.statistics.formatting import interval, number, percent
 
     if (found := group.moves.regret) is not None:
         shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
@@ -161,7 +161,7 @@ def _print_regret(group: GroupReport) -> None:
 
 def _print_second_analysis(mark: str, group: GroupReport) -> None:
     """Print the mixed model."""
-    from app.statistics.formatting import interval, number
+    from app.report.statistics.formatting import interval, number
 
     models = [metric.mixed_model for metric in group.metrics]
     rows = [

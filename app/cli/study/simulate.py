@@ -9,7 +9,7 @@ import click
 from app.cli.console import print_table, progress
 
 if TYPE_CHECKING:
-    from app.simulate import Outcome
+    from app.web.simulate import Outcome
 
 TOKEN_VARIABLE = "MARS_LIMITS__TOKEN"
 """The variable that holds the server's token, with which any number may play from one address."""
@@ -69,7 +69,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
 
     from httpx import HTTPError
 
-    from app.simulate import Plan, RefusedError, ServerAwayError, fetch_study, simulate
+    from app.web.simulate import Plan, RefusedError, ServerAwayError, fetch_study, simulate
 
     plan = Plan(url.rstrip("/"), study, 0, token=os.environ.get(TOKEN_VARIABLE), **options)
     outcomes: list[Outcome] = []

@@ -31,9 +31,9 @@ from app.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from app.statistics.planning import StudyPlan
-    from app.study.invitations import Use
-    from app.study.protocol import Protocol
+    from app.report.statistics.planning import StudyPlan
+    from app.series.invitations import Use
+    from app.series.protocol import Protocol
     from app.task import Words
 
 
@@ -130,7 +130,7 @@ def new(
       marsexplorer study new lake --task FrozenLake-v1
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
-    from app.study.protocol import default_protocol
+    from app.series.protocol import default_protocol
 
     name_of_task = "mars" if task is None else task_name(task)
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
@@ -222,8 +222,8 @@ def _note_in_database(found: Any, database: Path) -> None:
     """Note the end in the database; where a server has it open, that server does so."""
     if not database.exists():
         return
-    from app.storage.store import Store, StoreError
-    from app.storage.studies import StudyStore
+    from app.db.store import Store, StoreError
+    from app.db.studies import StudyStore
 
     try:
         store = Store(database)
@@ -245,7 +245,7 @@ def show(name: str, studies: Path | None) -> None:
     """
     import json
 
-    from app.study.templates import fill
+    from app.series.templates import fill
 
     folder = folder_of(studies)
     with study_errors():
@@ -327,7 +327,7 @@ def power(
       marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
       marsexplorer study power --study pilot --metric steps --half-width 3
     """
-    from app.statistics.power import plan_sample_size
+    from app.report.statistics.power import plan_sample_size
 
     if name is not None and (player_sd is not None or episode_sd is not None):
         raise click.UsageError("give --study or the two SDs, not both")
@@ -366,8 +366,8 @@ def _players(count: int | None) -> str:
 
 def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
     """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
-    from app.statistics.power import spread_of
-    from app.study.data import load
+    from app.report.statistics.power import spread_of
+    from app.series.data import load
 
     path = database or settings_of().database
     with failures(f"cannot read {path}"), study_errors():
@@ -414,7 +414,7 @@ def invite(
       marsexplorer study invite pilot --list
       marsexplorer study invite pilot --list --csv links.csv
     """
-    from app.study.invitations import Invitations, link_of, state_of
+    from app.series.invitations import Invitations, link_of, state_of
 
     if (count > 0) == lists:
         raise click.UsageError(
@@ -465,7 +465,7 @@ def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
     Example:
       marsexplorer study revoke pilot 7K3M 9ABC
     """
-    from app.study.invitations import Invitations
+    from app.series.invitations import Invitations
 
     with study_errors():
         revoked = Invitations(folder_of(studies)).revoke(name, ids)
@@ -481,8 +481,8 @@ def supervise(name: str, studies: Path | None) -> None:
     Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
     valid until the end of the following one. Whoever knows it can type it anywhere: type it yourself, unseen.
     """
-    from app.study.files import now_ms
-    from app.study.recruitment import code_of, valid_until_ms
+    from app.series.files import now_ms
+    from app.series.recruitment import code_of, valid_until_ms
 
     with study_errors():
         study = folder_of(studies).study(name)
@@ -498,8 +498,8 @@ def _uses(database: Path, name: str) -> dict[str, Use]:
     """Return what the database knows of a study's invitations, by id; nothing where there is no database."""
     if not database.exists():
         return {}
-    from app.storage.reader import Reader
-    from app.study.invitations import uses_of
+    from app.db.reader import Reader
+    from app.series.invitations import uses_of
 
     with failures(f"cannot read {database}"), closing(Reader.open(database)) as reader:
         return uses_of(reader, name)
@@ -521,8 +521,8 @@ def _day(ms: int) -> str:
 
 def _with_reachable_effects(protocol: Protocol) -> Protocol:
     """Return a new protocol with the margin and the difference from a policy that its players see with 80 % power."""
-    from app.statistics.planning import derived_difference, derived_margin
-    from app.study.protocol import parse_protocol
+    from app.report.statistics.planning import derived_difference, derived_margin
+    from app.series.protocol import parse_protocol
 
     reachable = {
         "equivalence_margin": derived_margin(protocol),
@@ -554,7 +554,7 @@ def _echo_reachable_effects(protocol: Protocol) -> None:
 
 def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
     """Return what the protocol can see; UsageError where a planned comparison has less than 50 % power."""
-    from app.statistics.planning import plan_study
+    from app.report.statistics.planning import plan_study
 
     plan = plan_study(protocol)
     if plan.underpowered and not is_underpowered_fine:
@@ -611,7 +611,7 @@ def preregister(name: str, out: Path | None, studies: Path | None) -> None:
       marsexplorer study preregister pilot --out pilot-preregistration.md
     """
     from app.report.preregistration import preregistration
-    from app.study.templates import fill
+    from app.series.templates import fill
 
     folder = folder_of(studies)
     with study_errors():

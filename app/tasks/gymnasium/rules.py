@@ -22,7 +22,7 @@ import gymnasium
 import numpy as np
 from pydantic import BaseModel, Field
 
-from app.play.messages import NewBoard, NewEpisode
+from app.board.messages import NewBoard, NewEpisode
 from app.task import Cause, Messages, Metric, Words
 
 CHOICES: Mapping[str, tuple[str, ...]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from app.play.messages import NewBoard, NewEpisode
+from app.board.messages import NewBoard, NewEpisode
 from app.task import Cause, Choice, Configuration, Policy
 from app.tasks.gymnasium.rules import GymnasiumConfig, GymnasiumRules, GymnasiumRun
 

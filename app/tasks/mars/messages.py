@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from app.play import messages
+from app.board import messages
 from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)

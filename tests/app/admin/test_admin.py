@@ -9,10 +9,10 @@ import pytest
 from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.admin.health import Health
-from app.admin.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
-from app.settings import Settings
 from app.web.cookies import ADMIN_COOKIE
+from app.web.operator.health import Health
+from app.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
+from app.web.settings import Settings
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -172,7 +172,7 @@ def test_another_sites_page_cannot_use_the_operators_cookie(admin):
 
 
 def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypatch):
-    monkeypatch.setattr("app.admin.participants.FRESH_S", 0.5)
+    monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
     operator = admin.operator()
     empty = operator.get("/api/admin/studies/small").json()
     assert (empty["participants"], empty["figure"], empty["status"]) == ([], None, "open")

@@ -19,8 +19,8 @@ import pytest
 from app.cli.console import SizeType
 from app.cli.extras import EXTRA_OF_COMMAND, EXTRAS, INCLUDED, missing_extra
 from app.cli.main import cli, main
-from app.settings import DEFAULT_DATABASE
-from app.storage.store import Store
+from app.db.store import Store
+from app.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S, eventually
@@ -386,10 +386,10 @@ def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):
 
 
 def test_flags_reach_the_server_as_settings(run, monkeypatch, tmp_path):
-    import app.server
+    import app.web.server
 
     seen = []
-    monkeypatch.setattr(app.server, "run", seen.append)
+    monkeypatch.setattr(app.web.server, "run", seen.append)
     monkeypatch.setenv("MARS_HOST", "::1")
     assert (
         run(

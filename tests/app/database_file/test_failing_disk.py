@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 
 resource = pytest.importorskip("resource")
 HOUR_MS = 3_600_000

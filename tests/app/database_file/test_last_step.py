@@ -9,8 +9,8 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
-from app.storage.database import StoreError
-from app.storage.store import Store
+from app.db.database import StoreError
+from app.db.store import Store
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 
 

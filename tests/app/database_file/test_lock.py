@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from app.database_file.file import StoreError
-from app.storage.reader import Reader
-from app.storage.store import Store
+from app.db.file import StoreError
+from app.db.reader import Reader
+from app.db.store import Store
 from tests.support.recorded import play
 
-OPEN = "import sys; from app.storage.store import Store, StoreError\ntry: Store(sys.argv[1])\nexcept StoreError as e: print(e)"
+OPEN = "import sys; from app.db.store import Store, StoreError\ntry: Store(sys.argv[1])\nexcept StoreError as e: print(e)"
 
 
 def opened_elsewhere(path):

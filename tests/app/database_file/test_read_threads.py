@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.database_file.read_threads import THREADS, ReadThreads
-from app.storage.store import READ_CACHE_KB
+from app.db.read_threads import THREADS, ReadThreads
+from app.db.store import READ_CACHE_KB
 from tests.support.servers import eventually
 
 

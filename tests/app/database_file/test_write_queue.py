@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from app.play import attestation
-from app.storage import store as store_module
-from app.storage.store import (
+from app.board import attestation
+from app.db import store as store_module
+from app.db.store import (
     BROKEN,
     FULL,
     LOCKED,
@@ -270,7 +270,7 @@ def test_a_read_that_takes_long_delays_no_move(serve):
 
 
 def test_more_writes_than_may_wait_are_refused_and_nothing_of_them_is_kept(serve, monkeypatch):
-    monkeypatch.setattr("app.storage.store.MAX_WAITING", 3)
+    monkeypatch.setattr("app.db.store.MAX_WAITING", 3)
     assert MAX_WAITING == 1000
     server = serve()
     boards = [begin(server.client(), seed) for seed in range(8)]
@@ -421,7 +421,7 @@ def test_what_was_asked_for_is_written_before_the_thread_ends_and_whoever_has_go
 
 
 def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.storage.store.PATIENCE_S", 0.05)
+    monkeypatch.setattr("app.db.store.PATIENCE_S", 0.05)
 
     async def scenario(store, episodes):
         with locked_elsewhere(tmp_path / "a.db"), pytest.raises(StoreError, match=LOCKED):
@@ -432,8 +432,8 @@ def test_a_write_is_refused_when_the_lock_stays(tmp_path, monkeypatch):
 
 
 def test_a_write_whose_turn_does_not_come_is_refused_and_never_made(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.storage.store.PATIENCE_S", 0.1)
-    monkeypatch.setattr("app.storage.store.NOTICE_S", 0.05)
+    monkeypatch.setattr("app.db.store.PATIENCE_S", 0.1)
+    monkeypatch.setattr("app.db.store.NOTICE_S", 0.05)
 
     async def scenario(store, episodes):
         go_on, _ = await blocked(store)

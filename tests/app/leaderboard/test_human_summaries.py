@@ -2,12 +2,12 @@
 
 import pytest
 
+from app.db.store import Store
 from app.jobs import Jobs
-from app.leaderboard import leaderboard
-from app.leaderboard.leaderboard import HumanSummaries, Leaderboard
-from app.statistics.human_level import human_level
-from app.storage.store import Store
+from app.report.statistics.human_level import human_level
 from app.tasks.mars import rules as replays
+from app.web.leaderboard import leaderboard
+from app.web.leaderboard.leaderboard import HumanSummaries, Leaderboard
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, play
 

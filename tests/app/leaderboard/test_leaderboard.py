@@ -6,12 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from app.leaderboard import entries
-from app.leaderboard.entries import ClosedStudies
-from app.statistics import human_level
-from app.statistics.human_level import VolunteerFigures
-from app.storage.store import Store
-from app.study.folder import Folder
+from app.db.store import Store
+from app.report.statistics import human_level
+from app.report.statistics.human_level import VolunteerFigures
+from app.series.folder import Folder
+from app.web.leaderboard import entries
+from app.web.leaderboard.entries import ClosedStudies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
@@ -61,7 +61,7 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
         time.sleep(READING_S)
         return list_entries(*given)
 
-    monkeypatch.setattr("app.leaderboard.leaderboard.list_entries", read_slowly)
+    monkeypatch.setattr("app.web.leaderboard.leaderboard.list_entries", read_slowly)
 
     def ask(_):
         with server.page() as client:
@@ -97,7 +97,7 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of few terrains, played in one process: the server evaluates in seconds."""
-    monkeypatch.setattr("app.server.WORKERS", 1)
+    monkeypatch.setattr("app.web.server.WORKERS", 1)
     monkeypatch.setattr(
         entries,
         "held_out_seeds",

@@ -8,7 +8,7 @@ import secrets
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from app.monitoring.logs import _SafeFormatter, mask
+from app.web.logs import _SafeFormatter, mask
 from tests.support.study import Person, freeze
 
 PASSWORD = "red-planet-4"

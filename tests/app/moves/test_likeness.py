@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from app.moves.analysis import MoveAnalysis
-from app.moves.likeness import find_likeness, human_likeness, mean_agreement
+from app.db.reader import Reader
 from app.report import build
-from app.statistics.exclusion_sets import members, people_of
-from app.storage.reader import Reader
-from app.study.data import load
+from app.report.moves.analysis import MoveAnalysis
+from app.report.moves.likeness import find_likeness, human_likeness, mean_agreement
+from app.report.statistics.exclusion_sets import members, people_of
+from app.series.data import load
 from marsexplorer.evaluation.agreement import Agreement
 from tests.support.made_studies import played, study
 from tests.support.stored_studies import freeze, play_study

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.moves.analysis import analyse_moves, no_bar
-from app.moves.regret import regret_cache, regret_rows, summarize_regret
-from app.statistics.exclusion_sets import people_of
-from app.statistics.intervals import printed_interval
-from app.storage.reader import Reader
-from app.study.data import load, trial_records
-from app.study.protocol import StudyError
+from app.db.reader import Reader
+from app.report.moves.analysis import analyse_moves, no_bar
+from app.report.moves.regret import regret_cache, regret_rows, summarize_regret
+from app.report.statistics.exclusion_sets import people_of
+from app.report.statistics.intervals import printed_interval
+from app.series.data import load, trial_records
+from app.series.protocol import StudyError
 from marsexplorer.config import ACTIONS
 from marsexplorer.evaluation.regret import RegretEstimator
 from tests.support.stored_studies import freeze, play_study

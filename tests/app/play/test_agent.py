@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.play.agent import DecisionQueue
+from app.board.agent import DecisionQueue
 from app.tasks.mars.policies import PolicyCatalogue
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode

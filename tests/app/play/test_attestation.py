@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from app.play.attestation import (
+from app.board.attestation import (
     LEVELS,
     Attested,
     Conditions,
@@ -16,8 +16,8 @@ from app.play.attestation import (
     level_reaches,
     prepare_end,
 )
-from app.storage.input_events import InputEventRow, add_input_events
-from app.storage.store import StepRow, Store
+from app.db.input_events import InputEventRow, add_input_events
+from app.db.store import StepRow, Store
 from app.tasks.mars.rules import KEYS
 from tests.support.recorded import add_session, open_episode
 

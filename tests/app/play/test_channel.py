@@ -5,7 +5,7 @@ import gc
 
 import pytest
 
-from app.play.session import Channel
+from app.board.session import Channel
 
 
 def test_a_late_subscriber_gets_the_newest_frame_at_once():

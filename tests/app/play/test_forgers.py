@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import pytest
 
-from app.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
-from app.statistics.exclusion_sets import people_of
-from app.statistics.study_figures import study_figures
-from app.study.data import load as load_study
-from app.study.folder import Folder
-from app.study.invitations import Invitations, token_of
+from app.report.statistics.exclusion_sets import people_of
+from app.report.statistics.study_figures import study_figures
+from app.series.data import load as load_study
+from app.series.folder import Folder
+from app.series.invitations import Invitations, token_of
+from app.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.study import Person, freeze

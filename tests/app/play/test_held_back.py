@@ -7,8 +7,8 @@ from contextlib import ExitStack
 import msgspec
 import pytest
 
-from app.admin.live_boards import board_messages
 from app.tasks.mars.run import View
+from app.web.operator.live_boards import board_messages
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import eventually

@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing, suppress
 import httpx
 import pytest
 
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from marsexplorer.config import ACTIONS
 from tests.support.servers import PATIENCE_S, eventually
 

@@ -5,11 +5,11 @@ import itertools
 
 import pytest
 
-from app.play.lobby import Lobby, UnknownSessionError
-from app.play.messages import ChangePace
-from app.play.session import Move, RefusedError
-from app.play.sources import Sources
-from app.storage.store import Store, StoreError
+from app.board.lobby import Lobby, UnknownSessionError
+from app.board.messages import ChangePace
+from app.board.session import Move, RefusedError
+from app.board.sources import Sources
+from app.db.store import Store, StoreError
 from app.tasks.mars.messages import NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars

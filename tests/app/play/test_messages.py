@@ -6,7 +6,7 @@ from math import inf, nan
 import pytest
 from pydantic import ValidationError
 
-from app.play.messages import (
+from app.board.messages import (
     Act,
     BadMessageError,
     ChangePace,

@@ -10,12 +10,12 @@ from dataclasses import replace
 import httpx
 import pytest
 
-from app.play.lobby import Lobby
-from app.play.ranked import PageBoards
-from app.play.session import Move
-from app.play.sources import Sources, now_ms
-from app.storage.playground import open_ranked
-from app.storage.store import Store
+from app.board.lobby import Lobby
+from app.board.ranked import PageBoards
+from app.board.session import Move
+from app.board.sources import Sources, now_ms
+from app.db.playground import open_ranked
+from app.db.store import Store
 from app.tasks.mars.messages import NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from app.simulate import occupancy_codes
 from app.tasks.mars.messages import Expected, Thought
 from app.tasks.mars.policies import PolicyCatalogue
+from app.web.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import FREE, ROVER, EnvConfig
 from marsexplorer.policies.kernels.visibility import VisibilityMap

@@ -5,16 +5,16 @@ import secrets
 import sqlite3
 from contextlib import closing
 
-from app.play.lobby import Lobby
-from app.play.ranked import PageBoards
-from app.play.sources import Sources
-from app.settings import Limits
-from app.storage import chain
-from app.storage.playground import delete_unplayed
-from app.storage.store import SessionRow, Store
-from app.study.verification import verify_database
+from app.board.lobby import Lobby
+from app.board.ranked import PageBoards
+from app.board.sources import Sources
+from app.db import chain
+from app.db.playground import delete_unplayed
+from app.db.store import SessionRow, Store
+from app.series.verification import verify_database
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
+from app.web.settings import Limits
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 

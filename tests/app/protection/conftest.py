@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.settings import Limits
+from app.web.settings import Limits
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from app.settings import Limits
-from app.study.verification import verify_database
+from app.series.verification import verify_database
+from app.web.settings import Limits
 from tests.app.protection.test_limits import masked, why_closed
 from tests.support.others import misbehaving
 from tests.support.servers import eventually

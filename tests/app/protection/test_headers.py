@@ -6,7 +6,7 @@ import pytest
 from fastapi.routing import APIRoute
 from starlette.routing import Route
 
-from app.play.messages import MAX_MESSAGE_BYTES
+from app.board.messages import MAX_MESSAGE_BYTES
 from tests.support.study import freeze
 
 SAME_FOR_ALL = {"/", "/study/{name}", "/leaderboard", "/about", "/study", "/daily", "/me", "/docs"}

@@ -5,9 +5,9 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from app.admin.login import ATTEMPTS_PER_MINUTE
 from app.cli.main import main
-from app.settings import Settings
+from app.web.operator.login import ATTEMPTS_PER_MINUTE
+from app.web.settings import Settings
 
 OWN = (
     "127.0.0.1",

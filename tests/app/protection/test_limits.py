@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.protection.limits import MAX_BUCKETS, PATIENCE, PENALTY, Buckets, TokenBucket
-from app.settings import Limits, Settings
+from app.web.protection.limits import MAX_BUCKETS, PATIENCE, PENALTY, Buckets, TokenBucket
+from app.web.settings import Limits, Settings
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import CAMERA, View

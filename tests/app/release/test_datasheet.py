@@ -7,12 +7,12 @@ from dataclasses import asdict
 import pytest
 
 from app.cli.main import main
+from app.db.erasure import forget
+from app.db.reader import Reader
 from app.report import build
 from app.report.making import load_with_folder
-from app.storage.erasure import forget
-from app.storage.reader import Reader
-from app.study.folder import Folder
-from app.study.invitations import Invitations
+from app.series.folder import Folder
+from app.series.invitations import Invitations
 from tests.support.stored_studies import StudyRecorder, freeze, write_chain_anew
 
 

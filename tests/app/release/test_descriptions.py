@@ -11,10 +11,10 @@ import warnings
 import pyarrow.parquet as pq
 import pytest
 
+from app import ROOT
+from app.db.columns import BUNDLE_TABLES, bundle_reference, bundle_table
 from app.release.tables import PARQUET
-from app.settings import ROOT
-from app.storage.columns import BUNDLE_TABLES, bundle_reference, bundle_table
-from app.study.data import load
+from app.series.data import load
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG
 

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from app.cli.main import main
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from tests.support import golden_study
 
 ROUNDING = {"rel": 1e-9, "abs": 1e-12}

@@ -17,17 +17,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.cli.main import main
+from app.db import chain
+from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary
+from app.db.store import SessionRow, StoreError
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
 from app.release.tables import PARQUET
-from app.storage import chain
-from app.storage.columns import BUNDLE_TABLES, bundle_table, dictionary
-from app.storage.store import SessionRow, StoreError
-from app.study.protocol import canonical, canonical_json, parse_protocol
-from app.study.verification import verify_database
+from app.series.protocol import canonical, canonical_json, parse_protocol
+from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
@@ -432,7 +432,7 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.play(recorder.join(0), "ranked", 0)
     recorder.close()
-    from app.study.folder import Folder
+    from app.series.folder import Folder
 
     Folder(tmp_path / "studies").close(study.name)
     args = [

@@ -11,15 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.replay.files import (
-    Timing,
-    VideoMissingError,
-    file_of,
-    has_video,
-    most_gif_pictures,
-    offered,
-)
-from app.replay.page import ENTRY, modules
 from app.tasks.mars.course import course_of, play_ghost
 from app.tasks.mars.pictures import (
     AMBER,
@@ -29,6 +20,15 @@ from app.tasks.mars.pictures import (
     SOIL,
     board_picture,
 )
+from app.web.replays.files import (
+    Timing,
+    VideoMissingError,
+    file_of,
+    has_video,
+    most_gif_pictures,
+    offered,
+)
+from app.web.replays.page import ENTRY, modules
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.recorded import free_moves
@@ -142,7 +142,7 @@ def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):
 def test_without_pyav_no_video_is_offered_and_the_error_names_the_extra(courses, monkeypatch):
     assert has_video()
     monkeypatch.setitem(sys.modules, "av", None)
-    monkeypatch.setattr("app.replay.files.find_spec", lambda name: None)
+    monkeypatch.setattr("app.web.replays.files.find_spec", lambda name: None)
     assert "mp4" not in offered()
     with pytest.raises(VideoMissingError, match=r"pip install 'marsexplorer-playground\[video\]'"):
         file_of("mp4", "e", courses)

@@ -9,7 +9,7 @@ import pytest
 
 from app.report import build
 from app.report.page import render
-from app.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
+from app.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
 from tests.support.made_studies import CONFIG, played, run, study
 

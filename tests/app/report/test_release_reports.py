@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.report import build
-from app.statistics.exclusion_sets import members, people_of
+from app.report.statistics.exclusion_sets import members, people_of
 from tests.support.made_studies import played, run, study
 
 

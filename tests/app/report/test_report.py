@@ -9,8 +9,8 @@ import pytest
 from app.report import build
 from app.report.model import SYNTHETIC
 from app.report.page import render
-from app.statistics.intervals import printed_interval
-from app.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from app.report.statistics.intervals import printed_interval
+from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score

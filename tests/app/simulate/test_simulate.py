@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
+from app.db.reader import Reader
 from app.report.build import build
-from app.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
-from app.statistics.human_level import human_level
-from app.storage.reader import Reader
-from app.study.data import load
-from app.study.folder import Folder
-from app.study.verification import verify_database
+from app.report.statistics.human_level import human_level
+from app.series.data import load
+from app.series.folder import Folder
+from app.series.verification import verify_database
+from app.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
 from tests.support.servers import eventually
 from tests.support.study import freeze
 

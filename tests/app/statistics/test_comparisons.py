@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics.comparisons import (
+from app.report.statistics.comparisons import (
     compare_policy,
     holm,
     new_terrains_interval,
     player_means,
     quotient_interval,
 )
-from app.statistics.crossed import crossed_p
-from app.statistics.intervals import printed_interval
+from app.report.statistics.crossed import crossed_p
+from app.report.statistics.intervals import printed_interval
 
 NAN = float("nan")
 

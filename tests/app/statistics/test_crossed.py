@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.statistics.crossed import (
+from app.report.statistics.crossed import (
     can_be_crossed,
     crossed_components,
     crossed_interval,

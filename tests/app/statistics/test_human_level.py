@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics import human_level as module
-from app.statistics.human_level import NOBODY_PLAYED, VolunteerFigures, human_level, mean_interval
-from app.statistics.intervals import estimate
-from app.statistics.study_figures import metric_bounds
-from app.storage.store import Store
+from app.db.store import Store
+from app.report.statistics import human_level as module
+from app.report.statistics.human_level import (
+    NOBODY_PLAYED,
+    VolunteerFigures,
+    human_level,
+    mean_interval,
+)
+from app.report.statistics.intervals import estimate
+from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics.intervals import (
+from app.report.statistics.intervals import (
     estimate,
     guaranteed_covers,
     guaranteed_interval,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics.learning import assess_learning, tost
+from app.report.statistics.learning import assess_learning, tost
 from marsexplorer.evaluation.intervals import t_interval
 
 NAN = float("nan")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics.crossed import crossed_mean
-from app.statistics.mixed_model import fit_mixed_model
+from app.report.statistics.crossed import crossed_mean
+from app.report.statistics.mixed_model import fit_mixed_model
 
 NAN = float("nan")
 
@@ -128,7 +128,7 @@ def test_what_cannot_be_fitted_says_so_in_words(table, said):
 
 
 def test_a_fit_that_does_not_converge_says_so_in_words(monkeypatch):
-    import app.statistics.mixed_model as module
+    import app.report.statistics.mixed_model as module
 
     monkeypatch.setattr(module, "_fit", lambda *given: None)
     found = fit_mixed_model("score", *simulated(5)[:2])
@@ -140,7 +140,7 @@ def test_a_fit_that_does_not_converge_says_so_in_words(monkeypatch):
     "sds", [(0.02, 0.03, 0.04), (0.0, 0.03, 0.04), (0.02, 0.0, 0.04), (0.0, 0.0, 0.04)]
 )
 def test_the_fit_does_not_depend_on_where_the_search_begins(sds, monkeypatch):
-    import app.statistics.mixed_model as module
+    import app.report.statistics.mixed_model as module
 
     first = [fit_mixed_model("score", *simulated(seed, sds=sds)[:2]) for seed in range(2)]
     fit = module._fit

@@ -4,10 +4,10 @@ from contextlib import closing
 
 import pytest
 
-from app.statistics.personal import describe_own, personal_bests
-from app.storage.export import export_own
-from app.storage.reader import Reader
-from app.storage.store import Store
+from app.db.export import export_own
+from app.db.reader import Reader
+from app.db.store import Store
+from app.report.statistics.personal import describe_own, personal_bests
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import DAY, play_daily

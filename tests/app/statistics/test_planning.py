@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import scipy
 
-from app.statistics.intervals import printed_interval
-from app.statistics.planning import (
+from app.report.statistics.intervals import printed_interval
+from app.report.statistics.planning import (
     derived_difference,
     derived_margin,
     difference_power,
     flat_power,
     plan_study,
 )
-from app.study.protocol import default_protocol
+from app.series.protocol import default_protocol
 from marsexplorer.config import EnvConfig
 
 CONFIG = EnvConfig.of("random", 21)
@@ -84,7 +84,7 @@ def test_a_protocol_that_names_no_standard_deviations_is_planned_with_a_new_stud
 
 
 def test_the_half_width_is_that_of_the_power_command():
-    from app.statistics.power import plan_sample_size
+    from app.report.statistics.power import plan_sample_size
 
     plan = plan_study(protocol(players=20))
     width = next(each for each in plan_sample_size(28.0, 45.0, 1.0).table if each.players == 20)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.statistics.intervals import printed_interval
-from app.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
+from app.report.statistics.intervals import printed_interval
+from app.report.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
 
 SHROUT_FLEISS = np.array(
     [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float

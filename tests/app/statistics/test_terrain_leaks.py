@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.statistics.terrain_leaks import leak_trend
+from app.report.statistics.terrain_leaks import leak_trend
 from app.task import rules_of
 from tests.support.made_studies import FROZEN_MS, person, trial
 

@@ -14,12 +14,12 @@ from datetime import datetime
 import pytest
 
 from app.cli.main import main
-from app.storage import backup
-from app.storage.backup import Backups, StoppedError, back_up, restore
-from app.storage.checks import quick_check
-from app.storage.database import StoreError
-from app.storage.store import Store
-from app.study.verification import verify_database
+from app.db import backup
+from app.db.backup import Backups, StoppedError, back_up, restore
+from app.db.checks import quick_check
+from app.db.database import StoreError
+from app.db.store import Store
+from app.series.verification import verify_database
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 from tests.support.servers import eventually
 
@@ -99,8 +99,8 @@ def test_a_backup_overwrites_nothing_and_leaves_nothing_when_it_is_ended(databas
 
 LIMITED = """import resource, signal, sys
 from pathlib import Path
-from app.storage.backup import back_up
-from app.storage.database import StoreError
+from app.db.backup import back_up
+from app.db.database import StoreError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
 try:

@@ -10,16 +10,16 @@ from dataclasses import replace
 import pytest
 
 from app.cli.main import main
+from app.db import chain
+from app.db.chain import Thing
+from app.db.erasure import forget
+from app.db.input_events import InputEventRow, add_input_events
+from app.db.merging import merge
+from app.db.store import Closing, Store
+from app.db.studies import StudyStore
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST
-from app.storage import chain
-from app.storage.chain import Thing
-from app.storage.erasure import forget
-from app.storage.input_events import InputEventRow, add_input_events
-from app.storage.merging import merge
-from app.storage.store import Closing, Store
-from app.storage.studies import StudyStore
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
@@ -174,7 +174,7 @@ def test_a_step_or_a_change_that_fails_leaves_no_entry(store, monkeypatch):
 
 
 def a_step(row):
-    from app.storage.store import StepRow
+    from app.db.store import StepRow
 
     return StepRow(row.id, 0, 1, 0.0, 1, 5, None, None, None, "key", "human")
 

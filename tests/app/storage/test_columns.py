@@ -5,9 +5,9 @@ from contextlib import closing
 
 import pytest
 
-from app.settings import ROOT
-from app.storage.columns import TABLES, bundle_table, markdown, markdown_tables
-from app.storage.store import Store
+from app import ROOT
+from app.db.columns import TABLES, bundle_table, markdown, markdown_tables
+from app.db.store import Store
 
 
 @pytest.mark.parametrize(

@@ -5,21 +5,21 @@ from contextlib import closing
 
 import pytest
 
-from app.play.daily import commitment_of
-from app.statistics.human_level import human_level
-from app.storage.erasure import forget
-from app.storage.export import export_table
-from app.storage.merging import MergeError, merge
-from app.storage.playground import (
+from app.board.daily import commitment_of
+from app.db.erasure import forget
+from app.db.export import export_table
+from app.db.merging import MergeError, merge
+from app.db.playground import (
     attempts_of,
     daily_secret,
     find_attempt,
     find_terrain,
     keep_terrain,
 )
-from app.storage.reader import Reader
-from app.storage.store import Store, StoreError
-from app.study.verification import verify_database
+from app.db.reader import Reader
+from app.db.store import Store, StoreError
+from app.report.statistics.human_level import human_level
+from app.series.verification import verify_database
 from tests.support.recorded import play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
 from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study

@@ -8,15 +8,15 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
+from app.db.database import open_read_only
+from app.db.erasure import ParticipantLookupError, find_participant, forget
+from app.db.merging import merge
+from app.db.store import StoreError
+from app.db.study_rows import participant_label
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release
 from app.release.manifest import MANIFEST
-from app.storage.database import open_read_only
-from app.storage.erasure import ParticipantLookupError, find_participant, forget
-from app.storage.merging import merge
-from app.storage.store import StoreError
-from app.storage.study_rows import participant_label
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from tests.support.recorded import play
 from tests.support.stored_studies import (
     CONFIG,

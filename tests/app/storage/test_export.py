@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from app.storage.export import COLUMNS, export_table, export_to, new_key
-from app.storage.store import Store
+from app.db.export import COLUMNS, export_table, export_to, new_key
+from app.db.store import Store
 from marsexplorer.episode import replay
 from tests.support import golden_study
 from tests.support.exported import rows_of

@@ -6,10 +6,10 @@ import sqlite3
 import pytest
 
 from app.cli.main import main
+from app.db.merging import MergeError, merge
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import verify_bundle
-from app.storage.merging import MergeError, merge
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
@@ -115,7 +115,7 @@ def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(
 def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
     play_study(tmp_path / "a.db", study, ("human",))
-    from app.study.folder import Folder
+    from app.series.folder import Folder
 
     play_study(
         tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1

@@ -11,15 +11,15 @@ from threading import Event, Timer
 import pytest
 from click.testing import CliRunner
 
-from app.admin import login
 from app.cli.main import cli
-from app.storage.operators import (
+from app.db.operators import (
     OperatorError,
     add_operator,
     is_password_of,
     list_operators,
     remove_operator,
 )
+from app.web.operator import login
 from tests.app.admin.test_admin import CHANGING
 from tests.support.servers import PATIENCE_S, eventually
 from tests.support.study import freeze

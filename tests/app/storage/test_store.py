@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from app.storage import database
-from app.storage.columns import TABLES
-from app.storage.database import APPLICATION_ID, StoreError
-from app.storage.operators import add_operator
-from app.storage.reader import Reader
-from app.storage.store import DAY_MS, StepRow, Store
+from app.db import database
+from app.db.columns import TABLES
+from app.db.database import APPLICATION_ID, StoreError
+from app.db.operators import add_operator
+from app.db.reader import Reader
+from app.db.store import DAY_MS, StepRow, Store
 from marsexplorer.episode import Episode, replay
 from tests.support.recorded import (
     NOW,

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.study.folder import Folder
+from app.series.folder import Folder
 from app.task import describe
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
@@ -267,7 +267,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
 
 
 def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tmp_path):
-    from app.study.protocol import default_protocol
+    from app.series.protocol import default_protocol
 
     folder = Folder(tmp_path / "studies")
     folder.create(default_protocol("draft", EnvConfig.of("random", 7)))
@@ -354,7 +354,7 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
 
 
 def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
-    from app.storage.erasure import forget
+    from app.db.erasure import forget
 
     person, other = Person(server), Person(server)
     for each in (person, other):

@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
+from app.db.database import StoreError
+from app.db.reader import Reader
 from app.report.making import load_with_folder
-from app.storage.database import StoreError
-from app.storage.reader import Reader
-from app.study.data import load, trial_records
-from app.study.protocol import StudyError
+from app.series.data import load, trial_records
+from app.series.protocol import StudyError
 from marsexplorer.episode import replay
 from tests.support.stored_studies import IDENTITIES, StudyRecorder, freeze, play_study
 
@@ -101,7 +101,7 @@ def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.join(0, stage="ranked")
     recorder.close()
-    from app.study.folder import Folder
+    from app.series.folder import Folder
 
     Folder(tmp_path / "studies").close("dunes")
     reader = Reader.open(tmp_path / "play.db")

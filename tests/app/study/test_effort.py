@@ -2,8 +2,8 @@
 
 from types import SimpleNamespace
 
-from app.storage.reader import Reader
-from app.study.data import load
+from app.db.reader import Reader
+from app.series.data import load
 from app.tasks.mars.rules import MarsRules
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode

@@ -2,14 +2,14 @@
 
 from contextlib import closing
 
+from app.db.erasure import forget
+from app.db.reader import Reader
 from app.report import build
 from app.report.making import load_with_folder
 from app.report.page import render
-from app.storage.erasure import forget
-from app.storage.reader import Reader
-from app.study.flow import ParticipantFlow
-from app.study.folder import Folder
-from app.study.invitations import Invitations
+from app.series.flow import ParticipantFlow
+from app.series.folder import Folder
+from app.series.invitations import Invitations
 from tests.support.stored_studies import StudyRecorder, freeze
 
 

@@ -7,9 +7,9 @@ from contextlib import closing
 
 import pytest
 
-from app.storage import input_events
-from app.study.folder import Folder, StudyError
-from app.study.verification import verify_database
+from app.db import input_events
+from app.series.folder import Folder, StudyError
+from app.series.verification import verify_database
 from tests.support.study import Person, freeze
 
 PRESS = {
@@ -189,8 +189,8 @@ def test_what_cannot_be_kept_now_is_answered_without_a_reason(
 
     with person.socket() as socket:
         for where, what in (
-            ("app.storage.chain.append_late_events", fail),
-            ("app.study.folder.Folder.study", thaw),
+            ("app.db.chain.append_late_events", fail),
+            ("app.series.folder.Folder.study", thaw),
         ):
             with monkeypatch.context() as patch:
                 patch.setattr(where, what)

@@ -11,7 +11,7 @@ from numpy import packbits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.study.folder import Folder
+from app.series.folder import Folder
 from app.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
 from tests.support.servers import PATIENCE_S, eventually, forged

@@ -5,7 +5,7 @@ import pytest
 
 from app.report import build
 from app.report.page import render
-from app.statistics.study_figures import live_figure
+from app.report.statistics.study_figures import live_figure
 from tests.support.made_studies import played, run, study
 
 SCORES = np.array(

@@ -6,8 +6,8 @@ from contextlib import closing
 
 import pytest
 
-from app.storage import chain
-from app.study.verification import verify_database
+from app.db import chain
+from app.series.verification import verify_database
 from tests.support.stored_studies import StudyRecorder, freeze
 from tests.support.study import Person
 from tests.support.study import freeze as freeze_small

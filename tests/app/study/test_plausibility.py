@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.study.plausibility import LABELS, pause_share, plausibility_labels
+from app.series.plausibility import LABELS, pause_share, plausibility_labels
 
 
 def press(at, up=True, kind="keydown", **rest):

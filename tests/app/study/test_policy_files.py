@@ -6,13 +6,13 @@ import shutil
 
 import pytest
 
-from app.leaderboard.entries import LeaderboardEntry
-from app.study.debrief import _play
-from app.study.folder import Folder
-from app.study.policy_episodes import play_policies
-from app.study.protocol import StudyError, default_protocol
-from app.study.verification import check_policy_files
+from app.series.debrief import _play
+from app.series.folder import Folder
+from app.series.policy_episodes import play_policies
+from app.series.protocol import StudyError, default_protocol
+from app.series.verification import check_policy_files
 from app.task import PolicyError, rules_of
+from app.web.leaderboard.entries import LeaderboardEntry
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card

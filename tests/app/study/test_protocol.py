@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from app.cli.main import main
-from app.study.folder import Folder, StudyError
-from app.study.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
-from app.study.seeds import balanced_order, commitment, seed
-from app.study.templates import fill
+from app.series.folder import Folder, StudyError
+from app.series.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
+from app.series.seeds import balanced_order, commitment, seed
+from app.series.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
 
@@ -243,7 +243,7 @@ def test_mistakes_are_said_in_one_sentence(frozen):
 
 def test_a_freeze_cut_short_leaves_a_draft(folder, monkeypatch):
     folder.create(small())
-    monkeypatch.setattr("app.study.folder.version", lambda name: 1 / 0)
+    monkeypatch.setattr("app.series.folder.version", lambda name: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         folder.freeze("small")
     monkeypatch.undo()

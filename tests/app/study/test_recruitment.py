@@ -8,15 +8,15 @@ from contextlib import closing
 
 import pytest
 
+from app.board.attestation import SUPERVISED_FOR_MS
 from app.cli.main import main
-from app.play.attestation import SUPERVISED_FOR_MS
-from app.storage.erasure import forget
-from app.storage.merging import merge
-from app.study.data import load
-from app.study.folder import Folder
-from app.study.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
-from app.study.protocol import StudyError
-from app.study.recruitment import (
+from app.db.erasure import forget
+from app.db.merging import merge
+from app.series.data import load
+from app.series.folder import Folder
+from app.series.invitations import ALPHABET, MAX_INVITATIONS, Invitations, link_of, token_of
+from app.series.protocol import StudyError
+from app.series.recruitment import (
     DAY_MS,
     MAX_WRONG_CODES,
     NO_ID,

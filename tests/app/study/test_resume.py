@@ -8,8 +8,8 @@ from contextlib import closing
 
 import pytest
 
-from app.play.sources import Sources
-from app.simulate import occupancy_codes
+from app.board.sources import Sources
+from app.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
 from tests.support.servers import eventually

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from app.study.folder import Folder
-from app.study.protocol import StudyError, default_protocol, parse_protocol
-from app.study.templates import PLACEHOLDERS, fill, placeholder_values
+from app.series.folder import Folder
+from app.series.protocol import StudyError, default_protocol, parse_protocol
+from app.series.templates import PLACEHOLDERS, fill, placeholder_values
 from marsexplorer.config import EnvConfig
 
 CONFIG = EnvConfig.of("random", (7, 9), beta=0.965, sensor_radius=4)

@@ -6,12 +6,12 @@ import sqlite3
 
 import pytest
 
+from app.board.attestation import COPIED
 from app.cli.main import main
-from app.play.attestation import COPIED
-from app.storage import chain
-from app.storage.columns import TABLES
-from app.study import verification
-from app.study.verification import check_attestation, verify_database
+from app.db import chain
+from app.db.columns import TABLES
+from app.series import verification
+from app.series.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
 from tests.support.study import Person

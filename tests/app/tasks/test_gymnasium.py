@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from app.cli.main import main
-from app.settings import Settings
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from app.task import Choice, describe, rules_of
 from app.tasks.gymnasium.task import GymnasiumTask
+from app.web.settings import Settings
 
 LAKE = "gymnasium:FrozenLake-v1"
 DOWN, RIGHT = "down", "right"
@@ -208,7 +208,7 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
     ],
 )
 def test_what_is_no_task_is_said_at_the_start(tmp_path, capsys, name, said):
-    from app.server import ServerError, run
+    from app.web.server import ServerError, run
 
     with pytest.raises(ServerError, match=said):
         run(Settings(database=tmp_path / "play.db", port=0, task=name))

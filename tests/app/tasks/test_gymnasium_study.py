@@ -8,9 +8,9 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
-from app.simulate import Participant, RefusedError
-from app.study.verification import verify_database
+from app.series.verification import verify_database
 from app.task import rules_of
+from app.web.simulate import Participant, RefusedError
 
 LAKE = "gymnasium:FrozenLake-v1"
 

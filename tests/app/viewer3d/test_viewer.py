@@ -13,7 +13,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.play.session import Channel
+from app.board.session import Channel
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.models import dashes
 from app.tasks.mars.viewer3d.scene import Scene, ViewOptions, fog, soil

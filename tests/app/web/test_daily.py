@@ -7,19 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from app.play.daily import DailyBoards, DailyPlayedError, day_start_ms, seed_of
-from app.play.lobby import Lobby
-from app.play.ranked import PageBoards
-from app.play.session import Move
-from app.play.sources import Sources
-from app.simulate import occupancy_codes
-from app.storage.playground import find_attempt, find_terrain
-from app.storage.reader import utc_day
-from app.storage.store import DAY_MS, Store
-from app.study.verification import verify_database
+from app.board.daily import DailyBoards, DailyPlayedError, day_start_ms, seed_of
+from app.board.lobby import Lobby
+from app.board.ranked import PageBoards
+from app.board.session import Move
+from app.board.sources import Sources
+from app.db.playground import find_attempt, find_terrain
+from app.db.reader import utc_day
+from app.db.store import DAY_MS, Store
+from app.series.verification import verify_database
 from app.tasks.mars.messages import NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
+from app.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import unpack_terrain
 from marsexplorer.policies import load

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from app.storage.store import Store
+from app.db.store import Store
 from app.web import listening
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode

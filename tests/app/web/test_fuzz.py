@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.settings import Limits
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
+from app.web.settings import Limits
 from tests.support.servers import PATIENCE_S
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import CAMERA

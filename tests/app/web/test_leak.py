@@ -16,9 +16,9 @@ from uuid import UUID
 
 import pytest
 
-from app.play.sources import Sources
-from app.storage.store import Store
-from app.study.folder import Study
+from app.board.sources import Sources
+from app.db.store import Store
+from app.series.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.cli.main import main
-from app.storage.resimulation import simulate
+from app.db.resimulation import simulate
 from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, MAP, EnvConfig
 from marsexplorer.episode import Episode

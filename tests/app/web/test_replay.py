@@ -4,7 +4,7 @@ import json
 import re
 from html.parser import HTMLParser
 
-from app.storage.store import Store
+from app.db.store import Store
 from tests.support.recorded import add_session, open_episode, play
 
 

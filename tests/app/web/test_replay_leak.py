@@ -3,8 +3,8 @@
 import pytest
 
 from app.cli.main import main
-from app.storage.reader import now_ms, utc_day
-from app.storage.store import Store
+from app.db.reader import now_ms, utc_day
+from app.db.store import Store
 from app.web.cookies import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play, tour

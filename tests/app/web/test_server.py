@@ -7,10 +7,10 @@ import sys
 
 import pytest
 
-from app.server import ServerError, run
-from app.settings import Settings
-from app.storage.store import StoreError
+from app.db.store import StoreError
 from app.web.listening import listen
+from app.web.server import ServerError, run
+from app.web.settings import Settings
 from tests.support.policy_files import write_onnx
 from tests.support.servers import PATIENCE_S
 
@@ -94,7 +94,7 @@ def test_settings_come_from_the_environment(monkeypatch, tmp_path):
 
 
 def test_the_app_can_be_imported_without_a_side_effect(tmp_path):
-    code = "import app.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
+    code = "import app.web.server, pathlib, sys; assert not list(pathlib.Path('.').iterdir()); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True
     )

@@ -220,7 +220,7 @@ import sys
 from marsexplorer import policies
 policies.load("planner")
 assert not {"onnx", "onnxruntime"} & set(sys.modules)
-import app.server
+import app.web.server
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.evaluation.regret import RegretEstimator

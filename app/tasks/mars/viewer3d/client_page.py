@@ -16,7 +16,7 @@ from pathlib import Path
 
 import viser
 
-from app.settings import STATIC
+from app import STATIC
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"

@@ -19,7 +19,7 @@ import viser
 import viser.infra
 from starlette.websockets import WebSocket
 
-from app.play.session import Session
+from app.board.session import Session
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.client_page import ClientPage
 from app.tasks.mars.viewer3d.scene import DUST, Scene, ViewOptions

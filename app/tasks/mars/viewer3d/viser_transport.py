@@ -21,7 +21,7 @@ from viser.infra import _infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.exceptions import ConnectionClosedOK
 
-from app.play.session import Session
+from app.board.session import Session
 from app.tasks.mars.viewer3d.scene import ViewOptions
 
 PROTOCOL = f"viser-v{viser.__version__}"

@@ -3,7 +3,7 @@
 import pytest
 
 from app.cli.main import main
-from app.storage.store import Store
+from app.db.store import Store
 from tests.support.recorded import add_session, open_episode, play
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.cli.main import main
-from app.study.folder import Folder
+from app.series.folder import Folder
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -85,8 +85,8 @@ def test_mistakes_are_one_sentence(report, given, code, said):
 
 
 def test_a_draft_and_a_thawed_protocol_are_refused(report, place, tmp_path):
-    from app.study.folder import Folder
-    from app.study.protocol import default_protocol
+    from app.series.folder import Folder
+    from app.series.protocol import default_protocol
     from marsexplorer.config import EnvConfig
 
     Folder(tmp_path / "drafts").create(default_protocol("dunes", EnvConfig("random", 7, 9)))

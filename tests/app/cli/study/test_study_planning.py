@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.cli.main import main
-from app.study.folder import Folder
+from app.series.folder import Folder
 
 SHORT = [
     "--size",

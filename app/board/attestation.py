@@ -1,0 +1,323 @@
+"""How far a person's episode is attested: its moves compared with the input events that the page sent before them.
+
+`attest` is a pure function of stored rows, so that anybody who has the rows can derive the level again. A level says that
+the rows are consistent with a person at a page: each move has a press of its own, the presses and the server's receipts fit
+one clock, and no hand would have to be faster than hands are. It is no proof. A program that invents presses at a person's
+pace, with a clock that runs as a page's does, is attested as well.
+
+The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
+server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
+    time of the frame - time of sending  <=  offset  <=  time of receipt - time of sending
+and all moves of one load of the page must leave room for one offset. However late a network delivers, these hold; a clock
+that runs faster or slower than the server's, or times that were made up, do not fit them for long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from typing import Any, get_args
+
+from app.db.chain import BegunHash, begin_hash
+from app.db.input_events import count_input_events, has_copied_timing, input_events
+from app.db.store import Store
+from app.db.trial import Attestation
+
+LEVELS: tuple[Attestation, ...] = get_args(Attestation)
+
+SUPERVISED_FOR_MS = 4 * 3_600_000
+"""How long before an episode's start the operator's code may have been typed: a morning in the laboratory."""
+SAME_TIME_MS = 1.0
+"""Most between a press in an event and in its move: both are rounded to a tenth, and the page adds tenths to two presses of one
+time, so that no two events are the same."""
+CLOCK_SLACK_MS = 120.0
+"""By how much a time may be off: private windows round a page's clock to 100 ms, the server stores whole milliseconds."""
+CLOCK_DRIFT = 0.001
+"""Most by which two clocks may run apart: crystals differ by 0.0001, and a corrected clock by 0.0005."""
+LONGEST_HANDLING_MS = 10_000.0
+"""Most between a press and the page's answer to it; `timeOf_ms` of the page takes an older press for one of now."""
+MOST_STEPS_BEHIND = 8
+"""Most moves between the frame on screen and the move: the page lets four moves wait for their answers, and the answers to four
+before them may not be painted yet."""
+TYPED_AHEAD_MS = 3_000
+"""A burst may answer an older frame, where the page keeps all presses: its presses reach the server within this time after the
+first move that was not on screen yet. Both times are the server's, so nobody can make them up. It is the longest of FASTEST."""
+FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 4, 2_500, 12
+"""Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
+most. A load takes a person that long, so a program cannot begin a new clock with each move."""
+REST_MS = 10_000
+"""A clock that is another one soon after so long a rest is not counted: that of a phone stands still in its sleep."""
+FASTEST = ((10, 400.0), (20, 1_000.0), (50, 3_000.0))
+"""(presses in a row, ms that they take at least). Ten in 400 ms are 25 a second, what the fastest typists reach for a moment;
+one finger taps about seven times a second, and nobody keeps up 16 for three seconds."""
+
+COPIED = "its presses have the timing of an earlier episode"
+"""The reason that needs other episodes' rows: `app.db.input_events.has_copied_timing` finds it."""
+
+_KINDS = {"key": "keydown", "touch": "touchdown"}
+Row = Mapping[str, Any]
+KeyMap = Mapping[tuple[str, str], Collection[int]]
+"""(kind of event, its code) -> the actions that it may cause."""
+
+
+@dataclass(frozen=True)
+class Attested:
+    """An episode's level; below "attested" the reason, one short sentence, and the step that it names, if it is one's."""
+
+    level: Attestation
+    reason: str | None = None
+    step: int | None = None
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What else the level of an episode depends on.
+
+    started_ms     when the episode began, server's clock
+    key_map        of `key_map_of`
+    supervised_ms  when the operator's code was typed for its player, server's clock
+    types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
+    """
+
+    started_ms: int
+    key_map: KeyMap
+    supervised_ms: tuple[int, ...] = ()
+    types_ahead: bool = False
+
+
+class _MismatchError(Exception):
+    """Rows that do not fit: why, and the step of the move."""
+
+    def __init__(self, why: str, step: int) -> None:
+        super().__init__(f"step {step}: {why}")
+        self.step = step
+
+
+def level_reaches(level: Attestation | None, required: Attestation) -> bool:
+    """Return whether a level is the required one or a higher one; None, a script's, reaches none."""
+    return level is not None and LEVELS.index(level) >= LEVELS.index(required)
+
+
+def key_map_of(
+    defaults: Mapping[str, Sequence[str]], settings: Iterable[Mapping[str, Any]] = ()
+) -> KeyMap:
+    """Return the actions of every code: of the keys that all pages begin with, of a participant's, of the arrow buttons.
+
+    defaults  action -> its keys, of all the task's actions in their order
+    settings  what a participant has chosen, in every version so far: a change reaches the server after the page
+    """
+    found: dict[tuple[str, str], set[int]] = {}
+    actions = list(defaults)
+    for keys in (defaults, *(each.get("keys") or {} for each in settings)):
+        for action, codes in keys.items():
+            for code in codes:
+                found.setdefault(("keydown", code), set()).add(actions.index(action))
+    return {**found, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
+
+
+def attest(moves: Sequence[Row], events: Iterable[Row], conditions: Conditions) -> Attested:
+    """Return the level of a person's episode.
+
+    moves   rows of the table `steps`, in order
+    events  rows of the table `input_events`, in order, received up to the end of the episode
+
+    An episode without a move is attested: there is nothing that could differ.
+    """
+    try:
+        presses = _presses(moves, events, conditions.key_map)
+        pages, gaps = _Pages(conditions.started_ms), []
+        for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
+            _check_press(step, move, press)
+            _check_frame(step, moves, press, conditions.types_ahead)
+            gaps.append(pages.add(moves, step, press))
+        _check_pace(gaps)
+    except _MismatchError as mismatch:
+        return Attested("unattested", str(mismatch), mismatch.step)
+    is_supervised = any(
+        0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS
+        for at_ms in conditions.supervised_ms
+    )
+    return Attested("supervised" if is_supervised else "attested")
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What the end of an episode needs of its input events, found before it on another thread than that of the writes.
+
+    events      their hash, for the chain
+    conditions  by which they were compared with the moves; None for a script's episode
+    attested    the level, other episodes' timing not compared yet; None for a script's episode
+    """
+
+    events: BegunHash
+    conditions: Conditions | None = None
+    attested: Attested | None = None
+
+
+def prepare_end(
+    store: Store, episode_id: str, conditions: Conditions | None, last: Row | None
+) -> Ending:
+    """Return what the end of an episode needs of its input events; call it in `Store.read`, while none can come.
+
+    conditions  None for a script's episode, which has no level
+    last        the move that ends it and is not stored yet, a row of the table `steps`; None when it is abandoned
+    """
+    events = begin_hash(store.connection, episode_id)
+    if conditions is None:
+        return Ending(events)
+    moves = [*store.steps(episode_id), *([] if last is None else [last])]
+    return Ending(events, conditions, attest(moves, input_events(store, episode_id), conditions))
+
+
+def attest_stored(
+    store: Store, episode_id: str, conditions: Conditions, ending: Ending | None = None
+) -> Attested:
+    """Return the level of a person's episode by the rows in the store, other episodes' timing compared too.
+
+    ending  what was prepared of it; what has changed since is compared again
+    """
+    found = None
+    if (
+        ending is not None
+        and ending.conditions == conditions
+        and ending.events.until == count_input_events(store, episode_id)
+    ):
+        found = ending.attested
+    if found is None:
+        found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
+    if found.level != "unattested" and has_copied_timing(store, episode_id):
+        return Attested("unattested", COPIED)
+    return found
+
+
+def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> list[Row]:
+    """Return each move's own input event; they come in the order of the moves and were received before them."""
+    rest = [event for event in events if event["kind"] in _KINDS.values()]
+    found, at = [], 0
+    for step, move in enumerate(moves):
+        if move["driver"] != "human" or move["input"] not in _KINDS:
+            raise _MismatchError("the move came from no key and no touch", step)
+        if move["key_down_ms"] is None or move["client_ms"] is None:
+            raise _MismatchError("the move says no times", step)
+        at = _own_press(move, rest, at, step)
+        press, at = rest[at], at + 1
+        if not press["trusted"]:
+            raise _MismatchError("the browser does not vouch for the press", step)
+        if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
+            raise _MismatchError(
+                f"the press {press['code']!r} does not drive where the move went", step
+            )
+        found.append(press)
+    return found
+
+
+def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
+    """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
+    for index in range(first, len(presses)):
+        press = presses[index]
+        is_same = (
+            abs(press["client_ms"] - move["key_down_ms"]) <= SAME_TIME_MS and not press["repeat"]
+        )
+        if is_same and press["kind"] == _KINDS[move["input"]]:
+            if press["server_ms"] > move["server_ms"]:
+                raise _MismatchError("its press was received after the move", step)
+            return index
+    raise _MismatchError("no press of its own was received before the move", step)
+
+
+def _check_press(step: int, move: Row, press: Row) -> None:
+    """Check that a press can have caused its move: in time, after a round trip that can be."""
+    handling_ms = move["client_ms"] - move["key_down_ms"]
+    if not -CLOCK_SLACK_MS <= handling_ms <= LONGEST_HANDLING_MS + CLOCK_SLACK_MS:
+        raise _MismatchError(f"the move was sent {handling_ms:.0f} ms after its press", step)
+    round_trip_ms = press["round_trip_ms"]
+    if round_trip_ms is not None and not 0 <= round_trip_ms <= move["client_ms"] + CLOCK_SLACK_MS:
+        raise _MismatchError(f"a round trip of {round_trip_ms:.0f} ms cannot be", step)
+
+
+def _check_frame(step: int, moves: Sequence[Row], press: Row, types_ahead: bool) -> None:
+    """Check that the frame which a press answers can have been on screen then: a few moves old, or the last before a burst."""
+    shown = press["step"]
+    if shown is not None and step - MOST_STEPS_BEHIND <= shown <= step:
+        return
+    is_burst = types_ahead and shown is not None and 0 <= shown < step
+    if not is_burst or press["server_ms"] - moves[shown]["server_ms"] > TYPED_AHEAD_MS:
+        raise _MismatchError(f"the press answers the frame of step {shown}", step)
+
+
+class _Page:
+    """One load of the page: the offsets (server's clock - page's clock, ms) that all its moves so far leave room for."""
+
+    def __init__(self, low: float, high: float, sent_ms: float, down_ms: float) -> None:
+        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+
+    def take(self, low: float, high: float, sent_ms: float, down_ms: float) -> bool:
+        """Take a move of which the offset is from `low` to `high`, if it fits; return whether it does."""
+        drift_ms = CLOCK_DRIFT * (sent_ms - self.sent_ms)
+        low, high = max(low, self.low - drift_ms), min(high, self.high + drift_ms)
+        if sent_ms < self.sent_ms or low > high:
+            return False
+        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+        return True
+
+
+class _Pages:
+    """The loads of the page that made an episode's moves. A reload, a second tab or a laptop's sleep begins another clock."""
+
+    def __init__(self, started_ms: int) -> None:
+        self._started_ms = started_ms
+        self._pages: list[_Page] = []
+        self._counted = 0
+        self._last: _Page | None = None
+
+    def add(self, moves: Sequence[Row], step: int, press: Row) -> float:
+        """Add a move and return the ms since the press before it; _MismatchError when it fits no load of the page."""
+        move = moves[step]
+        sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
+        shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else self._started_ms
+        low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
+        if low > high:
+            raise _MismatchError("the frame that the press answers came after it", step)
+        page = self._find(low, high, sent_ms, float(move["key_down_ms"]))
+        if page is None:
+            page = _Page(low, high, sent_ms, float(move["key_down_ms"]))
+            self._pages.append(page)
+            self._counted += not _rested(moves[max(0, step - MOST_STEPS_BEHIND - 1) : step + 1])
+            passed_ms = received_ms - moves[0]["server_ms"]
+            if self._counted > min(MOST_PAGES, FREE_PAGES + passed_ms / MS_PER_PAGE):
+                raise _MismatchError("the page's clock does not run with the server's", step)
+        gap_ms = self._gap_ms(page, moves, step)
+        self._last, self._last_down_ms = page, page.down_ms
+        return gap_ms
+
+    def _find(self, *move: float) -> _Page | None:
+        """Return the page that takes a move: the one of the move before, else the newest."""
+        known = [page for page in reversed(self._pages) if page is not self._last]
+        return next(
+            (page for page in ([self._last] if self._last else []) + known if page.take(*move)),
+            None,
+        )
+
+    def _gap_ms(self, page: _Page, moves: Sequence[Row], step: int) -> float:
+        if self._last is None:
+            return 0.0
+        if page is self._last:
+            return max(0.0, page.down_ms - self._last_down_ms)
+        return max(0.0, float(moves[step]["server_ms"] - moves[step - 1]["server_ms"]))
+
+
+def _rested(moves: Sequence[Row]) -> bool:
+    """Return whether the server received nothing for REST_MS between two of the moves."""
+    return any(
+        after["server_ms"] - before["server_ms"] >= REST_MS for before, after in pairwise(moves)
+    )
+
+
+def _check_pace(gaps: Sequence[float]) -> None:
+    """Check that no hand would have to be faster than hands are; `gaps` are the ms from press to press, 0 the first."""
+    times = list(accumulate(gaps))
+    for presses, least_ms in FASTEST:
+        for step, (first, last) in enumerate(zip(times, times[presses - 1 :], strict=False)):
+            if last - first < least_ms:
+                raise _MismatchError(f"{presses} presses in {last - first:.0f} ms", step)

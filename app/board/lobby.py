@@ -1,0 +1,424 @@
+"""Sessions by id: create, find, restart, resume and unload.
+
+The store holds everything about a session, and memory holds only those in use. One that nobody subscribes to or asks for is
+unloaded, and any access resumes it where it stood, after a restart of the server as well.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+
+from app.board.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
+from app.board.attestation import Attested
+from app.board.messages import ChangePace, Pace, PaceMode
+from app.board.session import HUMAN, Participation, Session
+from app.board.sources import Sources, WatchIds
+from app.db.store import Control, DailyDay, Resumable, SessionRow, Store, Trial
+from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode
+
+
+@dataclass
+class BoardGroup:
+    """A player's board and its rival's, if there is one: they begin together and are unloaded together."""
+
+    player: Session
+    rival: Session | None
+    lock: asyncio.Lock
+    agents: dict[str, Agent]
+
+    @property
+    def boards(self) -> list[Session]:
+        """Return the player's board, then the rival's if there is one."""
+        return [self.player] if self.rival is None else [self.player, self.rival]
+
+    def board(self, session_id: str) -> Session:
+        """Return the one of the boards that has this session's id."""
+        return next(board for board in self.boards if board.id == session_id)
+
+
+class UnknownSessionError(LookupError):
+    """There is no session with this id, or none that the asker may see."""
+
+    def __init__(self, session_id: str, why: str | None = None) -> None:
+        super().__init__(why or f"no session {session_id!r}; begin one with POST /api/sessions")
+
+
+EpisodeTransaction = Callable[[Trial], AbstractContextManager[None]]
+"""What else is written in the transaction that opens an episode: before it, then after it."""
+
+ParticipationOf = Callable[[str], Participation | None]
+"""Finds a session's participation in a study by the session's id."""
+
+
+def no_participation(session_id: str) -> None:
+    """Return None: without studies no session is a participant's."""
+
+
+class Lobby:
+    """All sessions of one server."""
+
+    def __init__(
+        self,
+        store: Store,
+        task: Task,
+        sources: Sources,
+        idle_s: float,
+        participation_of: ParticipationOf = no_participation,
+        decision_s: float = DECISION_S,
+    ) -> None:
+        self.store, self.task, self.sources, self._idle_s = store, task, sources, idle_s
+        self.watch_ids = WatchIds(store)
+        self._participation_of = participation_of
+        self._groups: dict[str, BoardGroup] = {}
+        self._resuming = asyncio.Lock()
+        self._thread = ThreadPoolExecutor(THREADS, "policies")
+        self._decisions = DecisionQueue(self._thread, task.decides, decision_s)
+
+    def __len__(self) -> int:
+        """Return how many sessions are in memory."""
+        return len(self._groups)
+
+    @property
+    def waiting_decisions(self) -> int:
+        """Return how many boards of policies wait for a decision."""
+        return len(self._decisions)
+
+    def sessions(self) -> list[Session]:
+        """Return the sessions in memory, in the order they came."""
+        return [group.board(session_id) for session_id, group in self._groups.items()]
+
+    async def create(
+        self,
+        wanted: WantedBoard,
+        player_id: str,
+        control: Control = "bearer",
+        left: Sequence[Session] = (),
+    ) -> Session:
+        """Return a new player's session, paired with its rival's; ValueError for an unknown policy or map, or no terrain.
+
+        One that replays another's episode without naming a terrain plays that one's.
+
+        control  what moves it: whoever knows its id, or its player's cookie alone
+        left     boards whose running episodes are abandoned in the transaction that opens this one
+        """
+        if wanted.player != HUMAN:
+            self.task.policies.check(wanted.player, HUMAN)
+        drivers = (
+            [wanted.player]
+            if wanted.rival is None
+            else [wanted.player, self.task.policies.check(wanted.rival)]
+        )
+        replayed = (
+            None
+            if wanted.replays is None
+            else await self._ended_session(wanted.replays, wanted.player)
+        )
+        is_same = replayed is not None and wanted.leaves_terrain
+        terrain = (
+            self.task.again(replayed.current) if replayed and is_same else self.task.first(wanted)
+        )
+        self.task.policies.check_size(drivers, terrain.config)
+        seed, runs = await self._begin_episodes(terrain, len(drivers))
+        rows = self._session_rows(drivers, player_id, control)
+        boards = [Session(row, self.task, self.store, self.sources.clock_ms) for row in rows]
+        adding = contextmanager(partial(self._adding, player_id, rows))
+        await self._open_episodes(boards, runs, seed, terrain.is_chosen, lambda _: adding(), left)
+        player = self._add_group(boards).player
+        if replayed is not None:
+            replayed.pair_with(player)
+        return player
+
+    async def create_daily(
+        self, player_id: str, config: Configuration, seed: int, daily: DailyDay
+    ) -> Session:
+        """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
+        rows = self._session_rows([HUMAN], player_id, "cookie")
+        board = Session(rows[0], self.task, self.store, self.sources.clock_ms)
+        _, runs = await self._begin_episodes(Choice(config, seed), 1)
+        adding = contextmanager(partial(self._adding, player_id, rows))
+        await self._open_episodes([board], runs, seed, False, lambda _: adding(), daily=daily)
+        return self._add_group([board]).player
+
+    async def get(self, session_id: str) -> Session:
+        """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
+        group = self._groups.get(session_id) or await self._resume(session_id)
+        session = group.board(session_id)
+        session.touch()
+        return session
+
+    def in_memory(self, session_id: str) -> Session | None:
+        """Return the session if it is in memory; it is not touched, so it may be unloaded."""
+        group = self._groups.get(session_id)
+        return None if group is None else group.board(session_id)
+
+    def rival_of(self, session: Session) -> Session | None:
+        """Return the rival's board of a player's; None when it plays alone or is a rival's itself."""
+        group = self._groups.get(session.id)
+        return group.rival if group is not None and group.player is session else None
+
+    def owner_of(self, session: Session) -> str | None:
+        """Return the player at whose screen a session in memory runs: a rival's is its player's."""
+        group = self._groups.get(session.id)
+        return session.row.player_id if group is None else group.player.row.player_id
+
+    async def restart(
+        self, session: Session, wanted: WantedEpisode, left: Sequence[Session] = ()
+    ) -> None:
+        """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
+        group = self._groups.get(session.id) or await self._resume(session.id)
+        if session is group.rival:
+            raise ValueError(
+                "a rival plays its player's terrain; begin the next episode in the player's session"
+            )
+        async with group.lock:
+            terrain = self.task.next(session.current, wanted)
+            self.task.policies.check_size(
+                (board.row.driver_name for board in group.boards), terrain.config
+            )
+            seed, runs = await self._begin_episodes(terrain, len(group.boards))
+            await self._open_episodes(group.boards, runs, seed, terrain.is_chosen, left=left)
+            self._pair(group)  # a replay belonged to the episode before
+
+    def new_board(self, player_id: str, participation: Participation) -> Session:
+        """Return a new board for a participant; nobody can find it before `begin` opens its first episode."""
+        id_, now = self.sources.session_id(), self.sources.clock_ms()
+        row = SessionRow(
+            id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie"
+        )
+        return Session(row, self.task, self.store, self.sources.clock_ms, participation)
+
+    async def begin(
+        self, board: Session, config: Configuration, seed: int, within: EpisodeTransaction
+    ) -> None:
+        """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
+        _, runs = await self._begin_episodes(Choice(config, seed), 1)
+        await self._open_episodes([board], runs, seed, False, within)
+        if board.id not in self._groups:
+            self._add_group([board])
+
+    async def change_pace(self, session: Session, change: ChangePace) -> Pace:
+        """Change the pace and return it; ValueError when the session has none or cannot follow."""
+        if session.pace is None:
+            raise ValueError(
+                "this session is driven by a person; only a policy's session (a rival's, say) has a pace"
+            )
+        if change.follow and session.row.rival_of is None:
+            raise ValueError("only a rival can follow; give moves_per_second, pause or step")
+        rate = change.moves_per_second or session.pace.moves_per_second
+        mode = "timed" if change.moves_per_second else "follow" if change.follow else "paused"
+        await session.set_pace(Pace.model_validate({"mode": mode, "moves_per_second": rate}))
+        if change.step and (group := self._groups.get(session.id)) is not None:
+            group.agents[session.id].move_once()
+        return session.pace
+
+    async def sweep(self) -> None:
+        """Unload, again and again until cancelled, what nobody subscribes to or has asked for within `idle_s`."""
+        while True:
+            await asyncio.sleep(min(60.0, self._idle_s / 4))
+            self._unload_idle(time.monotonic() - self._idle_s)
+
+    def forget(self, deleted: Sequence[str]) -> None:
+        """Unload some sessions, which are deleted."""
+        for session_id in deleted:
+            if (
+                group := self._groups.get(session_id)
+            ) is not None:  # somebody asked for it just then
+                self._unload(group)
+
+    def close(self) -> None:
+        """Unload everything and end the policies' thread."""
+        for group in list(self._groups.values()):
+            self._unload(group)
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _session_rows(
+        self, drivers: list[str], player_id: str, control: Control
+    ) -> list[SessionRow]:
+        now, rows = self.sources.clock_ms(), list[SessionRow]()
+        for number, driver in enumerate(drivers):
+            rival_of, owner = (rows[0].id, None) if number else (None, player_id)
+            mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
+            id_ = self.sources.session_id()
+            rows.append(
+                SessionRow(
+                    id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control
+                )
+            )
+        return rows
+
+    def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
+        """Add a player and their sessions, in the transaction that opens the first episodes."""
+        self.store.add_player(player_id, rows[0].created_ms)
+        for row in rows:
+            self.store.add_session(row)
+        yield
+
+    async def _ended_session(self, session_id: str, driver: str) -> Session:
+        """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
+        session = await self.get(session_id)
+        if driver == HUMAN:
+            raise ValueError("only a policy replays another session's episode; name one as player")
+        if session.participation is not None or not session.shown.ended:
+            raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
+        return session
+
+    async def _begin_episodes(self, terrain: Choice, boards: int) -> tuple[int | None, list[Run]]:
+        """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
+        chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
+        return chosen.seed, await asyncio.to_thread(
+            lambda: [self.task.begin(chosen) for _ in range(boards)]
+        )
+
+    async def _open_episodes(
+        self,
+        boards: list[Session],
+        runs: list[Run],
+        seed: int | None,
+        seed_chosen: bool,
+        within: EpisodeTransaction | None = None,
+        left: Sequence[Session] = (),
+        daily: DailyDay | None = None,
+    ) -> None:
+        """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
+        async with AsyncExitStack() as held:
+            for board in sorted({*boards, *left}, key=lambda board: board.id):
+                await held.enter_async_context(board.changing)
+            now = self.sources.clock_ms()
+            rows = [
+                Trial(
+                    id=self.sources.episode_id(),
+                    session_id=board.id,
+                    number=board.number + 1,
+                    task=self.task.name,
+                    core_version=record.core_version,
+                    config=record.config,
+                    seed=seed,
+                    seed_chosen=seed_chosen,
+                    terrain=record.terrain,
+                    start=record.start,
+                    policy_seed=self.sources.seed(),
+                    driver=board.driver,
+                    assisted=len(boards) > 1,
+                    started_ms=now,
+                    daily=daily,
+                )
+                for board, record in zip(boards, [each.record() for each in runs], strict=True)
+            ]
+            running = [
+                board for board in (*boards, *left) if board.number and not board.shown.ended
+            ]
+            abandoned = [(board, board.current, await board.take_abandoned()) for board in running]
+            endings = [await board.prepare_end(board.current) for board in running]
+
+            def record() -> tuple[list[Attested | None], list[bool]]:
+                with self.store.transaction(), within(rows[0]) if within else nullcontext():
+                    found = [
+                        board.closing(current, run, now, ending)
+                        for (board, current, run), ending in zip(abandoned, endings, strict=True)
+                    ]
+                    self.store.next_episode([closing for closing, _ in found], rows)
+                hidden = [
+                    board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)
+                ]
+                return [attested for _, attested in found], hidden
+
+            def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
+                levels, hidden = found
+                for board, row, run, hides in zip(boards, rows, runs, hidden, strict=True):
+                    board.begin(row, run, hides)
+                for (board, current, run), level in zip(abandoned, levels, strict=True):
+                    if board not in boards:
+                        # a board that is left is no study's
+                        board.go_on(current, run, run.view(), level, hides_scores=False)
+
+            await self.store.write(record, then=publish)
+
+    def _add_group(self, boards: list[Session]) -> BoardGroup:
+        """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""
+        player, rival = boards[0], boards[1] if len(boards) > 1 else None
+        group = BoardGroup(player, rival, asyncio.Lock(), {})
+        self._pair(group)
+        for board in boards:
+            self._groups[board.id] = group
+            if not board.is_human:
+                load = partial(self.task.policies.load, board.row.driver_name)
+                group.agents[board.id] = Agent(
+                    board, player if board is rival else None, load, self._decisions
+                )
+        return group
+
+    def _pair(self, group: BoardGroup) -> None:
+        """Pair a player's board with its rival's, or with none."""
+        if group.rival is None:
+            group.player.unpair()
+        else:
+            group.player.pair_with(group.rival)
+
+    async def _resume(self, session_id: str) -> BoardGroup:
+        """Return the group of a session, read from the store; UnknownSessionError when it is not there."""
+        async with self._resuming:
+            if session_id in self._groups:
+                return self._groups[session_id]
+            found = await self.store.read(partial(self._stored, session_id))
+            try:
+                boards = [await self._resumed(*each) for each in found]
+            except ValueError as error:
+                raise UnknownSessionError(
+                    session_id, f"session {session_id!r} cannot be resumed: {error}"
+                ) from error
+            return self._add_group(boards)
+
+    def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
+        """Return a player's session and its rival's, each with its participation and whether its scores are hidden.
+
+        UnknownSessionError when it is not there.
+        """
+        found = self.store.resume_session(session_id, self.sources.clock_ms())
+        player_id = session_id if found is None else found.session.rival_of or session_id
+        ids = [player_id, self.store.rival_of(player_id)]
+        rows = [
+            self.store.resume_session(each, self.sources.clock_ms())
+            for each in ids
+            if each is not None
+        ]
+        if found is None or rows[0] is None:
+            raise UnknownSessionError(session_id)
+        stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]
+        return [
+            (row, study, study is not None and study.hides_scores(row.episode.id))
+            for row, study in stored
+        ]
+
+    async def _resumed(
+        self, row: Resumable, participation: Participation | None, hides_scores: bool
+    ) -> Session:
+        """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
+        run = await asyncio.to_thread(self.task.replay, row.episode, row.actions, row.ended)
+        session = Session(row.session, self.task, self.store, self.sources.clock_ms, participation)
+        session.begin(row.episode, run, hides_scores)
+        return session
+
+    def _unload_idle(self, horizon: float) -> None:
+        """Unload what has been idle since a time (monotonic seconds)."""
+        for group in {id(group): group for group in self._groups.values()}.values():
+            if all(_is_idle(board, horizon) for board in group.boards):
+                self._unload(group)
+
+    def _unload(self, group: BoardGroup) -> None:
+        for agent in group.agents.values():
+            agent.close()
+        for board in group.boards:
+            self._groups.pop(board.id, None)
+
+
+def _is_idle(board: Session, horizon: float) -> bool:
+    """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
+    return (
+        board.channel.subscribers == 0 and board.touched < horizon and not board.changing.locked()
+    )

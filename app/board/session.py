@@ -1,0 +1,585 @@
+"""One board: its running episode, its record in the store, and the only method that moves its rover.
+
+Every move goes through `Session.act`, whoever makes it: the move must answer the current frame, the run is taken off the board
+and steps, the store commits, and only then the run comes back and what it shows is published. Meanwhile everybody sees what was
+published last, since there is nothing else to be seen. A move that cannot be committed did not happen: its run does not come
+back, and the next move's is made again by replay.
+
+`Channel` holds the newest frame for any number of subscribers. Nothing is queued: a slow subscriber finds the newest frame and
+never sees those between. All of it runs on one event loop, so there are no locks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self
+from weakref import WeakSet
+
+from app.board.attestation import (
+    Attested,
+    Conditions,
+    Ending,
+    attest_stored,
+    key_map_of,
+    level_reaches,
+    prepare_end,
+)
+from app.board.messages import Events, Pace
+from app.db.input_events import InputEventRow, add_input_events
+from app.db.store import Closing, Notice, SessionRow, StepRow, Store, Trial
+from app.task import Run, Task, View
+
+
+class Channel:
+    """Holds the newest frame, encoded; `publish` replaces it and wakes subscribers and listeners.
+
+    count_dropped  called whenever a frame is replaced before a subscriber got it
+    """
+
+    def __init__(self, count_dropped: Callable[[], None] = lambda: None) -> None:
+        self.frame = ""
+        self._count_dropped = count_dropped
+        self._subscribers: WeakSet[Subscriber] = WeakSet()
+        self._listeners: dict[int, Callable[[], None]] = {}
+        self._listeners_added = 0
+
+    @property
+    def subscribers(self) -> int:
+        """Return how many subscribers there are now."""
+        return len(self._subscribers)
+
+    def publish(self, frame: str) -> None:
+        """Replace the frame and wake everybody."""
+        for subscriber in self._subscribers:
+            if subscriber.is_behind:
+                self._count_dropped()
+            subscriber.is_behind = True
+        self.frame = frame
+        self.notify()
+
+    def notify(self) -> None:
+        """Wake everybody without a new frame: something else that is shown with it (the pace) has changed."""
+        for subscriber in list(self._subscribers):
+            subscriber.wake()
+        for listener in list(self._listeners.values()):
+            listener()
+
+    def subscribe(self) -> Subscriber:
+        """Return a new subscriber; close it, use it as a context manager, or simply drop it."""
+        subscriber = Subscriber(self)
+        self._subscribers.add(subscriber)
+        return subscriber
+
+    def unsubscribe(self, subscriber: Subscriber) -> None:
+        """Forget the subscriber; a second call changes nothing."""
+        self._subscribers.discard(subscriber)
+
+    def add_listener(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Call `listener` at each wake; return a function that removes it. A listener does not count as a subscriber."""
+        self._listeners_added += 1
+        number = self._listeners_added
+        self._listeners[number] = listener
+
+        def remove() -> None:
+            self._listeners.pop(number, None)
+
+        return remove
+
+
+class Subscriber:
+    """`async for frame in channel.subscribe()`: the present frame at once, then the newest after each wake.
+
+    is_behind  whether there is a frame that it has not been given yet
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._closed = False
+        self.is_behind = bool(channel.frame)
+        self._woken = asyncio.Event()
+        if channel.frame:
+            self._woken.set()
+
+    def wake(self) -> None:
+        """Let the next `anext` return."""
+        self._woken.set()
+
+    def close(self) -> None:
+        """End the iteration and leave the channel."""
+        self._closed = True
+        self._channel.unsubscribe(self)
+        self._woken.set()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> str:
+        await self._woken.wait()
+        if self._closed:
+            raise StopAsyncIteration
+        self._woken.clear()
+        self.is_behind = False
+        return self._channel.frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+HUMAN, SCRIPT = "human", "script"
+
+
+class RefusedError(Exception):
+    """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
+
+
+class StudyUnavailableError(RefusedError):
+    """The study cannot go on at the moment; the same request may succeed later."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move as asked for: which frame it answers, where to, and who drives ("human", "script" or "policy:NAME")."""
+
+    episode: str
+    step: int
+    action: int
+    driver: str
+    input: Literal["key", "touch"] | None = None
+    key_down_ms: float | None = None
+    key_up_ms: float | None = None
+    client_ms: float | None = None
+
+
+class Participation(Protocol):
+    """A participant's part in a study, as far as their board must ask for it; `app.series` implements it.
+
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `hides_figures` and
+    `check_open` asks the database: call it in `Store.write` or `Store.read`.
+    """
+
+    @property
+    def driver(self) -> str:
+        """Return who drives an episode at its start: "human" or "script"."""
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of the episode leave out reward, return and score."""
+
+    def hides_figures(self) -> bool:
+        """Return whether the operator, too, sees no scores of this board while the study is open."""
+
+    def check_open(self) -> None:
+        """Raise RefusedError when the study is closed and no move may be made."""
+
+    def note_script(self, episode_id: str) -> None:
+        """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
+
+    def note_end(self) -> None:
+        """Record that an episode has ended, in the transaction that ends it."""
+
+    def check_events(self, episode_id: str) -> None:
+        """Check that input events of an episode are to be kept; RefusedError when it is none of this participation."""
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return what the participant has chosen (`keys` among it), every version so far."""
+
+    def supervised_ms(self) -> tuple[int, ...]:
+        """Return when the operator's code was typed for the participant."""
+
+
+class Session:
+    """One board: its row, its running episode with the row that fixes it, and the channel its frames go to.
+
+    task           what is played on it
+    pace           how the policy that drives it moves, None for a person's board
+    number         of the current episode, counting from 1; 0 before the first
+    shown          the episode as it was published last: all that anybody is told of it comes from here
+    participation  the participant's, for a board of a study; else None
+    fault          one sentence when the policy that drives it has failed, else None
+    thought        the policy's thought about the newest frame, encoded; "" when there is none
+    paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
+    is_second      whether it is the second of the two: a rival's or a replay's
+    attested       the level of the current episode since it has ended here, else None
+    touched        monotonic seconds of the last access
+    changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
+                   committed
+    """
+
+    def __init__(
+        self,
+        row: SessionRow,
+        task: Task,
+        store: Store,
+        clock: Callable[[], int],
+        participation: Participation | None = None,
+    ) -> None:
+        self.id, self.task = row.id, task
+        self.participation = participation
+        self.row = row
+        self.channel = Channel(store.metrics.dropped_frames.inc)
+        self.pace = (
+            None
+            if self.is_human
+            else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
+        )
+        self.number = 0
+        self.fault: str | None = None
+        self.thought = ""
+        self.attested: Attested | None = None
+        self.touched = time.monotonic()
+        self.changing = asyncio.Lock()
+        self.current: Trial
+        self.shown: View
+        self._run: Run | None = None
+        """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
+        self._hides_scores = False
+        self._expected = ""
+        self._paired_with: Session | None = None
+        self._is_second = row.rival_of is not None
+        self._store = store
+        self._clock = clock
+        self._keeping: asyncio.Future[None] | None = None
+        """The write of the newest input events."""
+
+    @property
+    def is_human(self) -> bool:
+        """Return whether no policy drives this board."""
+        return self.row.driver_name == HUMAN
+
+    @property
+    def frame(self) -> str:
+        """Return the newest frame, encoded."""
+        return self.channel.frame
+
+    @property
+    def paired_with(self) -> Session | None:
+        """Return the board that is shown with this one, if any."""
+        return self._paired_with
+
+    @property
+    def is_second(self) -> bool:
+        """Return whether this is the second board of a pair."""
+        return self._is_second
+
+    @property
+    def counts(self) -> bool:
+        """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
+        row = self.current
+        is_persons = self.is_human and self.participation is None and self.takes_persons_moves
+        is_known = (
+            is_persons
+            and row.driver == HUMAN
+            and not row.assisted
+            and not row.seed_chosen
+            and row.daily is None
+        )
+        return is_known and (
+            self.attested is None or level_reaches(self.attested.level, "attested")
+        )
+
+    @property
+    def takes_persons_moves(self) -> bool:
+        """Return whether a move can be a person's here: on a board of the page's or a study's, never on a script's."""
+        return self.row.control == "cookie" or self.participation is not None
+
+    @property
+    def driver(self) -> str:
+        """Return who drives an episode at its start: "human", "script" or "policy:NAME"."""
+        if self.participation is not None:
+            return self.participation.driver
+        return HUMAN if self.is_human else f"policy:{self.row.driver_name}"
+
+    async def act(self, move: Move, notice: Notice | None = None) -> None:
+        """Make a move, commit it and publish its frame; after RefusedError or StoreError nothing has changed.
+
+        notice  told one sentence when the move has waited for the database for a while
+        """
+        async with self.changing:
+            began = time.perf_counter()
+            self._check_current(move.episode, move.step)
+            if not self.is_human and move.driver in (HUMAN, SCRIPT):
+                raise RefusedError(
+                    f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
+                )
+            current, is_deviation = (
+                self.current,
+                move.driver == SCRIPT and self.current.driver == HUMAN,
+            )
+            if is_deviation:
+                current = dataclasses.replace(current, driver=SCRIPT)
+            run = await self._take_run()
+            reward = run.step(move.action)
+            held = run.view()
+            row = self._step_row(move, reward, held.discovered)
+            ending = await self.prepare_end(current, row) if held.ended else None
+
+            def record() -> tuple[Attested | None, bool]:
+                if not is_deviation and not held.ended:
+                    self._store.add_step(row)  # one statement, without a transaction around it
+                    return None, self._hides_scores
+                with self._store.transaction():
+                    if is_deviation and self.participation is not None:
+                        self.participation.note_script(current.id)
+                    self._store.add_step(row)
+                    attested = (
+                        self._close(current, run, row.server_ms, ending) if held.ended else None
+                    )
+                return attested, self.hides_scores(current.id)
+
+            def publish(found: tuple[Attested | None, bool]) -> None:
+                self.go_on(current, run, held, *found)
+                metrics = self._store.metrics
+                metrics.moves[move.driver.partition(":")[0]].inc()
+                metrics.step.observe(time.perf_counter() - began)
+
+            await self._store.write(record, notice, publish)
+
+    async def abandon(
+        self, episode: str, step: int | None, note: Callable[[], None] | None = None
+    ) -> None:
+        """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
+
+        step  None: after whatever move is being made now
+        """
+        async with self.changing:
+            self._check_current(episode, self.shown.steps if step is None else step)
+            current, run, at_ms = self.current, await self.take_abandoned(), self._clock()
+            ending = await self.prepare_end(current)
+
+            def record() -> tuple[Attested | None, bool]:
+                with self._store.transaction():
+                    if note is not None:
+                        note()
+                    attested = self._close(current, run, at_ms, ending)
+                return attested, self.hides_scores(current.id)
+
+            await self._store.write(
+                record, then=lambda found: self.go_on(current, run, run.view(), *found)
+            )
+
+    def begin(self, row: Trial, run: Run, hides_scores: bool) -> None:
+        """Put an episode that the store holds on the board and publish its frame."""
+        self.number, self.fault = row.number, None
+        self.go_on(row, run, run.view(), None, hides_scores)
+
+    def go_on(
+        self,
+        current: Trial,
+        run: Run,
+        shown: View,
+        attested: Attested | None,
+        hides_scores: bool,
+    ) -> None:
+        """Put a run on the board as the store holds it now, and publish its frame.
+
+        attested  the level of the episode if it has ended
+        """
+        self.current, self._run, self.shown = current, run, shown
+        self.attested, self._hides_scores = attested, hides_scores
+        self.thought = ""
+        self._expected = ""
+        self.channel.publish(shown.frame(current.id, hides_scores))
+
+    async def take_abandoned(self) -> Run:
+        """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
+        run = await self._take_run()
+        run.abandon()
+        return run
+
+    async def _take_run(self) -> Run:
+        """Take the run off the board, made again by replay where a move of it was not recorded.
+
+        Call it with `changing` held. `go_on` puts it back; whoever fails need do nothing.
+        """
+        run, self._run = self._run, None
+        if run is not None:
+            return run
+        return await asyncio.to_thread(self.task.replay, self.current, self.shown.actions)
+
+    async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
+        """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.
+
+        There may be 50,000 of them, so that the thread of the writes would take long, and everybody's moves wait for it.
+
+        last  the move that ends it; None when it is abandoned
+        """
+        if not self.is_human:
+            return None  # its board keeps no input events
+
+        if self._keeping is not None:
+            await asyncio.wait(
+                [self._keeping]
+            )  # what came without it would be compared again on the thread of the writes
+
+        def prepare() -> Ending:
+            row = None if last is None else dataclasses.asdict(last)
+            return prepare_end(self._store, current.id, self._conditions(current), row)
+
+        return await self._store.read(prepare)
+
+    def closing(
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
+    ) -> tuple[Closing, Attested | None]:
+        """Return what closes an episode that has ended, its moves compared with its input events; call it in `Store.write`.
+
+        ending  of `prepare_end`
+        """
+        conditions = self._conditions(current)
+        attested = (
+            None
+            if conditions is None
+            else attest_stored(self._store, current.id, conditions, ending)
+        )
+        level, reason = (None, None) if attested is None else (attested.level, attested.reason)
+        events = None if ending is None else ending.events
+        return Closing(current.id, run.record(), at_ms, level, reason, events), attested
+
+    def hides_scores(self, episode_id: str) -> bool:
+        """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
+        return self.participation is not None and self.participation.hides_scores(episode_id)
+
+    def expected(self) -> str:
+        """Return what a look from each place should show, by the newest frame; PermissionError on a person's board.
+
+        It is worked out for whoever asks, once for each frame.
+        """
+        if self.is_human or self.participation is not None:
+            raise PermissionError(
+                "what a look is expected to show is told of a policy's own board alone"
+            )
+        self._expected = self._expected or self.shown.expected(self.current.id)
+        return self._expected
+
+    def history(self) -> str:
+        """Return the path so far, encoded."""
+        return self.shown.history(self.current.id)
+
+    async def keep_events(self, events: Events) -> None:
+        """Store input events of an episode of this board, each once; RefusedError where none are kept.
+
+        The next move need not wait: it is written behind them, with the same commit.
+        """
+        async with self.changing:
+            self._keeping = self._store.put_write(partial(self._keep_events, events, self._clock()))
+        await asyncio.shield(self._keeping)
+
+    def _keep_events(self, events: Events, came_ms: int) -> None:
+        if self.participation is not None:
+            self.participation.check_events(events.episode)
+        elif not self.is_human:
+            raise RefusedError(
+                "input events are kept of a board that a person drives; a policy drives this one"
+            )
+        elif not self.takes_persons_moves:
+            raise RefusedError(
+                "input events are kept of a board that the page has begun; on this one every move is a script's"
+            )
+        elif not self._store.is_episode_of(self.id, events.episode):
+            raise RefusedError(
+                f"episode {events.episode!r} is none of this board's: no input events were kept"
+            )
+        rows = [InputEventRow(**event.model_dump()) for event in events.events]
+        if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
+            raise RefusedError(
+                "this episode has more input events than are kept; the rest is dropped"
+            )
+
+    def pair_with(self, second: Session) -> None:
+        """Show `second`, a rival's board or a replay's, with this one from now on."""
+        second.join_as_second(self)
+        self._paired_with = second
+        self.channel.notify()
+
+    def join_as_second(self, first: Session) -> None:
+        """Be shown as the second board of a pair, with `first`; `pair_with` calls it."""
+        self._paired_with, self._is_second = first, True
+
+    def unpair(self) -> None:
+        """Show no board with this one any more; the other board stays paired with it."""
+        self._paired_with = None
+
+    def touch(self) -> None:
+        """Note that somebody has asked for this session now."""
+        self.touched = time.monotonic()
+
+    async def set_pace(self, pace: Pace) -> None:
+        """Store the pace, forget a failure of the policy, and notify subscribers."""
+
+        def change(_: None) -> None:
+            self.fault, self.pace = None, pace
+            self.channel.notify()
+
+        await self._store.write(
+            partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second), then=change
+        )
+
+    def fail(self, fault: str) -> None:
+        """Keep the policy's failure, one sentence, and notify subscribers."""
+        self.fault = fault
+        self.channel.notify()
+
+    def publish_thought(self, thought: str) -> None:
+        """Publish the policy's thought about the newest frame; RuntimeError on a board that a person plays."""
+        if self.is_human or self.participation is not None:
+            raise RuntimeError("a policy's thoughts about a person's board must not be published")
+        self.thought = thought
+        self.channel.notify()
+
+    def _close(
+        self, current: Trial, run: Run, at_ms: int, ending: Ending | None
+    ) -> Attested | None:
+        """Close an episode, which has ended, in the store, and return its level; call it in a transaction."""
+        closing, attested = self.closing(current, run, at_ms, ending)
+        self._store.next_episode([closing], ())
+        if self.participation is not None:
+            self.participation.note_end()
+        return attested
+
+    def _conditions(self, current: Trial) -> Conditions | None:
+        """Return what the level of an episode depends on besides its rows; None for a script's or a policy's."""
+        if current.driver != HUMAN:
+            return None
+        study = self.participation
+        key_map = key_map_of(self.task.keys, study.settings() if study is not None else ())
+        supervised_ms = study.supervised_ms() if study is not None else ()
+        return Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
+
+    def _check_current(self, episode: str, step: int) -> None:
+        if self.participation is not None:
+            self.participation.check_open()
+        if episode != self.current.id:
+            raise RefusedError(
+                f"episode {episode!r} is not the current one, which is {self.current.id!r}"
+            )
+        if self.shown.ended:
+            raise RefusedError(f"the episode has ended ({self.shown.outcome}); begin the next one")
+        if step != self.shown.steps:
+            raise RefusedError(f"step {step} is not the current one, which is {self.shown.steps}")
+
+    def _step_row(self, move: Move, reward: float, discovered: int) -> StepRow:
+        return StepRow(
+            episode_id=self.current.id,
+            step=move.step,
+            action=move.action,
+            reward=reward,
+            discovered=discovered,
+            server_ms=self._clock(),
+            client_ms=move.client_ms,
+            key_down_ms=move.key_down_ms,
+            key_up_ms=move.key_up_ms,
+            input=move.input,
+            driver=move.driver,
+        )

@@ -1,0 +1,322 @@
+"""A participant erased for good: nothing of theirs remains in the database or in its log.
+
+What is kept are hashes of the person and of the erased trajectories, so that a merge or an import cannot bring them back: the
+table `forgotten` holds an episode's trajectory at its time, `forgotten_people` a participant's id and, under any pseudonym, the
+time when they came. Kept, too, are their entries in the chain, which nobody can read any longer: the salts are deleted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.db import chain
+from app.db.chain import Thing
+from app.db.database import StoreError, open_database, reading, rows, transaction
+from app.db.file import DatabaseLock
+from app.db.releases import mark_outdated_releases
+from app.db.study_rows import participant_label
+
+FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
+ERASED = "erased"
+"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study; the value is when."""
+
+ARRIVALS = "arrivals"
+"""A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
+
+TRAJECTORY = "e.trajectory_hash, e.started_ms, e.ended_ms"
+"""The arguments of `trajectory_hash`, as SQL columns of an episode `e`."""
+
+
+@dataclass(frozen=True)
+class Erasure:
+    """What was erased.
+
+    episodes    erased with their steps and input events, those played outside the study too
+    keeps       True where the protocol keeps episodes: they stay, under new ids
+    outdated    versions of the study's releases that hold the person
+    """
+
+    study: str
+    episodes: int
+    keeps: bool
+    outdated: tuple[int, ...]
+
+
+class ParticipantLookupError(StoreError):
+    """No participant is meant, or more than one; the message says which, and what to give instead."""
+
+
+def find_participant(database: Path, name: str, study: str | None = None) -> dict[str, Any]:
+    """Return the row of the one participant with this id, label or outside id, in one study or (None) in all.
+
+    ParticipantLookupError when there is none, or several.
+    """
+    with reading(database) as conn:
+        return _find(conn, database, name, study)
+
+
+def forget(database: Path, name: str, study: str | None = None) -> Erasure:
+    """Erase a participant, write the file anew and return what was erased.
+
+    name  a participant's id, the label their page shows, or an outside id of theirs
+
+    The database must not be in use: StoreError while a server, or any other program, has it open.
+    """
+    if not database.exists():
+        raise StoreError(f"no database at {database}: give its path with --database")
+    lock = DatabaseLock(database)
+    try:
+        conn: sqlite3.Connection = open_database(database).conn
+        try:
+            person = _find(conn, database, name, study)
+            _take_exclusively(conn, database)
+            with transaction(conn):
+                conn.execute("PRAGMA defer_foreign_keys = ON")
+                done = _erase_rows(conn, person)
+            conn.execute("VACUUM")
+            lock.clear_step()  # it may be one of those that were erased
+            conn.execute("PRAGMA locking_mode = NORMAL")
+            conn.execute("PRAGMA journal_mode = WAL")
+        finally:
+            conn.close()
+        return done
+    except sqlite3.Error as error:
+        raise StoreError(
+            f"the database {database} did not take the erasure: {error}; try again"
+        ) from error
+    finally:
+        lock.close()
+
+
+def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
+    sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
+    conn.create_function("label", 1, participant_label, deterministic=True)
+    found = rows(conn, sql, name, study)
+    if not found:
+        where = f"the study {study!r} of {database}" if study else str(database)
+        raise ParticipantLookupError(
+            f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
+        )
+    if len(found) > 1:
+        studies = ", ".join(sorted({person["study"] for person in found}))
+        raise ParticipantLookupError(
+            f"{name!r} stands for {len(found)} participants (studies: {studies}): give --study, or one participant's id; "
+            "nothing was erased"
+        )
+    return found[0]
+
+
+def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
+    now = int(time.time() * 1000)
+    (protocol,) = conn.execute(
+        "SELECT protocol FROM studies WHERE name = ?", [person["study"]]
+    ).fetchone()
+    keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
+    hashes = (
+        person_hashes(person)[:1] if keeps else person_hashes(person)
+    )  # who stays without a name still came then
+    if person["invitation"] is not None and person["consent_ms"] is not None:
+        hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
+    conn.executemany(
+        "INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes]
+    )
+    if not keeps and person["kind"] == "human":
+        note_erased(conn, person, now)
+    elsewhere = conn.execute(
+        "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?",
+        (person["player_id"], person["id"]),
+    ).fetchall()
+    sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
+    entries = _entries_of(conn, person, sessions)
+    unsound = {
+        each: stored
+        for each in entries
+        if keeps and (stored := chain.unsound_hash(conn, each.kind, each.id))
+    }
+    conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
+    new = _rename(conn, person) if keeps else {}
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+    _delete_episodes(conn, episodes, now)
+    outdated: tuple[int, ...] = ()
+    if not keeps:
+        conn.execute("DELETE FROM stage_events WHERE participant_id = ?", [person["id"]])
+        conn.execute("DELETE FROM participants WHERE id = ?", [person["id"]])
+        outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
+    for session in sessions:
+        conn.execute("DELETE FROM sessions WHERE id = ?", [session])
+    if not elsewhere:
+        conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
+    _renew_chain(conn, entries, unsound, new)
+    return Erasure(person["study"], len(episodes), keeps, outdated)
+
+
+def _entries_of(
+    conn: sqlite3.Connection, person: dict[str, Any], sessions: Sequence[str]
+) -> list[Thing]:
+    """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
+    of_session = "SELECT id FROM episodes WHERE session_id = ?"
+    episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
+    return [
+        Thing("participant", person["id"]),
+        *(Thing("session", ident) for ident in sessions),
+        *(Thing("episode", ident) for ident in episodes),
+    ]
+
+
+def _renew_chain(
+    conn: sqlite3.Connection,
+    entries: Sequence[Thing],
+    unsound: Mapping[Thing, str],
+    new: Mapping[str, str],
+) -> None:
+    """Make the person's entries unreadable, and append entries of what is kept of them, under its new ids.
+
+    What did not fit its entry before does not fit afterwards.
+    """
+    chain.forget(conn, entries)
+    if new:
+        renamed = {each: Thing(each.kind, new.get(each.id, each.id)) for each in entries}
+        kept = set(renamed.values()) & chain.things(conn)
+        chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
+
+
+def _sessions_of(
+    conn: sqlite3.Connection, person: dict[str, Any], others: set[str | None]
+) -> list[str]:
+    """Return the person's sessions, those outside the study too, without those of other studies' participants."""
+    mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
+    played = """SELECT DISTINCT e.session_id FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        WHERE s.participant_id {} ?"""
+    found = {row[0] for row in conn.execute(mine, (person["player_id"], person["session_id"]))}
+    found |= {row[0] for row in conn.execute(played.format("="), [person["id"]])}
+    others = others | {row[0] for row in conn.execute(played.format("<>"), [person["id"]])}
+    return sorted(found - others)
+
+
+def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int) -> None:
+    for ident in episodes:
+        sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
+        for driven in conn.execute(sql, [ident]).fetchall():
+            conn.execute(
+                "INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now)
+            )
+        for table in ("event_batches", "input_events", "steps", "study_episodes", "daily_attempts"):
+            conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
+        conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
+
+
+def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
+    """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
+    old, player, session, invitation = (
+        person[name] for name in ("id", "player_id", "session_id", "invitation")
+    )
+    prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
+    new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
+    conn.execute(
+        "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new[player], player)
+    )
+    if session:
+        values = (new[session], new[player], new[player], session)
+        conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)
+        conn.execute(
+            "UPDATE episodes SET session_id = ? WHERE session_id = ?", (new[session], session)
+        )
+    conn.execute(
+        "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
+        (new[old], new[player], new.get(session), new.get(invitation), old),
+    )
+    for table in ("study_episodes", "stage_events"):
+        conn.execute(
+            f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old)
+        )
+    for was, now in new.items():
+        conn.execute(
+            "UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?",
+            (was, now, new[old]),
+        )
+    return new
+
+
+def _take_exclusively(conn: sqlite3.Connection, database: Path) -> None:
+    """Fold the log into the file and keep others out of it until the end; StoreError when somebody has it open.
+
+    Without a log, and with deleted rows overwritten, no old page survives the VACUUM that follows.
+    """
+    try:
+        mode = conn.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
+    except sqlite3.OperationalError:
+        mode = "wal"
+    if mode != "delete":
+        raise StoreError(f"{database} is open in another program: stop it, nothing was erased")
+    conn.execute("PRAGMA locking_mode = EXCLUSIVE")
+    conn.execute("PRAGMA secure_delete = ON")
+
+
+def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add the source's list of the forgotten to the target's, and the studies that they were erased from."""
+    learn_counts(target, source)
+    for table in FORGOTTEN_TABLES:
+        target.executemany(
+            f"INSERT OR IGNORE INTO {table} VALUES (?, ?)",
+            source.execute(f"SELECT * FROM {table}").fetchall(),
+        )
+
+
+def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
+    """Add the source's counts of people who were erased, or left out of a release to the target's."""
+    for name in (ERASED, ARRIVALS):
+        found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
+        target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
+
+
+def note_erased(conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int) -> None:
+    """Note that a participant's rows were erased from a study, without anything that leads to the person."""
+    name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
+    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, str(at_ms)))
+
+
+def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what `forgotten_people` keeps of a participant's row: a hash of the id, and one of the times when they came."""
+    came = f"{person['study']}|{person['joined_ms']}|{person['consent_ms']}"
+    return _hash(person["id"]), _hash(came)
+
+
+def invitation_hash(study: str, invitation: str) -> str:
+    """Return what `forgotten_people` keeps of the invitation that a person had used: it lets nobody in again."""
+    return _hash(f"invitation|{study}|{invitation}")
+
+
+def trajectory_hash(trajectory: str, started_ms: int, ended_ms: int) -> str:
+    """Return what `forgotten` keeps of an episode: its trajectory at its time, since two people may drive alike."""
+    return _hash(f"{trajectory}|{started_ms}|{ended_ms}")
+
+
+def forgotten_people(
+    target: sqlite3.Connection, source: sqlite3.Connection
+) -> list[dict[str, Any]]:
+    """Return the source's participants whom the target has forgotten, whatever they are called there."""
+    people = {row[0] for row in target.execute("SELECT id_hash FROM forgotten_people")}
+    trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
+    if not people | trajectories:
+        return []
+    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+        WHERE e.ended_ms IS NOT NULL"""
+    known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
+    found = rows(source, "SELECT * FROM participants")
+    return [
+        person for person in found if person["id"] in known or people & set(person_hashes(person))
+    ]
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

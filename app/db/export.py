@@ -1,0 +1,189 @@
+"""Finished episodes as CSV, one row an episode or one row a step, each episode replayed before it is written.
+
+Columns are listed in `docs/data.md`. `verified` is false where the replay does not come to what is stored: such rows are
+marked, never hidden. Players appear under pseudonyms drawn anew for every export; sessions do not appear.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import hmac
+import io
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from app.db.columns import TABLES, Column, ColumnType
+from app.db.reader import Reader, Who, now_ms
+from app.db.resimulation import simulate
+from app.db.trial import Trial
+from marsexplorer.files import to_cell, write_whole
+
+ExportTable = Literal["episodes", "steps"]
+COLUMNS: dict[ExportTable, tuple[str, ...]] = {
+    "episodes": TABLES["episodes"].names("export"),
+    "steps": TABLES["steps"].names("export"),
+}
+
+
+def new_key() -> bytes:
+    """Return the key of one export's pseudonyms; give the same one to both tables so that they agree."""
+    return secrets.token_bytes(32)
+
+
+def export_table(
+    source: Reader | Path | str,
+    table: ExportTable,
+    who: Who = "all",
+    key: bytes | None = None,
+    public: bool = False,
+    at_ms: int | None = None,
+) -> Iterator[bytes]:
+    """Yield the table in pieces, the header first, one piece an episode.
+
+    source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
+    who      "all", or "human" for the episodes that count
+    public   True leaves out the episodes of studies that are not closed
+    at_ms    when the export is made (None: now): daily terrains whose day is not over are left out
+    """
+    _check(table, who)
+    at_ms = now_ms() if at_ms is None else at_ms
+    reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
+    return _stream(reader, lambda: reader.finished(who), table, key or new_key())
+
+
+def export_own(database: Path, table: ExportTable, player: str) -> Iterator[bytes]:
+    """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
+    _check(table, "all")
+    reader = Reader.open(database, public=True)
+    return _stream(reader, lambda: reader.finished("all", player), table, new_key())
+
+
+def write_table(path: Path, database: Path, table: ExportTable, who: Who, at_ms: int) -> None:
+    """Write what `export_table` yields of what anybody may see."""
+    with path.open("wb") as file:
+        file.writelines(export_table(database, table, who, public=True, at_ms=at_ms))
+
+
+def write_own_table(path: Path, database: Path, table: ExportTable, player: str) -> None:
+    """Write what `export_own` yields."""
+    with path.open("wb") as file:
+        file.writelines(export_own(database, table, player))
+
+
+def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:
+    """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a sentence on what was written.
+
+    advance  called with (episodes written, of how many), both tables counted
+    """
+    reader = Reader.open(database, at_ms=now_ms())
+    total = 2 * reader.count(who)
+    reader.close()
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{table}.csv" for table in COLUMNS]
+    key, done, lines, unverified = new_key(), 0, [0, 0], 0
+    with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
+        for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
+            for piece in export_table(database, table, who, key):
+                file.write(piece)
+                done += 1
+                lines[number] += piece.count(b"\n")
+                unverified += number == 0 and piece.endswith(b",false\n")
+                advance(min(done, total), total)
+    count, moves = (n - 1 for n in lines)
+    warning = (
+        f"; {unverified} of them did not replay as recorded: see the column verified"
+        if unverified
+        else ""
+    )
+    return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _check(table: str, who: str) -> None:
+    """Raise ValueError for what is no table or choice of episodes."""
+    for name, value, known in (
+        ("table", table, tuple(COLUMNS)),
+        ("who", who, ("all", "human")),
+    ):
+        if value not in known:
+            raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
+
+
+def _stream(
+    reader: Reader,
+    wanted: Callable[[], Iterator[dict[str, Any]]],
+    table: ExportTable,
+    key: bytes,
+) -> Iterator[bytes]:
+    try:
+        yield (",".join(COLUMNS[table]) + "\n").encode()
+        with reader.snapshot():
+            for row in wanted():
+                found = _rows_of(row, reader.steps(row["id"]), table, key)
+                if found:
+                    yield _encoded(found, TABLES[table].columns("export"))
+    finally:
+        reader.close()
+
+
+def _rows_of(
+    row: dict[str, Any], steps: list[dict[str, Any]], table: ExportTable, key: bytes
+) -> list[dict[str, Any]]:
+    """Return what the export says of an episode, by column: one row, or one a step."""
+    episode, findings = simulate(row, steps)
+    trial = Trial.of(row)
+    actions = trial.rules.actions
+    common = {
+        "episode": trial.id,
+        "player": _pseudonym(trial.owner_id, key),
+        "verified": not findings,
+    }
+    if table == "episodes":
+        return [
+            {
+                **trial.config.to_dict(),
+                **row,
+                **common,
+                "terrain": trial.terrain.hex(),
+                "coverage": trial.coverage,
+                "return": trial.total,
+                "steps_to_target": trial.steps_to_target,
+                "daily": trial.day,
+                "actions": " ".join(actions[step["action"]] for step in steps),
+            }
+        ]
+    return [
+        {
+            **step,
+            **common,
+            **(episode.place(step["step"] + 1) if episode else {}),
+            "action": actions[step["action"]],
+        }
+        for step in steps
+    ]
+
+
+def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:
+    out = io.StringIO()
+    lines = ([csv_cell(row.get(each.name), each.type) for each in columns] for row in found)
+    csv.writer(out, lineterminator="\n").writerows(lines)
+    return out.getvalue().encode()
+
+
+def csv_cell(value: Any, kind: ColumnType) -> Any:
+    """Return a value as a CSV file holds it: truth values are true and false, what is absent is empty."""
+    if kind == "boolean" and value is not None:
+        return "true" if value else "false"
+    return to_cell(value)
+
+
+def _pseudonym(player_id: str | None, key: bytes) -> str | None:
+    if player_id is None:
+        return None
+    return "P" + hmac.new(key, player_id.encode(), hashlib.sha256).hexdigest()[:10]

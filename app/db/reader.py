@@ -1,0 +1,221 @@
+"""Finished episodes as the database holds them: lists for the API, causes for replay, the counted ones.
+
+A reader works on the server's own connection or on a read-only one of its own, and writes nothing. No answer for the API
+holds a player's or a session's id, because a session's id is all that is needed to drive it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from app.db.database import StoreError, open_read_only
+from app.db.file import hold
+from app.db.trial import Trial
+from app.task import Record
+
+if TYPE_CHECKING:
+    from sqlite_utils import Database
+
+Who = Literal["all", "human"]
+
+HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
+    AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('attested', 'supervised')
+    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
+    AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id))"""
+"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it,
+nor does one with a move that fits no input event of its own (`app.board.attestation`); a study's episodes do not count either,
+since they make a figure of their own, nor do daily ones: everybody plays the same terrain."""
+
+_NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
+    JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
+
+# A rival that ended first would show the terrain that its player is still exploring.
+FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
+    AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
+
+TRIAL = "e.*, s.owner_id, d.day AS daily_day, d.commitment AS daily_commitment"
+"""What `Trial.of` takes of an episode `e`, its session `s` and its attempt at a daily terrain `d` (SQL)."""
+JOINED = "JOIN sessions s ON s.id = e.session_id LEFT JOIN daily_attempts d ON d.episode_id = e.id"
+
+_SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e {JOINED}
+    WHERE {FINISHED_CONDITION}"""
+_DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
+_FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
+
+
+def now_ms() -> int:
+    """Return milliseconds since 1970."""
+    return time.time_ns() // 1_000_000
+
+
+def utc_day(at_ms: int) -> str:
+    """Return the date (UTC) of a time in milliseconds since 1970: "2026-11-22"."""
+    return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+
+
+def _not_of_running_day(at_ms: int | None) -> str:
+    """Return the condition (SQL) that an episode is of no daily terrain whose day is not over."""
+    today = utc_day(now_ms() if at_ms is None else at_ms)
+    return f"NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id AND d.day >= '{today}')"
+
+
+class Reader:
+    """Queries over finished episodes.
+
+    A public one sees nothing of a study before it is closed, and nothing of a daily terrain before its day is over; the latter
+    holds for one that is told when it reads, too (`at_ms`; None: now).
+    """
+
+    def __init__(
+        self, db: Database, path: Path, public: bool = False, at_ms: int | None = None
+    ) -> None:
+        self._db = db
+        self.path = path
+        self._daily = _not_of_running_day(at_ms) if public or at_ms is not None else "1"
+        self._select_own = _SELECT + (_NOT_SECRET if public else "")
+        self._select = f"{self._select_own} AND {self._daily}"
+        self._release = hold(path)
+
+    @classmethod
+    def open(cls, path: Path | str, public: bool = False, at_ms: int | None = None) -> Reader:
+        """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
+        return cls(open_read_only(Path(path)), Path(path), public, at_ms)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._db.close()
+        self._release()
+
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Let the block see the database as it is at the first query, whatever a server writes meanwhile."""
+        self._db.conn.execute("BEGIN")
+        try:
+            yield
+        finally:
+            self._db.conn.execute("ROLLBACK")
+
+    def query(self, sql: str, given: Sequence[Any] = ()) -> list[dict[str, Any]]:
+        """Return a query's rows by column, for the modules of this package; `given` fills the question marks."""
+        return list(self._db.query(sql, list(given)))
+
+    def count(self, who: Who = "all") -> int:
+        """Return the number of finished episodes."""
+        (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
+        return int(row["n"])
+
+    def totals(self, who: Who = "all") -> list[dict[str, Any]]:
+        """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
+        columns = "owner_id, task, config, outcome, steps, score"
+        sql = f"SELECT {columns} FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
+        return list(self._db.query(sql))
+
+    def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
+        """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
+
+        player  theirs alone, whatever day it is: what they drove, not what policies did beside them
+        """
+        order = "ORDER BY e.started_ms, e.id"
+        if player is None:
+            return self._db.query(f"{self._select}{_FILTER[who]} {order}")
+        sql = f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}"
+        return self._db.query(sql, [player])
+
+    def played_by(self, player: str) -> list[Trial]:
+        """Return the finished episodes that a player drove, newest first, for their own page."""
+        sql = f"{self._select_own}{_DRIVEN_BY_PLAYER} ORDER BY e.ended_ms DESC, e.id"
+        return list(map(Trial.of, self._db.query(sql, [player])))
+
+    def steps(self, episode_id: str) -> list[dict[str, Any]]:
+        """Return an episode's step rows in order."""
+        return list(
+            self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
+        )
+
+    def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
+        """Return finished episodes, newest first, with seed, totals and the actions in words."""
+        sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
+        return [
+            _described(Trial.of(row), self.steps(row["id"]))
+            for row in list(self._db.query(sql, [limit, offset]))
+        ]
+
+    def episode(self, episode_id: str, viewer: str | None = None) -> dict[str, Any] | None:
+        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None.
+
+        viewer  the player who asks: they see their own daily episode before its day is over
+        """
+        sql = f"{self._select_own} AND e.id = ? AND ({self._daily} OR s.owner_id = ?)"
+        for row in list(self._db.query(sql, [episode_id, viewer])):
+            steps = self.steps(episode_id)
+            trial = Trial.of(row)
+            moves = [_move(step, trial.rules.actions) for step in steps]
+            return {**_described(trial, steps), "moves": moves}
+        return None
+
+    def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
+        """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""
+        sql = """SELECT e.driver, s.owner_id = ?2 AND e.driver NOT LIKE 'policy:%' AS own, EXISTS (SELECT 1 FROM participants p
+            WHERE p.session_id = s.id AND p.kind = 'script') AS synthetic
+            FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.id = ?1"""
+        for row in list(self._db.query(sql, [episode_id, viewer])):
+            is_synthetic = row["synthetic"] and not row["driver"].startswith("policy:")
+            return "you" if row["own"] else "synthetic" if is_synthetic else str(row["driver"])
+        raise StoreError(f"no episode {episode_id!r} in {self.path}")
+
+    def ids_beginning(self, prefix: str, limit: int) -> list[str]:
+        """Return the ids of finished episodes that begin with a text, in order, at most `limit` of them."""
+        sql = f"SELECT id FROM ({self._select} AND substr(e.id, 1, length(?)) = ?) ORDER BY id LIMIT ?"
+        return [str(row["id"]) for row in self._db.query(sql, [prefix, prefix, limit])]
+
+    def load_record(self, episode_id: str) -> Record:
+        """Return the cause of a finished episode, ready to be replayed; StoreError when there is no such episode."""
+        for row in list(
+            self._db.query(
+                "SELECT * FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
+            )
+        ):
+            return Trial.of(row).record(self.steps(episode_id))
+        raise StoreError(
+            f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them"
+        )
+
+
+def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:
+    names = (
+        "step",
+        "reward",
+        "discovered",
+        "server_ms",
+        "client_ms",
+        "key_down_ms",
+        "key_up_ms",
+        "input",
+        "driver",
+    )
+    return {"action": actions[step["action"]], **{name: step[name] for name in names}}
+
+
+def _described(trial: Trial, steps: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return an episode for the API."""
+    config = trial.config.to_dict()
+    plain = ("seed", "driver", "assisted", "seed_chosen", "terrain_met_before", "counts", "config_hash", "core_version",
+             "started_ms", "ended_ms", "outcome", "steps", "discovered", "score", "attestation", "attestation_reason",
+             "coverage", "steps_to_target", "trajectory_hash")  # fmt: skip
+    return {
+        "episode": trial.id,
+        "task": trial.task,
+        "level": trial.config.level,
+        **{side: config[side] for side in ("rows", "cols") if side in config},
+        "config": config,
+        "daily": trial.day,
+        "start": list(trial.start),
+        **{name: getattr(trial, name) for name in plain},
+        "return": trial.total,
+        "actions": [trial.rules.actions[step["action"]] for step in steps],
+    }

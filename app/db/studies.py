@@ -1,0 +1,370 @@
+"""Studies in the database: written by a server, and read for reports, releases, the leaderboard and the operator.
+
+`StudyStore` works on the store's connection and in its transactions: `app.db.store` stays the one writer. Whatever changes
+a participant or a study appends an entry to the chain in the same transaction (`app.db.chain`). The functions take an open
+reader, and none of them reads identities.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from app.db import chain
+from app.db.columns import TABLES
+from app.db.database import rows
+from app.db.erasure import ARRIVALS, ERASED, invitation_hash
+from app.db.reader import JOINED, TRIAL, Reader
+from app.db.store import Store
+from app.db.study_rows import ORDER_EVENT, Participant, Stage, StageEventRow, StudyRow
+from app.db.trial import Phase, Trial
+
+STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
+"""What `Trial.of` takes of a study's episode (SQL)."""
+STUDY_JOINED = f"""FROM study_episodes x JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
+    {JOINED}"""
+_TRIALS = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE x.participant_id = ? ORDER BY e.number"
+_ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
+    FROM stage_events WHERE participant_id = ?1"""
+_ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
+_NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
+    JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
+_IS_OPEN = "SELECT 1 FROM studies WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
+_NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ?"
+_PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM study_episodes t
+    JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
+
+
+class StudyStore:
+    """The tables of studies in a store's database."""
+
+    def __init__(self, store: Store) -> None:
+        self.path = store.path
+        self._store = store
+
+    @property
+    def _conn(self) -> sqlite3.Connection:
+        return self._store.connection
+
+    def add_study(self, study: StudyRow) -> StudyRow:
+        """Add a study, open, unless one of its name is there; return the one that is there now."""
+        values = (
+            study.name,
+            study.protocol,
+            study.protocol_hash,
+            study.commitment,
+            study.frozen_ms,
+        )
+        with self._store.transaction():
+            if self._conn.execute(
+                "INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values
+            ).rowcount:
+                chain.append(self._conn, "study", study.name)
+            return StudyRow(
+                *self._conn.execute("SELECT * FROM studies WHERE name = ?", [study.name]).fetchone()
+            )
+
+    def note_closed(self, study: StudyRow) -> None:
+        """Write the end and the secret of a closed study, if anybody had joined it; an open study changes nothing."""
+        if study.closed_ms is None:
+            return
+        with self._store.transaction():
+            if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
+                with chain.changing(self._conn, "study", study.name):
+                    self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
+
+    def is_closed(self, name: str) -> bool:
+        """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
+        found = self._conn.execute(
+            "SELECT 1 FROM studies WHERE name = ? AND closed_ms IS NOT NULL", [name]
+        ).fetchone()
+        return found is not None
+
+    def open_names(self) -> list[str]:
+        """Return the names of studies that the database does not know to be closed."""
+        return [
+            row[0]
+            for row in self._conn.execute(
+                "SELECT name FROM studies WHERE closed_ms IS NULL"
+            ).fetchall()
+        ]
+
+    def participant(self, participant_id: str) -> Participant:
+        """Return a participant as the database has them now."""
+        found = self._find("id = ?", participant_id)
+        assert found is not None
+        return found
+
+    def participant_of_player(self, study: str, player_id: str) -> Participant | None:
+        """Return the participant with a player's cookie; None before joining."""
+        return self._find("study = ? AND player_id = ?", study, player_id)
+
+    def participant_of_session(self, session_id: str) -> Participant | None:
+        """Return the participant whose board a session is; None when it is nobody's."""
+        return self._find("session_id = ?", session_id)
+
+    def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
+        """Return the participant who came with an outside id; None when nobody did."""
+        sql = """id = (SELECT p.id FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND i.value = ? AND p.study = ?)"""
+        return self._find(sql, name, value, study)
+
+    def identities(self, study: str, name: str) -> list[tuple[Participant, str]]:
+        """Return everybody in a study who came with an outside id of this name, and the id."""
+        sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
+            WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
+        return [
+            (Participant(*row[1:]), str(row[0]))
+            for row in self._conn.execute(sql, (name, study)).fetchall()
+        ]
+
+    def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
+        """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
+        return self._find(
+            "study = ? AND invitation = ? AND consent_ms IS NOT NULL", study, invitation
+        )
+
+    def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
+        """Return whether an invitation was used by somebody who was erased since."""
+        found = self._conn.execute(
+            "SELECT 1 FROM forgotten_people WHERE id_hash = ?", [invitation_hash(study, invitation)]
+        )
+        return found.fetchone() is not None
+
+    def count_stage_events(self, participant_id: str, kind: str) -> int:
+        """Return how many events of a kind a participant has."""
+        sql = "SELECT count(*) FROM stage_events WHERE participant_id = ? AND kind = ?"
+        return int(self._conn.execute(sql, (participant_id, kind)).fetchone()[0])
+
+    def identity(self, participant_id: str, name: str) -> str | None:
+        """Return the outside id a participant came with; None without one."""
+        sql = "SELECT value FROM identities WHERE participant_id = ? AND name = ?"
+        found = self._conn.execute(sql, (participant_id, name)).fetchone()
+        return None if found is None else str(found[0])
+
+    def add_participant(
+        self,
+        participant: Participant,
+        identities: Mapping[str, str],
+        joined: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Add a participant, and who they are elsewhere; `joined` goes into the detail of the stage event."""
+        with self._changing(participant.id):
+            self._store.add_player(participant.player_id, participant.joined_ms)
+            self._conn.execute(TABLES["participants"].insert(), tuple(vars(participant).values()))
+            for identity in identities.items():
+                self._conn.execute(TABLES["identities"].insert(), (participant.id, *identity))
+            detail = {"kind": participant.kind, "script": participant.script, **(joined or {})}
+            self._add(participant.id, participant.joined_ms, "joined", detail)
+
+    def add_stage_event(
+        self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]
+    ) -> None:
+        """Add an event to those of a participant."""
+        with self._changing(participant_id):
+            self._add(participant_id, at_ms, kind, detail)
+
+    def set_stage(self, participant_id: str, at_ms: int, stage: Stage, **columns: Any) -> None:
+        """Move a participant to a stage, and set further columns."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"stage": stage, **columns})
+            self._add(participant_id, at_ms, "stage", {"stage": stage})
+
+    def withdraw(self, participant: Participant, at_ms: int) -> None:
+        """Withdraw a participant; one who never agreed leaves no outside id behind."""
+        with self._changing(participant.id):
+            if participant.consent_ms is None:
+                self._conn.execute(
+                    "DELETE FROM identities WHERE participant_id = ?", [participant.id]
+                )
+            self._set(participant.id, {"stage": "withdrawn"})
+            self._add(participant.id, at_ms, "withdrawn", {"from": participant.stage})
+
+    def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
+        """Set a participant's settings, and add the change to their events."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"settings": json.dumps(settings, sort_keys=True)})
+            self._add(participant_id, at_ms, "settings", settings)
+
+    def set_invitation(self, participant_id: str, invitation: str) -> None:
+        """Set the invitation that brought a participant."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"invitation": invitation})
+
+    def note_supervised(self, participant_id: str, at_ms: int) -> None:
+        """Note that the operator's code was typed."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"supervised_ms": at_ms})
+            self._add(participant_id, at_ms, "supervised", {})
+
+    def supervised_ms(self, participant_id: str) -> tuple[int, ...]:
+        """Return when the operator's code was typed for a participant, each time."""
+        sql = "SELECT at_ms FROM stage_events WHERE participant_id = ? AND kind = 'supervised' ORDER BY number"
+        return tuple(at_ms for (at_ms,) in self._conn.execute(sql, [participant_id]).fetchall())
+
+    def settings(self, participant_id: str) -> list[dict[str, Any]]:
+        """Return what a participant has chosen, every version so far."""
+        sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
+        return [
+            json.loads(detail) for (detail,) in self._conn.execute(sql, [participant_id]).fetchall()
+        ]
+
+    def set_session(self, participant_id: str, session_id: str) -> None:
+        """Set the session that is the participant's board."""
+        with self._changing(participant_id):
+            self._set(participant_id, {"session_id": session_id})
+
+    def add_trial(
+        self, participant_id: str, episode_id: str, phase: Phase, trial: int, terrain: int
+    ) -> None:
+        """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
+        with self._store.transaction():
+            values = (episode_id, participant_id, phase, trial, terrain)
+            self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
+
+    def order_number(self, participant: Participant, at_ms: int) -> int:
+        """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
+
+        It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
+        """
+        with self._store.transaction():
+            if (
+                known := self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+            ) is not None:
+                return int(known[0])
+            (number,) = self._conn.execute(
+                _NEXT_ORDER_NUMBER, (participant.study, participant.kind)
+            ).fetchone()
+            self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
+        return int(number)
+
+    def trials(self, participant_id: str) -> list[Trial]:
+        """Return a participant's episodes in the order played."""
+        return [Trial.of(row) for row in rows(self._conn, _TRIALS, participant_id)]
+
+    def has_trial(self, participant_id: str, episode_id: str) -> bool:
+        """Return whether an episode is one of the participant's."""
+        sql = "SELECT 1 FROM study_episodes WHERE episode_id = ? AND participant_id = ?"
+        return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
+
+    def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
+        """Return the phase of an episode and the stage its participant is at now; None for an episode of no study."""
+        found = self._conn.execute(_PHASE_AND_STAGE, [episode_id]).fetchone()
+        return None if found is None else (found[0], found[1])
+
+    @contextmanager
+    def _changing(self, participant_id: str) -> Iterator[None]:
+        with (
+            self._store.transaction(),
+            chain.changing(self._conn, "participant", participant_id),
+        ):
+            yield
+
+    def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
+        names = ", ".join(f"{name} = ?" for name in columns)
+        self._conn.execute(
+            f"UPDATE participants SET {names} WHERE id = ?", (*columns.values(), participant_id)
+        )
+
+    def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
+        self._conn.execute(
+            _ADD_EVENT, (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
+        )
+
+    def _find(self, where: str, *values: str) -> Participant | None:
+        row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
+        return None if row is None else Participant(*row)
+
+
+Row = dict[str, Any]
+
+_ACTIVITY = f"""SELECT {STUDY_TRIAL}, (SELECT max(server_ms) FROM steps WHERE episode_id = e.id) AS moved_ms {STUDY_JOINED}
+    WHERE p.study = ?"""
+_EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind = 'deviation') AS deviations
+    FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
+_WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
+    WHERE p.study = ? AND v.kind = 'withdrawn'"""
+_CLOSED = "SELECT * FROM studies WHERE closed_ms IS NOT NULL AND secret IS NOT NULL ORDER BY closed_ms DESC"
+
+
+def find_study(reader: Reader, name: str) -> StudyRow | None:
+    """Return a study; None when nobody has joined one of this name."""
+    found = reader.query("SELECT * FROM studies WHERE name = ?", [name])
+    return StudyRow(**found[0]) if found else None
+
+
+def study_names(reader: Reader) -> list[str]:
+    """Return the names of all studies that somebody has joined, sorted."""
+    return [row["name"] for row in reader.query("SELECT name FROM studies ORDER BY name")]
+
+
+def closed_studies(reader: Reader) -> list[StudyRow]:
+    """Return the studies that are closed and whose secret is known, the latest first."""
+    return [StudyRow(**row) for row in reader.query(_CLOSED)]
+
+
+def participants(reader: Reader, study: str) -> list[Participant]:
+    """Return a study's participants in the order of joining."""
+    sql = "SELECT * FROM participants WHERE study = ? ORDER BY joined_ms, id"
+    return [Participant(**row) for row in reader.query(sql, [study])]
+
+
+def count_participants(reader: Reader, study: str) -> int:
+    """Return how many people and scripts have joined a study."""
+    return int(
+        reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"]
+    )
+
+
+def count_erased(reader: Reader, study: str) -> int:
+    """Return how many people had their rows erased from a study (`app.db.erasure.note_erased`)."""
+    sql = "SELECT count(*) AS n FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
+    return int(reader.query(sql, [ERASED, study])[0]["n"])
+
+
+def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:
+    """Return the counts of people whom a release left out, in a database that was imported from one; empty otherwise."""
+    found = reader.query("SELECT value FROM meta WHERE name = ?", [f"{ARRIVALS}|{study}"])
+    return dict(json.loads(found[0]["value"])) if found else {}
+
+
+def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[StageEventRow]:
+    """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
+    sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
+    wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
+    return [
+        StageEventRow(**row)
+        for row in reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
+    ]
+
+
+def study_trials(reader: Reader, study: str) -> list[Trial]:
+    """Return a study's episodes, finished or running, oldest first."""
+    sql = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE p.study = ? ORDER BY e.started_ms, e.id"
+    return [Trial.of(row) for row in reader.query(sql, [study])]
+
+
+def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
+    """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
+    return reader.query(
+        "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step",
+        [episode_id],
+    )
+
+
+def trial_activity(reader: Reader, study: str) -> list[Trial]:
+    """Return every trial of a study with the time of its newest move."""
+    return [Trial.of(row) for row in reader.query(_ACTIVITY, [study])]
+
+
+def event_summaries(reader: Reader, study: str) -> dict[str, Row]:
+    """Return per participant with stage events the time of the last one (`last_ms`) and the number of `deviations`."""
+    return {row["participant_id"]: row for row in reader.query(_EVENT_SUMMARY, [study])}
+
+
+def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
+    """Return the stage events by which participants of a study withdrew."""
+    return [StageEventRow(**row) for row in reader.query(_WITHDRAWALS, [study])]

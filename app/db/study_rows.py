@@ -1,0 +1,67 @@
+"""The rows of the tables of studies as Python sees them."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from app.db.trial import ParticipantKind
+
+Stage = Literal[
+    "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
+]  # fmt: skip
+ORDER_EVENT = "order"
+"""Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
+
+
+class StudyRow(NamedTuple):
+    """A study that somebody has joined; `protocol` is JSON. While it is open, `closed_ms` and `secret` (hex) are None."""
+
+    name: str
+    protocol: str
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None = None
+    secret: str | None = None
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A person, or a script, in a study; `settings` is JSON, times are milliseconds since 1970.
+
+    invitation     id of the invitation that brought them; None without one
+    supervised_ms  when the operator's code was typed last; None if it never was
+    """
+
+    id: str
+    study: str
+    player_id: str
+    session_id: str | None
+    kind: ParticipantKind
+    script: str | None
+    consent_version: str | None
+    stage: Stage
+    consent_ms: int | None
+    joined_ms: int
+    completed_ms: int | None
+    completion_code: str | None
+    settings: str
+    invitation: str | None = None
+    supervised_ms: int | None = None
+
+
+class StageEventRow(NamedTuple):
+    """Something that happened to a participant; `detail` is JSON."""
+
+    participant_id: str
+    number: int
+    at_ms: int
+    kind: str
+    detail: str
+
+
+def participant_label(participant_id: str) -> str:
+    """Return the short label a participant sees and can quote; nobody can find the id from it."""
+    return hashlib.sha256(f"label|{participant_id}".encode()).hexdigest()[:8].upper()

@@ -1,0 +1,60 @@
+"""What the server could attest of the people's ranked episodes, and what the level that the protocol requires leaves out."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+from app.board.attestation import LEVELS, level_reaches
+from app.db.trial import Attestation
+from app.series.data import StudyData
+
+
+@dataclass(frozen=True)
+class AttestationSummary:
+    """The levels of the people's finished ranked episodes; those with a script's move are not among them.
+
+    required          the lowest level that enters a figure
+    episodes, people  by level, lowest first; a person counts at every level that one of their episodes has
+    left_out          episodes below the required level
+    people_left_out   people with such an episode
+    reasons           why episodes are not attested, with how many, the most frequent first; the number of the move is left away
+    """
+
+    required: Attestation
+    episodes: dict[Attestation, int]
+    people: dict[Attestation, int]
+    left_out: int
+    people_left_out: int
+    reasons: dict[str, int]
+
+
+def attestation_summary(data: StudyData) -> AttestationSummary:
+    """Return the summary of a study."""
+    required = data.protocol.required_attestation
+    ranked = [
+        each
+        for each in data.trials
+        if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
+    ]
+    below = [each for each in ranked if not level_reaches(each.attestation, required)]
+    reasons = Counter(
+        _without_step(each.attestation_reason) for each in ranked if each.attestation_reason
+    )
+    return AttestationSummary(
+        required=required,
+        episodes={level: sum(each.attestation == level for each in ranked) for level in LEVELS},
+        people={
+            level: len({each.participant for each in ranked if each.attestation == level})
+            for level in LEVELS
+        },
+        left_out=len(below),
+        people_left_out=len({each.participant for each in below}),
+        reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
+    )
+
+
+def _without_step(reason: str) -> str:
+    """Return a reason without the move that it names and without its numbers, so that like reasons count as one."""
+    return re.sub(r"-?\d+(\.\d+)?", "N", re.sub(r"^step \d+: ", "", reason))

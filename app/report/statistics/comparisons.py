@@ -1,0 +1,187 @@
+"""Policies compared with people on the same terrains: differences, ratios and shares, by one test over players and terrains.
+
+A study is a table float64[players, terrains] of one metric, NaN where a player did not finish a terrain. The unit is the
+player: the figure is the mean of the players' means, never of pooled episodes. A policy plays every terrain once, so what is
+tested are the cells policy - player: players and terrains are both drawn (`crossed`). Every interval for new
+terrains holds exactly those values that this test at 5 % does not reject; so a difference without 0, a ratio without 1 and a
+normalized score without 1 are one and the same statement, and so is a p below 0.05. Nothing is drawn at random.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from app.report.statistics.crossed import can_be_crossed, crossed_interval, crossed_p
+from app.report.statistics.intervals import Interval, printed_interval
+from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
+
+FEWEST_TO_TEST = 5
+"""Players below whom no p value is given: their spread is too poorly known."""
+
+_TIE = 1e-9
+"""A lead below this share of the largest value is rounding: sums in another order differ in the last bits."""
+
+
+def player_means(table: Floats) -> Floats:
+    """Return each player's mean: float64[players] from a table in which every player has at least one value."""
+    return np.asarray(np.nanmean(table, axis=1))
+
+
+def new_terrains_interval(table: Floats) -> Interval | None:
+    """Return the 95 % interval of the mean over players and terrains alike; None where the table is too small for one.
+
+    It never reaches less far than the interval for these terrains.
+    """
+    return _ends(crossed_interval(table)) if can_be_crossed(table) else None
+
+
+def _ends(ends: tuple[Floats, Floats]) -> Interval | None:
+    low, high = float(ends[0]), float(ends[1])
+    return (low, high) if np.isfinite([low, high]).all() else None
+
+
+@dataclass(frozen=True)
+class PolicyComparison:
+    """A policy compared with the people on the same terrains, in one metric. Intervals are 95 %.
+
+    mean                   of the policy over the terrains
+    difference             policy - people: the mean over players of a player's mean difference on the terrains they finished
+    these                  interval of the difference for other players on exactly these terrains
+    new                    interval of the difference for other players and other terrains
+    p_value                of the test that the difference is 0 for other players and other terrains: below 0.05 exactly where
+                           `new` leaves 0 out; None below five players
+    simultaneous           as `new`, at Bonferroni's level for the number of policies: all of them hold together with 95 %
+    p_adjusted             `p_value` by Holm's method for the number of policies; it may reject where `simultaneous`, which is a
+                           little wider, still holds 0, never the other way round
+    ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
+    normalized             (policy - random) / (people - random), over players and terrains; None for `random` and without it
+    better                 terrains on which the policy scores better than the people's mean does
+    """
+
+    policy: str
+    metric: str
+    mean: float
+    terrains: int
+    difference: float
+    these: Interval | None
+    new: Interval | None
+    p_value: float | None
+    p_adjusted: float | None
+    ratio: float | None
+    ratio_interval: Interval | None
+    normalized: float | None
+    normalized_interval: Interval | None
+    better: int
+    simultaneous: Interval | None = None
+
+
+def compare_policy(
+    policy: str,
+    metric: str,
+    values: Floats,
+    table: Floats,
+    random: Floats | None = None,
+    up: bool = True,
+    policies: int = 1,
+) -> PolicyComparison:
+    """Return the comparison of a policy's values float64[terrains] with the players' table float64[players, terrains].
+
+    random    of the policy `random` on the same terrains, None where it was not played; up: more is better
+    policies  how many are compared in this metric, for the simultaneous interval
+    """
+    differences = values - table
+    several, can_be_drawn = len(table) > 1, can_be_crossed(table)
+    confidence = 1 - (1 - CONFIDENCE) / policies
+    ratio, ratio_interval = _ratio(values, table)
+    normalized, normalized_interval = _normalized(
+        values, random if policy != "random" else None, table
+    )
+    ahead = (values - np.nanmean(table, axis=0)) * (1 if up else -1)
+    return PolicyComparison(
+        policy=policy,
+        metric=metric,
+        mean=float(values.mean()),
+        terrains=len(values),
+        difference=float(player_means(differences).mean()),
+        these=_ends(printed_interval(player_means(differences))) if several else None,
+        new=_ends(crossed_interval(differences)) if can_be_drawn else None,
+        p_value=_p_value(differences) if can_be_drawn else None,
+        p_adjusted=None,
+        ratio=ratio,
+        ratio_interval=ratio_interval,
+        normalized=normalized,
+        normalized_interval=normalized_interval,
+        better=int((ahead > _TIE * np.abs(values).max()).sum()),
+        simultaneous=_ends(crossed_interval(differences, confidence)) if can_be_drawn else None,
+    )
+
+
+def _p_value(differences: Floats) -> float | None:
+    """Return the p of the differences float64[players, terrains]; None below five players."""
+    p = float(crossed_p(differences))
+    return p if len(differences) >= FEWEST_TO_TEST and np.isfinite(p) else None
+
+
+def _ratio(values: Floats, table: Floats) -> tuple[float | None, Interval | None]:
+    """Return policy / people and its interval; no ratio where the people's mean is not positive."""
+    if not player_means(table).mean() > 0:
+        return None, None
+    return quotient_interval(np.where(np.isnan(table), np.nan, values), table)
+
+
+def _normalized(
+    values: Floats, random: Floats | None, table: Floats
+) -> tuple[float | None, Interval | None]:
+    """Return (policy - random) / (people - random) and its interval; nothing where people are exactly as good as random."""
+    if random is None or player_means(table - random).mean() == 0:
+        return None, None
+    return quotient_interval(np.where(np.isnan(table), np.nan, values - random), table - random)
+
+
+def quotient_interval(top: Floats, bottom: Floats) -> tuple[float, Interval | None]:
+    """Return the quotient of two means over players and terrains, and the values q that the test of top - q bottom = 0 keeps.
+
+    Fieller 1954, J. R. Statist. Soc. B 16(2), with the variance over players and terrains. No interval where the test cannot
+    tell the denominator from 0, since then it has no bounds, nor where the table is too small.
+
+    top, bottom  float64[players, terrains], with the same gaps; the mean of `bottom` is not 0
+    """
+    quotient = float(player_means(top).mean() / player_means(bottom).mean())
+    if not can_be_crossed(bottom) or not crossed_p(bottom) < 1 - CONFIDENCE:
+        return quotient, None
+
+    def kept(q: float) -> float:
+        return float(crossed_p(top - q * bottom)) - (1 - CONFIDENCE)
+
+    start = float(crossed_interval(bottom)[1] - player_means(bottom).mean()) / abs(
+        float(player_means(bottom).mean())
+    )
+    step = max(abs(quotient), 1e-3) * max(start, 1e-9)
+    return quotient, (_end(kept, quotient, -step), _end(kept, quotient, step))
+
+
+def _end(kept: Callable[[float], float], inside: float, step: float) -> float:
+    """Return where `kept` crosses 0 on the way from `inside` in the direction of `step`."""
+    outside = inside + step
+    while kept(outside) > 0 and np.isfinite(outside):
+        inside, step = outside, 2 * step
+        outside = inside + step
+    return (
+        float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12))
+        if kept(inside) > 0
+        else inside
+    )
+
+
+def holm(p_values: list[float]) -> list[float]:
+    """Return p values adjusted for their number by Holm's step-down method, in the order given."""
+    order = np.argsort(p_values, kind="stable")
+    adjusted, worst = [0.0] * len(p_values), 0.0
+    for rank, at in enumerate(order):
+        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[at]))
+        adjusted[at] = worst
+    return adjusted

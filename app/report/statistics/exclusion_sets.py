@@ -1,0 +1,186 @@
+"""Who enters a figure: the exclusion sets, and the tables players x terrains and players x trials they give.
+
+"all" is everybody with a finished ranked episode; the protocol names the others. An episode of a person's never enters when one
+move was a script's, or when its attestation is below the level that the protocol requires. A script's table is made by the same
+rules, its own moves allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from app.board.attestation import level_reaches
+from app.db.trial import Trial
+from app.report.statistics.formatting import percent
+from app.series.data import Person, StudyData
+from marsexplorer.evaluation.intervals import Floats
+
+MetricName = Literal["score", "steps"]
+METRICS: tuple[MetricName, ...] = ("score", "steps")
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """The participants of one kind, and their finished ranked and warm-up episodes by participant, in the order played."""
+
+    name: str
+    kind: str
+    people: tuple[Person, ...]
+    ranked: Mapping[str, tuple[Trial, ...]]
+    warm_up: Mapping[str, tuple[Trial, ...]]
+    terrains: int
+    practice: int
+
+    def table(
+        self, ids: Sequence[str], metric: MetricName, by: Literal["terrain", "trial"] = "terrain"
+    ) -> Floats:
+        """Return float64[players, ranked terrains or trials], NaN where not finished."""
+        found = np.full((len(ids), self.terrains), np.nan)
+        for row, person in enumerate(ids):
+            for trial in self.ranked[person]:
+                column = trial.terrain_index if by == "terrain" else trial.trial
+                if 0 <= column < self.terrains:
+                    found[row, column] = metric_value(trial, metric)
+        return found
+
+    def trial_numbers(self, ids: Sequence[str]) -> Floats:
+        """Return in which trial (0..) each ranked terrain was played, float64[players, terrains], NaN where not finished."""
+        found = np.full((len(ids), self.terrains), np.nan)
+        for row, person in enumerate(ids):
+            for each in self.ranked[person]:
+                if 0 <= each.terrain_index < self.terrains:
+                    found[row, each.terrain_index] = each.trial
+        return found
+
+    def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
+        """Return float64[players, warm-up trials], NaN where not finished."""
+        found = np.full((len(ids), self.practice), np.nan)
+        for row, person in enumerate(ids):
+            for trial in self.warm_up[person]:
+                if 0 <= trial.trial < self.practice:
+                    found[row, trial.trial] = metric_value(trial, metric)
+        return found
+
+
+def metric_value(trial: Trial, metric: MetricName) -> float:
+    """Return a finished trial's normalized score or its steps to 99 %."""
+    found = trial.score if metric == "score" else trial.steps_to_target
+    assert found is not None
+    return float(found)
+
+
+def people_of(data: StudyData) -> Cohort:
+    """Return the people of a study, with the episodes that may be seen of it now."""
+    shown = data.shown()
+    return _cohort(
+        shown, "people", "human", [person for person in shown.people if person.kind == "human"]
+    )
+
+
+def scripts_of(data: StudyData) -> list[Cohort]:
+    """Return a study's scripts, one cohort for each kind of script."""
+    names = sorted({person.script or "script" for person in data.people if person.kind == "script"})
+    scripts = [person for person in data.people if person.kind == "script"]
+    return [
+        _cohort(
+            data, name, "script", [each for each in scripts if (each.script or "script") == name]
+        )
+        for name in names
+    ]
+
+
+def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
+    protocol = data.protocol
+    ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
+    return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
+
+
+def _finished(
+    data: StudyData, people: list[Person], kind: str, phase: str
+) -> dict[str, tuple[Trial, ...]]:
+    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level."""
+    found: dict[str, list[Trial]] = {person.id: [] for person in people}
+    required = data.protocol.required_attestation
+    for trial in data.trials:
+        is_own = trial.phase == phase and trial.ended_ms is not None and trial.driver == kind
+        if (
+            trial.participant in found
+            and is_own
+            and (kind != "human" or level_reaches(trial.attestation, required))
+        ):
+            found[trial.participant].append(trial)
+    return {
+        person: tuple(sorted(trials, key=lambda trial: trial.trial))
+        for person, trials in found.items()
+    }
+
+
+def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
+    """Return the ids of those whom a set's rules let in, in the order of what they played.
+
+    That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
+    come out the same from an imported release, whose ids are pseudonyms.
+    """
+    inside = [
+        person.id
+        for person in cohort.people
+        if cohort.ranked[person.id] and _enters(cohort, person, rules)
+    ]
+    return sorted(inside, key=lambda person: _played(cohort, person))
+
+
+Played = tuple[int, int, float, float, str]
+"""Terrain, trial, score, steps to 99 % and the hash of the trajectory."""
+
+
+def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
+    """Return what a participant played, ranked and to warm up, terrain by terrain."""
+    ranked, warm_up = (
+        sorted(
+            (
+                each.terrain_index,
+                each.trial,
+                metric_value(each, "score"),
+                metric_value(each, "steps"),
+                each.trajectory_hash or "",
+            )
+            for each in trials
+        )
+        for trials in (cohort.ranked[person], cohort.warm_up[person])
+    )
+    return ranked, warm_up
+
+
+def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:
+    trials = cohort.ranked[person.id]
+    # trials that a script touched or below the required level are not among them: a person with one does not have all
+    whole = len({trial.terrain_index for trial in trials}) == cohort.terrains
+    if rules.get("completed") and (person.completed_ms is None or not whole):
+        return False
+    if rules.get("all_ranked_driver_human") and not whole:
+        return False
+    if rules.get("no_labels") and any(trial.labels for trial in trials):
+        return False
+    most = rules.get("max_pause_share")
+    return most is None or all(trial.pause_share <= float(most) for trial in trials)
+
+
+def rule_in_words(rules: Mapping[Any, Any] | None) -> str:
+    """Return who enters under a set's rules; None is the set of all."""
+    if rules is None:
+        return "everybody who finished a ranked episode"
+    words = []
+    if rules.get("completed"):
+        words.append("finished every ranked episode")
+    if rules.get("all_ranked_driver_human"):
+        words.append("made every move of them")
+    if rules.get("no_labels"):
+        words.append("no ranked episode carries a label")
+    if (most := rules.get("max_pause_share")) is not None:
+        words.append(f"none was paused for more than {percent(float(most))} of its time")
+    return "; ".join(words) or "everybody who finished a ranked episode"

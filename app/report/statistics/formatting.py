@@ -1,0 +1,27 @@
+"""Numbers as reports and commands print them: a real minus sign, "low to high", a dash where there is no number."""
+
+from __future__ import annotations
+
+from app.report.statistics.intervals import Interval
+
+NONE = "–"
+
+
+def number(value: float | None, digits: int) -> str:
+    """Return a number with so many decimals, a dash for None and NaN."""
+    return NONE if value is None or value != value else f"{value:.{digits}f}".replace("-", "−")
+
+
+def interval(ends: Interval | None, digits: int) -> str:
+    """Return "low to high" with so many decimals, a dash for None."""
+    return NONE if ends is None else f"{number(ends[0], digits)} to {number(ends[1], digits)}"
+
+
+def p_value(p: float | None) -> str:
+    """Return p with three decimals, "< 0.001" below that, a dash for None."""
+    return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def percent(share: float, digits: int = 0) -> str:
+    """Return a share of 0..1 in percent, as in "46 %"."""
+    return f"{100 * share:.{digits}f} %"

@@ -1,0 +1,159 @@
+"""The figure of the playground's volunteers: for each configuration, the mean of the players' means with its interval.
+
+Volunteers chose to play, and how often: they are no sample of anybody, and their figure is not called the human level, which is
+a closed study's alone. Every player weighs the same, however much they played, because one player's episodes resemble each
+other. The interval is the one that reports print (`app.report.statistics.intervals`). Only counted episodes enter
+(`app.db.reader.HUMAN_SCORE_CONDITION`); one that was abandoned is among them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from app.db.reader import Reader
+from app.report.statistics.exclusion_sets import MetricName
+from app.report.statistics.headline import is_a_few_players
+from app.report.statistics.intervals import headline_interval
+from app.report.statistics.study_figures import metric_bounds
+from app.task import rules_of
+from marsexplorer.evaluation.intervals import t_interval
+
+NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
+
+
+_Played = tuple[str, str]
+"""A task and one of its configurations, as JSON."""
+
+
+class VolunteerFigures:
+    """The volunteers' figures, each kept while the counted episodes of its configuration stay the same.
+
+    Every reading reads the counted episodes, and makes a figure anew unless the hash of all that it is made from is the one
+    before. So an episode that comes, goes or no longer counts is seen at once. Nobody's id is kept, and figures that nothing
+    counts for any longer are dropped.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[_Played, tuple[bytes, dict[str, Any]]] = {}
+        self._making = threading.Lock()
+
+    def human_level(self, store: Reader) -> dict[str, Any]:
+        """Return what the function `human_level` returns; the figures are shared, so do not change them."""
+        by_config: dict[_Played, list[dict[str, Any]]] = {}
+        for row in store.totals("human"):
+            by_config.setdefault((row["task"], row["config"]), []).append(row)
+        with self._making:
+            self._made = {
+                config: self._made_from(config, played) for config, played in by_config.items()
+            }
+            figures = sorted(
+                (figure for _, figure in self._made.values()),
+                key=lambda figure: -figure["episodes"],
+            )
+        return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
+
+    def _made_from(
+        self, config: _Played, played: list[dict[str, Any]]
+    ) -> tuple[bytes, dict[str, Any]]:
+        """Return the hash of a configuration's counted episodes with their figure."""
+        state = hashlib.sha256(repr([tuple(row.values()) for row in played]).encode()).digest()
+        made = self._made.get(config)
+        return made if made is not None and made[0] == state else (state, _figure(*config, played))
+
+
+def human_level(store: Reader) -> dict[str, Any]:
+    """Return the volunteers' `{"figures": [one per configuration], "sentence": the same in words}`; none for nobody."""
+    return VolunteerFigures().human_level(store)
+
+
+def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
+    """Return mean, low and high of the 95 % t interval for the mean; low and high None with fewer than two values."""
+    mean = _mean(values)
+    if len(values) < 2:
+        return {"mean": mean, "low": None, "high": None}
+    low, high = t_interval(np.array(values, np.float64))
+    return {"mean": mean, "low": float(low), "high": float(high)}
+
+
+def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
+    rules = rules_of(task)
+    config = rules.configuration(json.loads(config_json))
+    values = config.to_dict()
+    scores: dict[str, list[float]] = {}
+    steps: dict[str, list[float]] = {}
+    explored: dict[str, list[bool]] = {}
+    for row in played:
+        scores.setdefault(row["owner_id"], []).append(row["score"])
+        steps.setdefault(row["owner_id"], []).append(
+            row["steps"] if row["outcome"] in rules.successes else config.limit
+        )
+        explored.setdefault(row["owner_id"], []).append(row["outcome"] in rules.successes)
+    failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
+    is_guaranteed = len(scores) > 1 and bool(
+        is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64))
+    )
+    return {
+        "task": task,
+        "level": config.level,
+        "where": rules.where(config),
+        **{side: values[side] for side in ("rows", "cols") if side in values},
+        "config_hash": config.hash,
+        "config": values,
+        "population": "volunteers",
+        "headline": "guaranteed" if is_guaranteed else "printed",
+        "players": len(scores),
+        "episodes": len(played),
+        "abandoned": sum(row["outcome"] == "abandoned" for row in played),
+        "score": _interval_of(scores, metric_bounds(rules, config, "score"), is_guaranteed),
+        "steps": _interval_of(steps, metric_bounds(rules, config, "steps"), is_guaranteed),
+        "completed": _mean([_mean(own) for own in explored.values()]),
+    }
+
+
+def _interval_of(
+    values: dict[str, list[float]], bounds: tuple[float, float], is_guaranteed: bool
+) -> dict[str, float | None]:
+    """Return mean, low and high over players as a report prints them; low and high None for one player."""
+    means = np.array([_mean(own) for own in values.values()], np.float64)
+    low, high = headline_interval(means, bounds, is_guaranteed=is_guaranteed) or (None, None)
+    return {"mean": float(means.mean()), "low": low, "high": high}
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def _sentence(figure: dict[str, Any]) -> str:
+    """Return a figure in plain words."""
+    who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
+    abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
+    where = figure["where"]
+    score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
+    steps = f"{figure['steps']['mean']:.1f} {rules_of(figure['task']).words.steps}{_interval(figure, 'steps', '.1f')}"
+    figures = f"{score}, {steps}, {figure['completed']:.0%} completed."
+    text = f"Volunteers on this playground, self-selected: {where} ({who}{abandoned}): {figures}"
+    return text if figure["players"] > 1 else f"{text} One player gives no interval."
+
+
+def _interval(figure: dict[str, Any], metric: MetricName, form: str) -> str:
+    low, high = figure[metric]["low"], figure[metric]["high"]
+    if low is None or high is None:
+        return ""
+    kind = "guaranteed 95 % interval" if figure["headline"] == "guaranteed" else "95 % interval"
+    return f" ({kind} {low:{form}} to {high:{form}})"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _failed(explored: list[bool]) -> int:
+    """Return how many of a player's episodes ended short of 99 %."""
+    return explored.count(False)

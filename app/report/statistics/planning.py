@@ -1,0 +1,220 @@
+"""What a study can see before it is frozen: the width of its interval, and the power of each comparison that it plans.
+
+Everything follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
+questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
+minus first third), and does a policy differ from the people on these terrains (t test over players, at the level of the first
+step of Holm's method; the report's test is for other terrains too, which takes a little of the power).
+`research.methods.flat_power` compares the first with the report's own test in simulated studies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from app.report.statistics.learning import LEVEL
+from app.report.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
+from app.series.protocol import Protocol
+from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
+
+WANTED_POWER = 0.8
+"""What a new study's margin and difference are derived for."""
+
+LEAST_POWER = 0.5
+"""A study below it is refused: it would more likely miss than see what it is planned to see."""
+
+_QUANTILES: Floats = (np.arange(2000) + 0.5) / 2000
+"""Of the sample's standard deviation, over which a power is averaged."""
+
+
+@dataclass(frozen=True)
+class PlannedComparison:
+    """A comparison that a study plans.
+
+    what     in words, with its number
+    power    share of studies that see it
+    least    the smallest margin or difference (steps to 99 %) that this many players see with 80 % power; None for none
+    players  fewest players who see the planned one with 80 % power; None where more than MAX_PLAYERS are needed
+    field    of the protocol that holds the margin or difference
+    """
+
+    what: str
+    power: float
+    least: float | None
+    players: int | None
+    field: str
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What a protocol can see.
+
+    player_sd, episode_sd  assumed, in steps to 99 %
+    is_default             whether the protocol does not name them, so that those of a new study stand in
+    half_width             of the 95 % interval of mean steps to 99 %: on average, and in 80 % of studies; None for one player
+    comparisons            in the order of the report; learning is missing below three ranked episodes
+    """
+
+    player_sd: float
+    episode_sd: float
+    is_default: bool
+    half_width: tuple[float, float] | None
+    comparisons: tuple[PlannedComparison, ...]
+
+    @property
+    def underpowered(self) -> tuple[PlannedComparison, ...]:
+        """The comparisons whose power is below LEAST_POWER."""
+        return tuple(each for each in self.comparisons if each.power < LEAST_POWER)
+
+
+def plan_study(protocol: Protocol) -> StudyPlan:
+    """Return what a protocol can see with the players it plans."""
+    player_sd, episode_sd = planned_sds(protocol)
+    half_width = None
+    if protocol.players > 1:
+        plan = plan_sample_size(player_sd, episode_sd, 1.0, protocol.ranked)
+        half_width = _half_width(plan.mean_sd, protocol.players)
+    found = [_learning(protocol, episode_sd)] if protocol.ranked >= 3 else []
+    if protocol.policies:
+        found.append(_policies(protocol, player_sd, episode_sd))
+    is_default = protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None
+    return StudyPlan(player_sd, episode_sd, is_default, half_width, tuple(found))
+
+
+def planned_sds(protocol: Protocol) -> tuple[float, float]:
+    """Return the assumed standard deviations (players, episodes), those of a new study where the protocol names none."""
+    known = protocol.rules.study(protocol.env_config)
+    players, episodes = known["assumed_player_sd"], known["assumed_episode_sd"]
+    return protocol.assumed_player_sd or players, protocol.assumed_episode_sd or episodes
+
+
+def derived_margin(protocol: Protocol) -> float | None:
+    """Return the smallest whole margin (steps) that the protocol's players see with 80 % power; None where none can be seen."""
+    _, episode_sd = planned_sds(protocol)
+    if protocol.players < 2 or protocol.ranked < 3:
+        return None
+    return _whole(
+        _least(
+            lambda margin: flat_power(_change_sd(protocol, episode_sd), protocol.players, margin)
+        ),
+        protocol,
+    )
+
+
+def derived_difference(protocol: Protocol) -> float | None:
+    """Return the smallest whole difference from a policy (steps) seen with 80 % power; None where none can be seen."""
+    if protocol.players < 2:
+        return None
+    spread = _mean_sd(protocol, *planned_sds(protocol))
+    count = _policy_count(protocol)
+    return _whole(
+        _least(lambda difference: difference_power(spread, protocol.players, difference, count)),
+        protocol,
+    )
+
+
+def flat_power(change_sd: float, players: int, margin: float) -> float:
+    """Return the share of truly flat studies whose 90 % interval of the change lies within +-margin.
+
+    change_sd  standard deviation, between players, of last third minus first third
+    """
+    if players < 2:
+        return 0.0
+    freedom, error = players - 1, change_sd / math.sqrt(players)
+    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
+    room = margin / error - t_quantile(freedom, 1 - 2 * LEVEL) * sampled
+    return float(np.maximum(0.0, 2 * scipy.special.ndtr(room) - 1).mean())
+
+
+def difference_power(mean_sd: float, players: int, difference: float, policies: int) -> float:
+    """Return the share of studies that see a policy's difference from the people at 5 % / policies, two-sided.
+
+    mean_sd  standard deviation of players' means over the ranked terrains
+    """
+    if players < 2:
+        return 0.0
+    freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
+    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * np.sqrt(
+        chi_squared_quantile(_QUANTILES, freedom) / freedom
+    )
+    return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
+
+
+def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
+    spread, margin = _change_sd(protocol, episode_sd), protocol.equivalence_margin
+    return PlannedComparison(
+        what=f"learning flat within ±{margin:g} steps, if it is flat",
+        power=flat_power(spread, protocol.players, margin),
+        least=_least(lambda other: flat_power(spread, protocol.players, other))
+        if protocol.players > 1
+        else None,
+        players=_fewest(lambda players: flat_power(spread, players, margin)),
+        field="equivalence_margin",
+    )
+
+
+def _policies(protocol: Protocol, player_sd: float, episode_sd: float) -> PlannedComparison:
+    spread, count = _mean_sd(protocol, player_sd, episode_sd), _policy_count(protocol)
+    least = (
+        _least(lambda other: difference_power(spread, protocol.players, other, count))
+        if protocol.players > 1
+        else None
+    )
+    wanted = protocol.policy_difference or (1.0 if least is None else _whole(least, protocol))
+    return PlannedComparison(
+        what=f"each of {count} policies, if it differs by {wanted:g} steps from the people on these terrains",
+        power=difference_power(spread, protocol.players, wanted, count),
+        least=least,
+        players=_fewest(lambda players: difference_power(spread, players, wanted, count)),
+        field="policy_difference",
+    )
+
+
+def _change_sd(protocol: Protocol, episode_sd: float) -> float:
+    return episode_sd * math.sqrt(2 / (protocol.ranked // 3))
+
+
+def _mean_sd(protocol: Protocol, player_sd: float, episode_sd: float) -> float:
+    return math.sqrt(player_sd**2 + episode_sd**2 / protocol.ranked)
+
+
+def _policy_count(protocol: Protocol) -> int:
+    return len({*protocol.policies, "random"})
+
+
+def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
+    """Return the half-width of the 95 % t interval on average, and the one that 80 % of studies stay below."""
+    freedom = players - 1
+    unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
+    mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
+    return unit * mean, unit * math.sqrt(
+        float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom
+    )
+
+
+def _least(power: Callable[[float], float]) -> float:
+    """Return the smallest effect that is seen with 80 % power."""
+    high = 1.0
+    while power(high) < WANTED_POWER:
+        high *= 2
+    return float(scipy.optimize.brentq(lambda effect: power(effect) - WANTED_POWER, 1e-9, high))
+
+
+def _fewest(power: Callable[[int], float]) -> int | None:
+    """Return the fewest players, 2..MAX_PLAYERS, with 80 % power; None where all are too few. Power rises with players."""
+    low, high = 1, MAX_PLAYERS
+    if power(high) < WANTED_POWER:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power(middle) >= WANTED_POWER else (middle, high)
+    return high
+
+
+def _whole(effect: float, protocol: Protocol) -> float:
+    """Return the effect in whole steps, at most as many as an episode has."""
+    return float(min(math.ceil(effect), protocol.env_config.limit))

@@ -1,0 +1,141 @@
+"""The spread of a study's table float64[players, terrains], NaN where not finished: variance components and the middle half.
+
+The unit is the player; see `app.report.statistics.comparisons`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from app.report.statistics.crossed import can_be_crossed, crossed_components
+from app.report.statistics.intervals import TAIL, Interval, printed_interval
+from marsexplorer.evaluation.intervals import Floats
+
+
+@dataclass(frozen=True)
+class VarianceComponents:
+    """Crossed random effects: players, terrains that all players share, and the rest (`app.report.statistics.crossed`).
+
+    icc            share of the variance that lies between players, ICC(2,1) of Shrout and Fleiss 1979; below 0 where the means
+                   differ less than chance would
+    icc_interval   95 %, McGraw and Wong 1996 (Psychol. Methods 1(1), table 7); with gaps by n0 and its like for terrains
+    between_sd     between players; 0 where the estimate of the variance is negative, as for the others
+    within_sd      of a player's episodes: of terrains and rest together
+    terrain_sd     between terrains; rest_sd: of an episode beside its player and its terrain
+    n0             episodes a player, the mean that unequal numbers call for
+    design_effect  how many times too small the variance of the mean over these terrains comes out from pooled episodes; at
+                   least 1
+    effective      episodes / design_effect
+    """
+
+    icc: float
+    icc_interval: Interval
+    between_sd: float
+    within_sd: float
+    n0: float
+    design_effect: float
+    players: int
+    episodes: int
+    effective: float
+    terrain_sd: float
+    rest_sd: float
+
+
+def variance_components(table: Floats) -> VarianceComponents | None:
+    """Return the variance components; None without a spread, or where players and terrains cannot be told apart.
+
+    At least two players, two terrains, and more values than either. Terrains that nobody finished are left out.
+    """
+    table = table[:, ~np.isnan(table).all(axis=0)]
+    if not can_be_crossed(table):
+        return None
+    found = crossed_components(table)
+    player, terrain, rest = float(found.player), float(found.terrain), float(found.rest)
+    total = player + terrain + rest
+    if not total > 0:
+        return None
+    known = ~np.isnan(table)
+    episodes = int(known.sum())
+    n0, p0 = (_mean_count(known.sum(axis)) for axis in (1, 0))
+    effect = max(1.0, (n0 * player + rest) / total)
+    return VarianceComponents(
+        icc=player / total,
+        icc_interval=_icc_ends(player, terrain, rest, n0, p0),
+        between_sd=_sd(player),
+        within_sd=_sd(max(terrain, 0) + max(rest, 0)),
+        n0=n0,
+        design_effect=effect,
+        players=len(table),
+        episodes=episodes,
+        effective=episodes / effect,
+        terrain_sd=_sd(terrain),
+        rest_sd=_sd(rest),
+    )
+
+
+def _sd(variance: float) -> float:
+    return float(np.sqrt(max(0.0, variance)))
+
+
+def _mean_count(counts: NDArray[np.int64]) -> float:
+    """Return the mean that unequal numbers of values call for, the plain mean where they are equal."""
+    total = counts.sum()
+    return float((total - (counts**2).sum() / total) / (len(counts) - 1))
+
+
+def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) -> Interval:
+    """Return the ends of the 95 % interval from the components, through the mean squares that they make."""
+    of_players, of_terrains = rest + n0 * player, rest + p0 * terrain
+    icc = player / (player + terrain + rest)
+    if icc >= 1:
+        return 1.0, 1.0
+    odds = n0 * icc / (p0 * (1 - icc))
+    parts = odds * of_terrains, (1 + (p0 - 1) * odds) * rest
+    doubt = parts[0] ** 2 / (n0 - 1) + parts[1] ** 2 / ((p0 - 1) * (n0 - 1))
+    freedom = max(sum(parts) ** 2 / doubt, 1.0) if doubt > 0 else 1.0
+    below = n0 * of_terrains + (n0 * p0 - n0 - p0) * rest
+    near, far = scipy.special.fdtri([p0 - 1, freedom], [freedom, p0 - 1], 1 - TAIL)
+    low = p0 * (of_players - near * rest) / (near * below + p0 * of_players)
+    high = p0 * (far * of_players - rest) / (below + p0 * far * of_players)
+    return float(low), float(high)
+
+
+def iqm(table: Floats) -> float:
+    """Return the interquartile mean over all episodes: the mean of the middle half (Agarwal et al. 2021)."""
+    return float(scipy.stats.trim_mean(table[~np.isnan(table)], 1 / 4))
+
+
+def iqm_interval(table: Floats) -> Interval:
+    """Return the 95 % interval of the IQM for other players on these terrains: the rule's, on the players' shares in it.
+
+    The variance of a trimmed mean is that of the values drawn in to its ends (Tukey and McLaughlin 1963, Sankhya A 25(3)), here
+    with whole players as the independent units. At least two players.
+    """
+    low, high = printed_interval(iqm_shares(table))
+    return float(low), float(high)
+
+
+def iqm_shares(table: Floats) -> Floats:
+    """Return values float64[..., players] whose mean is the IQM, and whose spread is that of the IQM over players.
+
+    table  float64[..., players, terrains]; leading axes are studies
+    """
+    known = ~np.isnan(table)
+    flat = np.sort(table.reshape(*table.shape[:-2], -1), axis=-1)  # NaN last
+    counts = known.sum((-2, -1))[..., None]
+    cut = counts // 4
+    places = np.arange(flat.shape[-1])
+    middle = (
+        np.where((places >= cut) & (places < counts - cut), flat, 0.0).sum(-1)
+        / (counts - 2 * cut)[..., 0]
+    )
+    ends = (np.take_along_axis(flat, place, -1)[..., None] for place in (cut, counts - cut - 1))
+    drawn_in = np.where(known, np.clip(table, *ends), 0.0)
+    mean = drawn_in.sum((-2, -1)) / counts[..., 0]
+    away = np.where(known, drawn_in - mean[..., None, None], 0.0).sum(-1)
+    shares: Floats = middle[..., None] + 2 * table.shape[-2] / counts * away
+    return shares

@@ -1,0 +1,215 @@
+"""A study as the database holds it: its protocol, its people, their trials. What report, release and admin begin with.
+
+Nothing here comes from the table of identities.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from app.db.input_events import input_events
+from app.db.reader import Reader
+from app.db.studies import (
+    count_erased,
+    find_study,
+    move_inputs,
+    noted_arrivals,
+    participants,
+    stage_events,
+    study_names,
+    study_trials,
+)
+from app.db.trial import ParticipantKind, Trial
+from app.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
+from app.series.plausibility import pause_share, plausibility_labels
+from app.series.policy_files import PolicyFiles
+from app.series.protocol import Protocol, StudyError, parse_protocol
+from app.task import Record
+
+
+@dataclass(frozen=True)
+class Person:
+    """A participant, or a script that took part.
+
+    script        what plays, for kind `script`
+    joined_ms     milliseconds since 1970, as all times
+    completed_ms  when the last ranked episode ended; None before
+    settings      modality, palette, keys
+    events        stage events: (at_ms, kind, detail), in order
+    invitation    whether an invitation brought them
+    supervised    whether the operator's code was typed at least once
+    repeated      signs that they take part more than once, in words (`app.series.flow`); none is no proof
+    """
+
+    id: str
+    kind: ParticipantKind
+    script: str | None
+    stage: str
+    joined_ms: int
+    consent_version: str | None
+    completed_ms: int | None
+    settings: dict[str, Any]
+    events: tuple[tuple[int, str, dict[str, Any]], ...] = field(default=(), repr=False)
+    invitation: bool = False
+    supervised: bool = False
+    repeated: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Everything figures are made from. `secret` is hex, known here once the study is closed.
+
+    arrivals  people before they agreed; a release's holds nobody who did not, and counts them
+    policy_files  of the policies that it is compared with
+    """
+
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None
+    secret: str | None = field(repr=False)
+    people: tuple[Person, ...]
+    trials: tuple[Trial, ...] = field(repr=False)
+    arrivals: Arrivals = field(default_factory=Arrivals)
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
+
+    def shown(self) -> StudyData:
+        """Return the data as they may be seen: people's episodes of an open study look unfinished.
+
+        A figure that moves while people play tempts to stop where it pleases: looking after each
+        player misses the truth in 17 to 22 % of studies instead of 5 %. So nobody sees a figure of
+        people before the study is closed. Scripts are no people: theirs are always shown.
+        """
+        if self.closed_ms is not None:
+            return self
+        people = {person.id for person in self.people if person.kind == "human"}
+        trials = tuple(
+            _unfinished(trial) if trial.participant in people else trial for trial in self.trials
+        )
+        return replace(self, trials=trials)
+
+    def progress_sentence(self) -> str:
+        """Return what stands in the place of an open study's figure: how many have finished."""
+        finished = sum(
+            person.kind == "human" and person.completed_ms is not None for person in self.people
+        )
+        return (
+            f"No figure is shown until the study is closed: {finished} of {self.protocol.players} "
+            "have finished."
+        )
+
+    def with_policies_in(self, folder: Path) -> StudyData:
+        """Return the same data with the policies' files kept in a folder."""
+        return replace(self, policy_files=self.policy_files.at(folder))
+
+    def seeds(self) -> dict[int, int]:
+        """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
+        return {
+            each.terrain_index: each.seed
+            for each in self.trials
+            if each.phase == "ranked" and each.seed is not None
+        }
+
+
+def _unfinished(trial: Trial) -> Trial:
+    """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
+    if trial.phase == "tutorial":
+        return trial
+    return replace(
+        trial,
+        outcome=None,
+        steps=None,
+        score=None,
+        total=None,
+        discovered=None,
+        ended_ms=None,
+        trajectory_hash=None,
+        pause_share=0.0,
+        labels=(),
+    )
+
+
+def load(source: Reader | Path | str, study: str) -> StudyData:
+    """Return a study's data as of one moment; StudyError when the database has no such study, StoreError when it is not ours.
+
+    source  an open reader, or the path of a database
+    """
+    if isinstance(source, Reader):
+        return _load(source, study)
+    reader = Reader.open(source)
+    try:
+        with reader.snapshot():
+            return _load(reader, study)
+    finally:
+        reader.close()
+
+
+def trial_records(reader: Reader, trials: Iterable[Trial]) -> Iterator[tuple[Trial, Record]]:
+    """Yield each finished trial with its cause, ready to be replayed."""
+    for trial in trials:
+        if trial.ended_ms is not None:
+            yield trial, reader.load_record(trial.id)
+
+
+def _load(reader: Reader, study: str) -> StudyData:
+    row = find_study(reader, study)
+    if row is None:
+        known = ", ".join(study_names(reader)) or "none"
+        raise StudyError(
+            f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}"
+        )
+    people = _people(reader, study)
+    protocol = parse_protocol(json.loads(row.protocol))
+    return StudyData(
+        protocol=protocol,
+        protocol_hash=row.protocol_hash,
+        commitment=row.commitment,
+        frozen_ms=row.frozen_ms,
+        closed_ms=row.closed_ms,
+        secret=row.secret,
+        people=people,
+        trials=tuple(_with_input(reader, each) for each in study_trials(reader, study)),
+        arrivals=with_noted(
+            arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)
+        ),
+        policy_files=PolicyFiles.of(protocol),
+    )
+
+
+def _people(reader: Reader, study: str) -> tuple[Person, ...]:
+    events = defaultdict(list)
+    for event in stage_events(reader, study):
+        events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
+    names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
+    found = participants(reader, study)
+    used = Counter(
+        row.invitation for row in found if row.invitation is not None and row.consent_ms is not None
+    )
+    return tuple(
+        Person(
+            **{name: getattr(row, name) for name in names},
+            settings=json.loads(row.settings),
+            events=tuple(events[row.id]),
+            invitation=row.invitation is not None,
+            supervised=row.supervised_ms is not None,
+            repeated=repeated_reasons(
+                events[row.id], shares_invitation=used[row.invitation or ""] > 1
+            ),
+        )
+        for row in found
+    )
+
+
+def _with_input(reader: Reader, trial: Trial) -> Trial:
+    """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
+    moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
+    labels = plausibility_labels(moves, inputs)
+    if trial.ended_ms is not None:
+        labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
+    return replace(trial, pause_share=pause_share(moves, inputs), labels=labels)

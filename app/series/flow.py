@@ -1,0 +1,170 @@
+"""The flow of people through a study, from invitation to the last ranked episode: how many came to each stage, and who left.
+
+So that one person does not count as two, signs that somebody takes part more than once are noted, as far as they can be known
+without observing people's devices: refused joins with the participant who was there before, and with a new participant whether
+their outside id is missing or known. An open link cannot stop anybody from joining twice with another browser.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from app.series.data import Person, StudyData
+    from app.series.invitations import Invitation
+
+
+REPEATED_JOIN = "repeated_join"
+"""Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
+
+MAX_NOTED = 100
+"""Further joins that are noted of one participant."""
+
+Reason = Literal[
+    "invitation", "outside id", "another invitation", "another outside id", "after leaving"
+]
+SIGNS_IN_WORDS: dict[str, str] = {
+    "invitation": "their invitation was opened again elsewhere",
+    "shared": "somebody else agreed with their invitation on another server",
+    "outside id": "their outside id came again elsewhere",
+    "another invitation": "another invitation was opened in their browser",
+    "another outside id": "another outside id came in their browser",
+    "after leaving": "the study was opened again after leaving it",
+    "missing": "no outside id",
+    "repeated": "an outside id that somebody had before",
+}
+"""Each reason in words."""
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """People before they agreed to take part. A release leaves those out who did not agree, and keeps these counts.
+
+    declined   did not agree
+    undecided  opened the study and did not answer
+    erased     had everything erased at their own request, whenever that was
+    issued     invitations; None where the study has none or its folder is not at hand, and so for the next two
+    revoked    of them, before anybody agreed with one
+    unopened   of the others, with which nobody has joined
+    """
+
+    declined: int = 0
+    undecided: int = 0
+    erased: int = 0
+    issued: int | None = None
+    revoked: int | None = None
+    unopened: int | None = None
+
+
+@dataclass(frozen=True)
+class ParticipantFlow:
+    """Everybody who came, stage by stage; scripts are not among them.
+
+    agreed          to take part, the erased not among them
+    withdrew_early  before their first ranked episode
+    stayed_early    did not go on to the ranked episodes, by the stage that they are at
+    ranked          began a ranked episode
+    withdrew        after that
+    unfinished      neither withdrew nor ended all ranked episodes
+    completed       ended all ranked episodes
+    """
+
+    arrivals: Arrivals
+    agreed: int
+    withdrew_early: int
+    stayed_early: dict[str, int]
+    ranked: int
+    withdrew: int
+    unfinished: int
+    completed: int
+
+    @property
+    def joined(self) -> int:
+        """Return how many opened the study, the erased among them."""
+        return self.agreed + self.arrivals.declined + self.arrivals.undecided + self.arrivals.erased
+
+
+def arrivals_of(people: Iterable[Person], erased: int) -> Arrivals:
+    """Return the counts of people before they agreed, as the database knows them."""
+    answers = Counter(person.stage == "withdrawn" for person in people if _is_undecided(person))
+    return Arrivals(declined=answers[True], undecided=answers[False], erased=erased)
+
+
+def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
+    """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
+    changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
+    changed |= {
+        name: getattr(arrivals, name) + noted.get(name, 0) for name in ("declined", "undecided")
+    }
+    return replace(arrivals, **changed)
+
+
+def with_invitations(
+    arrivals: Arrivals, invitations: Mapping[str, Invitation], opened: Iterable[str]
+) -> Arrivals:
+    """Return the arrivals with the counts of a study's invitations. The erased had one each, though it is not known which.
+
+    opened  ids of those with which somebody has joined
+    """
+    used = set(opened)
+    revoked = sum(
+        each.revoked_ms is not None and each.id not in used for each in invitations.values()
+    )
+    unopened = sum(each.revoked_ms is None and each.id not in used for each in invitations.values())
+    return replace(
+        arrivals,
+        issued=len(invitations),
+        revoked=revoked,
+        unopened=max(0, unopened - arrivals.erased),
+    )
+
+
+def participant_flow(data: StudyData) -> ParticipantFlow:
+    """Return the flow of a study's people."""
+    people = [
+        person
+        for person in data.people
+        if person.kind == "human" and person.consent_version is not None
+    ]
+    began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
+    early, late = (
+        [person for person in people if (person.id in began) is has_begun]
+        for has_begun in (False, True)
+    )
+    completed = sum(person.completed_ms is not None for person in late)
+    withdrew = sum(person.stage == "withdrawn" and person.completed_ms is None for person in late)
+    return ParticipantFlow(
+        arrivals=data.arrivals,
+        agreed=len(people),
+        withdrew_early=sum(person.stage == "withdrawn" for person in early),
+        stayed_early=dict(Counter(person.stage for person in early if person.stage != "withdrawn")),
+        ranked=len(late),
+        withdrew=withdrew,
+        unfinished=len(late) - withdrew - completed,
+        completed=completed,
+    )
+
+
+def repeated_reasons(
+    events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False
+) -> tuple[str, ...]:
+    """Return the signs of repetition in a participant's stage events (at_ms, kind, detail), each once, in words.
+
+    shares_invitation  whether somebody else has agreed with the same one: two servers do not know of each other
+
+    The order is that of SIGNS_IN_WORDS. No sign is no proof: another browser, another device and another id leave none.
+    """
+    found: set[str | None] = {"shared"} if shares_invitation else set()
+    for _, kind, detail in events:
+        if kind == REPEATED_JOIN:
+            found.add(detail.get("reason"))
+        elif kind == "joined":
+            found.add(detail.get("outside_id"))
+    return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
+
+
+def _is_undecided(person: Person) -> bool:
+    return person.kind == "human" and person.consent_version is None

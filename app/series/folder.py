@@ -1,0 +1,326 @@
+"""The folder of studies: a draft that can be edited, frozen for good, closed at the end.
+
+    NAME/protocol.json   the protocol; what freezing fixed may not change any more
+    NAME/draft.json      the protocol as it was before freezing filled its texts in
+    NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
+    NAME/secret          the study's secret (hex): whoever reads it knows every terrain
+    NAME/closed.json     the secret revealed, and when
+    NAME/policies/       see `app.series.policy_files`
+    NAME/invitations.json   see `app.series.invitations`
+
+`frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+from app.db.study_rows import StudyRow
+from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
+from app.series.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
+from app.series.protocol import (
+    NAME,
+    DraftStudyError,
+    Protocol,
+    StudyError,
+    UnknownStudyError,
+    canonical,
+    canonical_json,
+    parse_protocol,
+    protocol_hash,
+)
+from app.series.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, seed
+from app.series.templates import fill
+from app.task import PolicyError
+
+__all__ = ["Folder", "Study", "StudyError"]
+
+Status = Literal["draft", "open", "closed"]
+Advance = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A frozen study.
+
+    closed_ms   milliseconds since 1970; None while it is open
+    secret      32 bytes; the operator alone may see it until the study is closed
+    policy_files  of the policies that it compares with
+    """
+
+    name: str
+    protocol: Protocol
+    protocol_hash: str
+    commitment: str
+    frozen_ms: int
+    closed_ms: int | None
+    secret: bytes = field(repr=False)
+    policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether people may still take part."""
+        return self.closed_ms is None
+
+    def row(self) -> StudyRow:
+        """Return what the database keeps of the study."""
+        secret = None if self.is_open else self.secret.hex()
+        protocol = canonical(self.protocol).decode()
+        return StudyRow(
+            self.name,
+            protocol,
+            self.protocol_hash,
+            self.commitment,
+            self.frozen_ms,
+            closed_ms=self.closed_ms,
+            secret=secret,
+        )
+
+    def seed(self, label: SeedLabel, i: int) -> int:
+        """Return the seed of a terrain of this study."""
+        return seed(self.secret, self.protocol_hash, label, i)
+
+    def balanced_order(self, group: str, number: int) -> list[int]:
+        """Return the order of the ranked terrains for participant `number` of a group (`app.series.seeds.balanced_order`)."""
+        return balanced_order(self.secret, self.protocol_hash, group, number, self.protocol.ranked)
+
+    def seeds(self) -> list[int]:
+        """Return the seeds of all ranked terrains, then of all warm-up terrains."""
+        ranked = [self.seed("ranked", i) for i in range(self.protocol.ranked)]
+        return ranked + [self.seed("warm-up", i) for i in range(self.protocol.warm_up)]
+
+
+class Folder:
+    """All studies under one root; the root need not exist."""
+
+    def __init__(self, root: Path | str) -> None:
+        self.root = Path(root)
+        self._known: dict[str, tuple[object, Study]] = {}
+
+    def path(self, name: str) -> Path:
+        """Return where a study lies; StudyError when no study can be called so."""
+        if not re.fullmatch(NAME, name):
+            raise UnknownStudyError(
+                f"a study's name is 1 to 40 small letters, digits and dashes, beginning with a letter or digit; got {name!r}"
+            )
+        return self.root / name
+
+    def names(self) -> list[str]:
+        """Return the names of all studies, drafts too."""
+        if not self.root.is_dir():
+            return []
+        found = (path.name for path in self.root.iterdir() if (path / "protocol.json").is_file())
+        return sorted(name for name in found if re.fullmatch(NAME, name))
+
+    def status(self, name: str) -> Status:
+        """Return how far a study is; StudyError when there is none."""
+        path = self._existing(name)
+        return (
+            "draft"
+            if not (path / "frozen.json").exists()
+            else "closed"
+            if (path / "closed.json").exists()
+            else "open"
+        )
+
+    def draft(self, name: str) -> Protocol:
+        """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
+        raw = read_object(self._existing(name) / "protocol.json")
+        protocol = parse_protocol(raw)
+        if protocol.name != name:
+            raise StudyError(
+                f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two"
+            )
+        return protocol
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
+        path = self._existing(name)
+        stamp = tuple(
+            map(
+                stamp_of,
+                (
+                    path / "protocol.json",
+                    path / "frozen.json",
+                    path / "closed.json",
+                    path / "secret",
+                ),
+            )
+        )
+        known = self._known.get(name)
+        if known is not None and known[0] == stamp:
+            return known[1]
+        study = self._load(name, path)
+        self._known[name] = (stamp, study)
+        return study
+
+    def create(self, protocol: Protocol) -> Path:
+        """Write a new draft and return the path of its protocol.json; StudyError when there is a study of that name."""
+        path = self.path(protocol.name)
+        if (path / "protocol.json").exists():
+            raise StudyError(
+                f"there is a study {protocol.name!r} already: edit {path / 'protocol.json'} or choose another name"
+            )
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
+        return path / "protocol.json"
+
+    def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
+        """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
+
+        advance  called with (terrains drawn, of how many)
+        """
+        if self.status(name) != "draft":
+            raise StudyError(
+                f"the study {name!r} is frozen already; for another protocol begin another study"
+            )
+        path = self.path(name)
+        template = self._template(name)
+        protocol = fill(template)  # every field set from now on
+        rules = protocol.rules
+        if protocol.core_version != rules.version:
+            raise StudyError(
+                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
+                "write the new one into protocol.json, or install the release that has the old one"
+            )
+        protocol = protocol.model_copy(
+            update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
+        )
+        secret, now = secrets.token_bytes(32), now_ms()
+        study = Study(
+            name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret
+        )
+        _check_terrains(study, advance)
+        write_object(path / "secret", secret.hex(), private=True)
+        write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
+        write_object(path / "protocol.json", protocol.model_dump(mode="json"))
+        frozen = {
+            "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
+            "core_version": rules.version, "software_version": version("marsexplorer-playground"),
+        }  # fmt: skip
+        write_object(path / "frozen.json", frozen)
+        return self.study(name)
+
+    def close(self, name: str) -> Study:
+        """Close a study and return it: nobody can join or go on, and its secret is revealed."""
+        study = self.study(name)
+        if not study.is_open:
+            raise StudyError(
+                f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}"
+            )
+        write_object(
+            self.path(name) / "closed.json",
+            {"secret": study.secret.hex(), "closed_at": iso(now_ms())},
+        )
+        return self.study(name)
+
+    def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
+        """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
+        found: dict[str, tuple[int | None, bytes]] = {}
+        for name in self.names():
+            try:
+                study = self.study(name)
+            except StudyError:  # `study show` says what is wrong with it
+                continue
+            found[name] = (study.closed_ms, study.secret)
+        return found
+
+    def _template(self, name: str) -> Protocol:
+        """Return a draft with its placeholders, also where a freeze was cut short after it had filled them in."""
+        draft, kept = self.draft(name), self.path(name) / "draft.json"
+        if kept.is_file():
+            template = parse_protocol(read_object(kept))
+            if fill(template) == draft.model_copy(update={"policy_hashes": template.policy_hashes}):
+                return template
+        return draft
+
+    def _existing(self, name: str) -> Path:
+        path = self.path(name)
+        if not (path / "protocol.json").is_file():
+            known = ", ".join(self.names()) or "none"
+            raise UnknownStudyError(
+                f"no study {name!r} in {self.root}; there are: {known} (`marsexplorer study new` begins one)"
+            )
+        return path
+
+    def _load(self, name: str, path: Path) -> Study:
+        if not (path / "frozen.json").exists():
+            raise DraftStudyError(
+                f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`"
+            )
+        frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
+        if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
+            raise StudyError(
+                f"thawed protocol: {path / 'protocol.json'} is not what was frozen at {frozen.get('frozen_at')}; "
+                "put the frozen text back, or begin another study"
+            )
+        closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
+        try:
+            secret = bytes.fromhex(
+                closed["secret"] if closed else (path / "secret").read_text().strip()
+            )
+            closed_ms = ms_of(closed["closed_at"]) if closed else None
+            frozen_ms = ms_of(frozen["frozen_at"])
+            fixed = {
+                "protocol_hash": frozen["protocol_hash"],
+                "commitment": frozen["commitment"],
+                "frozen_ms": frozen_ms,
+            }
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise StudyError(
+                f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup"
+            ) from error
+        if commitment(secret) != fixed["commitment"]:
+            raise StudyError(
+                f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup"
+            )
+        protocol = parse_protocol(raw)
+        files = PolicyFiles.of(protocol, path / FOLDER)
+        return Study(
+            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files
+        )
+
+
+def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
+    """Keep the files of a protocol's policies in a folder and return their hashes; StudyError when one cannot be played.
+
+    A hash that the draft gives already must be that of the file.
+    """
+    shown, players = protocol.debrief_policy, protocol.rules.players
+    if players is None:
+        return {}
+    named = {*protocol.policies, *([shown] if shown is not None else [])}
+    for policy in named:
+        try:
+            players.load(policy, protocol.env_config)
+        except PolicyError as error:
+            raise StudyError(
+                f"the protocol's policy {policy!r} cannot be loaded: {error}"
+            ) from error
+    found = record_files({*named, REGRET_POLICY}, folder, players)
+    for policy, given in protocol.policy_hashes.items():
+        if found.get(policy) != given:
+            raise StudyError(
+                f"policy_hashes gives {policy!r} the SHA-256 {given}, its file has {found.get(policy, 'none')}: "
+                "put that file there, or leave the field empty, and freezing writes it"
+            )
+    return found
+
+
+def _check_terrains(study: Study, advance: Advance) -> None:
+    """Draw every terrain; StudyError when one cannot be solved."""
+    seeds = [TUTORIAL_SEED, *study.seeds()]
+    for number, each in enumerate(seeds, 1):
+        try:
+            study.protocol.rules.drawn(study.protocol.env_config, each)
+        except ValueError as error:
+            raise StudyError(
+                "the level and size have terrains that cannot be solved: choose another level or size"
+            ) from error
+        advance(number, len(seeds))

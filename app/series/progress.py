@@ -1,0 +1,406 @@
+"""A participant's progress through a study, from consent to completion code; the server decides what comes next.
+
+What is no coroutine asks or writes the database where it stands: call it in `Store.write`. Everything is in the database
+before it is answered, so a reload, another tab or a killed server goes on exactly there.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any
+from weakref import WeakValueDictionary
+
+from app.board.lobby import Lobby
+from app.board.session import RefusedError, Session
+from app.db.studies import StudyStore
+from app.db.study_rows import Participant, Stage
+from app.db.trial import Phase, Trial
+from app.series.folder import Folder, Study
+from app.series.participation import CLOSED_MESSAGE, Participations, StageError
+from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
+from app.series.recruitment import Arrival, Recruitment, supervise
+from app.series.seeds import TUTORIAL_SEED
+
+__all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
+
+_log = logging.getLogger(__name__)
+_WARM_UP: Stage = "warm_up"
+_SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
+"""Stages at which the operator's code can be typed."""
+_AFTER: dict[str, Stage] = {
+    "instructions": "tutorial",
+    "tutorial": "questions",
+    "debrief": "complete",
+}
+
+
+class NotJoinedError(LookupError):
+    """Nobody with this cookie takes part."""
+
+
+class ParticipantProgress:
+    """The progress of every participant of one server's studies."""
+
+    def __init__(self, lobby: Lobby, folder: Folder, study_store: StudyStore) -> None:
+        self.lobby, self.folder, self.study_store = lobby, folder, study_store
+        self._sources = lobby.sources
+        self.recruitment = Recruitment(folder, study_store)
+        self._participations = Participations(folder, study_store, lobby.sources)
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._note_closed()
+
+    def _note_closed(self) -> None:
+        for name in self.study_store.open_names():
+            try:
+                self.study_store.note_closed(self.folder.study(name).row())
+            except StudyError as error:
+                _log.warning("%s", error)
+
+    def study(self, name: str) -> Study:
+        """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
+        try:
+            study = self.folder.study(name)
+        except (UnknownStudyError, DraftStudyError):
+            raise
+        except StudyError as error:
+            _log.warning("%s", error)
+            raise StageError(
+                f"the study {name!r} cannot go on: its files have changed; tell whoever invited you"
+            ) from error
+        return study
+
+    async def note_if_closed(self, study: Study) -> None:
+        """Note in the database that a study is closed, where it does not know so yet."""
+        store = self.lobby.store
+        if not study.is_open and study.name in await store.read(self.study_store.open_names):
+            await store.write(partial(self.study_store.note_closed, study.row()))
+
+    async def note_all_closed(self) -> None:
+        """Note in the database every study that was closed since."""
+        for name in await self.lobby.store.read(self.study_store.open_names):
+            try:
+                await self.note_if_closed(self.folder.study(name))
+            except StudyError as error:
+                _log.warning("%s", error)
+
+    def open_study(self, name: str) -> Study:
+        """Return a study that people may take part in; StageError when it is closed or made for other rules."""
+        study = self.study(name)
+        self.study_store.note_closed(study.row())
+        if not study.is_open or self.study_store.is_closed(name):
+            raise StageError(CLOSED_MESSAGE.format(name))
+        if study.protocol.task != self.lobby.task.name:
+            raise StageError(
+                f"the study {name!r} is of {study.protocol.task}, and this server plays {self.lobby.task.name}: "
+                "whoever invited you must start it with --task"
+            )
+        if study.protocol.core_version != study.protocol.rules.version:
+            _log.warning(
+                "study %s is for core version %s, this is %s",
+                name,
+                study.protocol.core_version,
+                study.protocol.rules.version,
+            )
+            raise StageError(
+                f"the study {name!r} cannot be played on this server now; tell whoever invited you"
+            )
+        return study
+
+    def participant(self, name: str, player_id: str | None) -> Participant:
+        """Return who asks; NotJoinedError before joining."""
+        found = (
+            None if player_id is None else self.study_store.participant_of_player(name, player_id)
+        )
+        if found is None:
+            raise NotJoinedError(
+                f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does"
+            )
+        return found
+
+    def join(self, name: str, player_id: str, comes: Arrival) -> tuple[Participant, bool]:
+        """Return the participant, and whether it is a new one; joining again resumes."""
+        study = self.open_study(name)
+        found = self.study_store.participant_of_player(name, player_id)
+        kept = {
+            each: comes.outside_ids[each]
+            for each in study.protocol.outside_ids
+            if each in comes.outside_ids
+        }
+        script, now, invitation = comes.script, self._now(), None
+        if found is not None and script is not None and found.script != script:
+            who = "a person" if found.script is None else f"the script {found.script!r}"
+            raise StageError(
+                f"this browser takes part as {who} already; a script needs a cookie of its own"
+            )
+        if script is None and (found is None or found.kind == "human"):
+            with self.recruitment.noting(now):
+                invitation = self.recruitment.admit(
+                    study, player_id, replace(comes, outside_ids=kept), found
+                )
+        if found is not None:
+            self._note_return(found, invitation, now)
+            return self.study_store.participant(found.id), False
+        self._add_study(study)
+        new = Participant(
+            id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
+            kind="human" if script is None else "script", script=script, stage="consent",
+            consent_version=None, consent_ms=None, joined_ms=now, completed_ms=None, completion_code=None,
+            settings="{}", invitation=invitation,
+        )  # fmt: skip
+        self._add(study, new, kept)
+        return new, True
+
+    def consent(self, name: str, player_id: str | None, version: str, agree: bool) -> None:
+        """Note the answer to the consent text: on to the instructions, or withdrawn."""
+        study, participant = self._at(name, player_id, "consent")
+        if version != study.protocol.consent.version:
+            raise StageError(
+                f"the consent text is version {study.protocol.consent.version!r}, not {version!r}: reload the page"
+            )
+        if not agree:
+            self.study_store.withdraw(participant, self._now())
+            return
+        now = self._now()
+        with self.recruitment.noting(now), self.lobby.store.transaction():
+            if participant.kind == "human":
+                self.recruitment.check_consent(study, participant)
+            self.study_store.set_stage(
+                participant.id, now, "instructions", consent_version=version, consent_ms=now
+            )
+
+    def advance(self, name: str, player_id: str | None, stage: str) -> None:
+        """Go on from instructions, tutorial or debrief."""
+        if stage == "debrief":
+            participant = self.participant(name, player_id)
+        else:
+            _, participant = self._at(name, player_id)
+        if participant.stage != stage:
+            raise StageError(
+                f"you are at {_describe(participant.stage)}, not at {_describe(stage)}; nothing has changed"
+            )
+        if stage == "tutorial" and not any(
+            trial.ended_ms for trial in self.study_store.trials(participant.id)
+        ):
+            raise StageError("play the tutorial to its end first, or give it up")
+        self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
+
+    def answer(self, name: str, player_id: str | None, answers: Sequence[int]) -> list[bool]:
+        """Return which answers were right; all of them: on to the warm-up."""
+        study, participant = self._at(name, player_id, "questions")
+        questions = study.protocol.questions
+        if len(answers) != len(questions):
+            raise ValueError(
+                f"answers must hold one choice for each of the {len(questions)} questions, got {len(answers)}"
+            )
+        for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
+            if choice >= len(question.choices):
+                raise ValueError(
+                    f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}"
+                )
+        right = [
+            choice == question.answer for choice, question in zip(answers, questions, strict=True)
+        ]
+        with self.lobby.store.transaction():
+            self.study_store.add_stage_event(
+                participant.id, self._now(), "answers", {"answers": list(answers), "right": right}
+            )
+            if all(right):
+                stage: Stage = _WARM_UP if study.protocol.warm_up else "ranked"
+                self.study_store.set_stage(participant.id, self._now(), stage)
+        return right
+
+    async def begin_next(self, name: str, player_id: str | None) -> None:
+        """Begin the next episode of the stage; nothing changes while one runs."""
+        store = self.lobby.store
+        present = await store.read(partial(self.participant, name, player_id))
+        async with self._lock(present.id):
+            planned = await store.write(partial(self._plan, name, player_id))
+            if planned is None:
+                return
+            study, participant, trials, phase, trial, terrain, seed = planned
+            board = await self._board(participant)
+
+            @contextmanager
+            def within(row: Trial) -> Iterator[None]:
+                self._at(
+                    name, player_id, participant.stage
+                )  # withdrawn in another tab, or closed, while the terrain grew
+                if participant.session_id is None:
+                    store.add_session(board.row)
+                    self.study_store.set_session(participant.id, board.id)
+                self._note_break(study, participant, trials)
+                yield
+                self.study_store.add_trial(participant.id, row.id, phase, trial, terrain)
+
+            await self.lobby.begin(board, study.protocol.env_config, seed, within)
+
+    async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
+        """Abandon the running episode; RefusedError when it is not the one on screen."""
+        found = await self.lobby.store.write(
+            partial(self._at, name, player_id, "tutorial", "warm_up", "ranked")
+        )
+        session = await self.session(found[1])
+        if session is None:
+            raise StageError("no episode has begun: there is nothing to give up")
+        await session.abandon(episode, step)
+
+    async def withdraw(self, name: str, player_id: str | None) -> None:
+        """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
+        participant = await self.lobby.store.read(partial(self.participant, name, player_id))
+        session = await self.session(participant)
+        note = partial(self._note_withdrawal, participant.id)
+        if session is None or session.shown.ended or not self.study(name).is_open:
+            await self.lobby.store.write(note)
+            return
+        try:
+            await session.abandon(session.current.id, None, note)
+        except RefusedError:  # it has ended meanwhile
+            await self.lobby.store.write(note)
+
+    def supervise(self, name: str, player_id: str | None, code: str) -> None:
+        """Note that the operator typed their code for a participant; StageError for a wrong one."""
+        study, participant = self._at(name, player_id, *_SUPERVISED)
+        supervise(self.study_store, study, participant, code, self._now())
+
+    def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
+        """Keep what a participant chose: modality, palette, keys; what is not given stays."""
+        participant = self.participant(name, player_id)
+        self.study_store.set_settings(
+            participant.id, self._now(), {**json.loads(participant.settings), **changed}
+        )
+
+    async def session(self, participant: Participant) -> Session | None:
+        """Return the participant's board; None before the first episode."""
+        return (
+            None if participant.session_id is None else await self.lobby.get(participant.session_id)
+        )
+
+    def _plan(
+        self, name: str, player_id: str | None
+    ) -> tuple[Study, Participant, list[Trial], Phase, int, int, int] | None:
+        """Return what the next episode is (study, participant, trials, phase, trial, terrain, seed); None while one runs."""
+        study, participant = self._at(name, player_id, "tutorial", "warm_up", "ranked")
+        trials = self.study_store.trials(participant.id)
+        if any(trial.ended_ms is None for trial in trials):
+            return None
+        phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
+        trial = sum(each.phase == phase for each in trials)
+        return (
+            study,
+            participant,
+            trials,
+            phase,
+            trial,
+            *self._terrain(study, participant, phase, trial),
+        )
+
+    def _note_withdrawal(self, participant_id: str) -> None:
+        """Withdraw a participant as they are now; StageError when they are at the end already."""
+        participant = self.study_store.participant(participant_id)
+        if participant.stage in ("complete", "withdrawn"):
+            raise StageError(
+                f"you are at {_describe(participant.stage)}: there is nothing to withdraw from"
+            )
+        self.study_store.withdraw(participant, self._now())
+
+    def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
+        """Return an open study and who asks; StageError at other stages than those named."""
+        study, participant = self.open_study(name), self.participant(name, player_id)
+        if stages and participant.stage not in stages:
+            wanted = " or ".join(map(_describe, stages))
+            raise StageError(
+                f"you are at {_describe(participant.stage)}; this belongs to {wanted}, and nothing has changed"
+            )
+        return study, participant
+
+    def _note_return(self, found: Participant, invitation: str | None, now: int) -> None:
+        """Note that a participant opened the study again: after leaving it, or before the consent by another invitation."""
+        if found.stage == "withdrawn":
+            self.recruitment.note(found.id, "after leaving", now)
+        elif invitation is not None and invitation != found.invitation:
+            self.study_store.set_invitation(found.id, invitation)
+
+    def _add(self, study: Study, new: Participant, kept: Mapping[str, str]) -> None:
+        """Add a participant, with what is known of their outside id if they are a person."""
+        id_is = self.recruitment.repeats_outside_id(study, kept) if new.kind == "human" else None
+        with self.lobby.store.transaction():
+            if id_is == "repeated":
+                self.recruitment.note_repeated_id(study, kept, new.joined_ms)
+            self.study_store.add_participant(
+                new, kept, {} if id_is is None else {"outside_id": id_is}
+            )
+
+    def _add_study(self, study: Study) -> None:
+        """Add the study to the database; StageError when another study of its name is there."""
+        known = self.study_store.add_study(study.row())
+        if (known.protocol_hash, known.commitment) == (study.protocol_hash, study.commitment):
+            return
+        _log.warning(
+            "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",
+            self.study_store.path, study.name, known.protocol_hash[:12],
+        )  # fmt: skip
+        raise StageError(
+            f"the study {study.name!r} cannot be played on this server now; tell whoever invited you"
+        )
+
+    async def _board(self, participant: Participant) -> Session:
+        found = await self.session(participant)
+        return found or self.lobby.new_board(
+            participant.player_id, self._participations.of(participant)
+        )
+
+    def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
+        if break_due(study, participant, trials):
+            length = self._now() - (trials[-1].ended_ms or 0)
+            done = sum(trial.phase == "ranked" for trial in trials)
+            self.study_store.add_stage_event(
+                participant.id, self._now(), "break", {"after": done, "length_ms": length}
+            )
+
+    def _terrain(
+        self, study: Study, participant: Participant, phase: Phase, trial: int
+    ) -> tuple[int, int]:
+        """Return the terrain's index and seed of a participant's trial."""
+        if phase == "tutorial":
+            return 0, TUTORIAL_SEED
+        if phase == "warm_up":
+            return trial, study.seed("warm-up", trial)
+        number = self.study_store.order_number(participant, self._now())
+        terrain = study.balanced_order(participant.kind, number)[trial]
+        return terrain, study.seed("ranked", terrain)
+
+    def _lock(self, participant_id: str) -> asyncio.Lock:
+        lock = self._locks.get(participant_id)
+        if lock is None:
+            lock = self._locks[participant_id] = asyncio.Lock()
+        return lock
+
+    def _now(self) -> int:
+        return self._sources.clock_ms()
+
+
+def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -> bool:
+    """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
+    ranked = [trial for trial in trials if trial.phase == "ranked"]
+    has_ended = bool(ranked) and ranked[-1].ended_ms is not None
+    return (
+        participant.stage == "ranked"
+        and has_ended
+        and len(ranked) % study.protocol.break_every == 0
+    )
+
+
+def _describe(stage: str) -> str:
+    words = {
+        "questions": "the questions",
+        "complete": "the end",
+        "withdrawn": "the end (withdrawn)",
+        "warm_up": "the warm-up",
+    }
+    return words.get(stage, "the ranked rounds" if stage == "ranked" else f"the {stage}")

@@ -1,0 +1,249 @@
+"""The protocol of a study: everything that is fixed before the first participant joins, and the hash that fixes it.
+
+The defaults are those of Koutras et al. 2021, section 3.2: 15 episodes to warm up, then 30 that count, on level `random` 21x21.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from app.board.messages import describe_errors
+from app.db.trial import Attestation
+from app.series.texts import consent
+from app.task import Configuration, Rules, rules_of
+
+NAME = r"[a-z0-9][a-z0-9-]{0,39}"
+"""What a study may be called."""
+
+Line = Annotated[str, Field(min_length=1, max_length=300)]
+ExclusionRules = dict[
+    Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"],
+    StrictBool | float,
+]
+EXCLUSION: dict[str, ExclusionRules] = {
+    "protocol": {"completed": True, "all_ranked_driver_human": True},
+    "strict": {
+        "completed": True,
+        "all_ranked_driver_human": True,
+        "no_labels": True,
+        "max_pause_share": 0.5,
+    },
+}
+"""Who enters each further figure of the report; the first figure is of everybody."""
+
+
+class StudyError(Exception):
+    """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
+
+
+class UnknownStudyError(StudyError):
+    """No study goes by this name."""
+
+
+class DraftStudyError(StudyError):
+    """The study has not been frozen yet."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Consent(_Part):
+    """What a participant agrees to: paragraphs are split by blank lines, and a new text is a new version."""
+
+    version: str = Field(default="1", min_length=1, max_length=40)
+    text: str = Field(min_length=1, max_length=20_000)
+
+
+class Question(_Part):
+    """One that shows whether the instructions were understood.
+
+    answer   the index of the right choice
+    why      what a participant who chose another one reads before trying again
+    """
+
+    question: Line
+    choices: tuple[Line, ...] = Field(min_length=2, max_length=8)
+    answer: int = Field(ge=0)
+    why: str = Field(default="", max_length=500)
+
+    @model_validator(mode="after")
+    def _answer_is_a_choice(self) -> Question:
+        if self.answer >= len(self.choices):
+            raise ValueError(
+                f"answer must be the index of a choice, 0 to {len(self.choices) - 1}, got {self.answer}"
+            )
+        return self
+
+
+class Protocol(_Part):
+    """A study's protocol.
+
+    task                 what is played: mars, or gymnasium:ID
+    config               of every episode, as the task's configuration says it
+    core_version         of the rules it was made for
+    warm_up, ranked      episodes a participant plays that do not count, and that do
+    players              participants planned
+    break_every          ranked episodes after which a break is offered
+    pause_after_s        seconds without a key after which the page pauses
+    outside_ids          parameters of the link that are kept; the first one names the person
+    return_url           where a participant goes from the last page; `{code}` becomes the completion code
+    completion_code      the same for all; None: one drawn for each participant
+    policies             compared in the report, on exactly the ranked terrains
+    debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
+    policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them (`app.series.policy_files`)
+    exclusion            further figures of the report by name, with who enters them
+    equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
+    recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
+    required_attestation the lowest level at which an episode enters a human figure
+    assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
+    assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
+    policy_difference    steps to 99 %: the difference between a policy and the people that the study is planned to see
+    """
+
+    format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
+    name: str = Field(pattern=f"^{NAME}$")
+    title: Line
+    task: str = "mars"
+    config: dict[str, Any]
+    core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
+    warm_up: int = Field(default=15, ge=0, le=500)
+    ranked: int = Field(default=30, ge=1, le=500)
+    players: int = Field(default=10, ge=1, le=100_000)
+    break_every: int = Field(default=10, ge=1)
+    pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
+    consent: Consent
+    questions: tuple[Question, ...] = Field(max_length=20)
+    outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
+        default=("PROLIFIC_PID", "STUDY_ID", "SESSION_ID"), max_length=10
+    )
+    return_url: str | None = Field(default=None, max_length=2000, pattern=r"^https?://")
+    completion_code: str | None = Field(default=None, min_length=1, max_length=100)
+    policies: tuple[Line, ...] = ("ppo", "frontier-cost", "frontier-utility", "planner", "random")
+    debrief_policy: Line | None = "ppo"
+    policy_hashes: dict[str, str] = Field(default_factory=dict)
+    exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
+    equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
+    keep_episodes_when_forgotten: bool = False
+    data_licence: Line = "CC-BY-4.0"
+    recruitment: Literal["open", "invitation", "panel"] = "open"
+    required_attestation: Attestation = "attested"
+    assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+
+    @field_validator("task")
+    @classmethod
+    def _task_is_ours(cls, given: str) -> str:
+        return rules_of(given).name
+
+    @field_validator("config")
+    @classmethod
+    def _config_is_one(cls, given: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if "task" not in info.data:
+            return given  # what is wrong with the task has been said
+        rules = rules_of(info.data["task"])
+        try:
+            config = rules.configuration(given)
+        except TypeError as error:
+            raise ValueError(f"config: {error}") from error
+        rules.check_study(config)
+        values: dict[str, Any] = config.to_dict()
+        return values
+
+    @field_validator("policy_hashes")
+    @classmethod
+    def _hashes_are_sha256(cls, given: dict[str, str]) -> dict[str, str]:
+        for policy, digest in given.items():
+            if not re.fullmatch(r"[0-9a-f]{64}", digest):
+                raise ValueError(
+                    f"policy_hashes holds 64 hexadecimal digits for each policy, got {digest!r} for {policy!r}"
+                )
+        return given
+
+    @field_validator("outside_ids")
+    @classmethod
+    def _no_id_twice(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(given)) < len(given):
+            raise ValueError(f"outside_ids must differ from each other, got {', '.join(given)}")
+        return given
+
+    @model_validator(mode="after")
+    def _panel_names_people(self) -> Protocol:
+        if self.recruitment == "panel" and not self.outside_ids:
+            raise ValueError(
+                "recruitment by a panel needs outside_ids: the first one names the person, got none"
+            )
+        return self
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of the task."""
+        return rules_of(self.task)
+
+    @property
+    def env_config(self) -> Configuration:
+        """The configuration of every episode."""
+        return self.rules.configuration(self.config)
+
+
+def default_protocol(name: str, config: Configuration, task: str = "mars", **rest: Any) -> Protocol:
+    """Return a protocol with the paper's defaults, `rest` in their place where given; StudyError when one cannot be.
+
+    Its texts are templates: `app.series.templates.fill` gives what participants read.
+    """
+    known = dict(rules_of(task).study(config))
+    text = consent(known.pop("opening"), bool(known["questions"]))
+    title = str(known["title"]).replace("{name}", name)
+    named = {} if task == "mars" else {"task": task}
+    parts = {
+        "name": name,
+        **named,
+        "config": config.to_dict(),
+        **known,
+        "title": title,
+        "consent": {"text": text},
+    }
+    return parse_protocol({**parts, **rest})
+
+
+def parse_protocol(data: Mapping[str, Any]) -> Protocol:
+    """Return the protocol of plain values; StudyError with one sentence when they make none."""
+    try:
+        return Protocol.model_validate(data)
+    except ValidationError as error:
+        raise StudyError(
+            f"the protocol does not hold: {describe_errors(error.errors(include_url=False))}"
+        ) from error
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
+    return json.dumps(
+        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    ).encode()
+
+
+def canonical(protocol: Protocol) -> bytes:
+    """Return the protocol's canonical JSON, without what it was made without: a later version's new fields change no hash."""
+    return canonical_json(protocol.model_dump(mode="json", exclude_unset=True))
+
+
+def protocol_hash(protocol: Protocol) -> str:
+    """Return SHA-256 (hex) of the canonical JSON."""
+    return hashlib.sha256(canonical(protocol)).hexdigest()

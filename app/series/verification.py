@@ -1,0 +1,374 @@
+"""Every finished episode of a database simulated again, every entry of its chain made again: whatever differs, by name.
+
+That proves the file consistent: what it says happened is what its causes give. It cannot prove who made it; the signature
+of a release does that for whoever knows the key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import sqlite3
+import time
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from app.board.attestation import COPIED, Conditions, attest, key_map_of
+from app.board.daily import check_daily
+from app.db import checks
+from app.db.checks import (
+    ChainState,
+    EarlierHead,
+    InputOf,
+    chain_state,
+    check_chain,
+    episodes_of,
+    find_head,
+    input_of,
+    order_events,
+    participants_of,
+    studies,
+)
+from app.db.database import reading
+from app.db.resimulation import Finding
+from app.db.study_rows import StudyRow
+from app.jobs import Jobs, cores
+from app.series import seeds
+from app.series.folder import Advance, Folder
+from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
+from app.task import rules_of
+
+PARALLEL_FROM = 4_000
+"""The number of episodes from which several processes are faster than one."""
+
+EPISODES_PER_TASK = 200
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification came to.
+
+    episodes, moves   simulated
+    still_open        unfinished episodes, not simulated
+    findings          what differs; empty when all is well
+    chain             what the chain is; None where none was read
+    since             what came after an earlier head, where one was given and found
+    """
+
+    episodes: int
+    moves: int
+    still_open: int
+    findings: tuple[Finding, ...]
+    seconds: float
+    chain: ChainState | None = None
+    since: EarlierHead | None = None
+
+    @property
+    def failed(self) -> int:
+        """How many episodes, participants, studies or files have a finding."""
+        return len({finding.where for finding in self.findings})
+
+
+def verify_database(
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+    head: str | None = None,
+) -> Verification:
+    """Verify a database; StoreError when it is not one of ours.
+
+    advance   called with (episodes simulated, of how many)
+    secrets   of studies that are still open, where they are known; closed ones hold theirs
+    study     only this study's episodes and participants
+    head      an earlier head that must be in the chain (hex)
+    """
+    with reading(path) as conn:
+        result = verify_moment(conn, path, advance, secrets, study)
+        since = None if head is None else find_head(conn, head)
+    if head is not None and since is None:
+        lost = Finding(
+            "chain",
+            "the head given",
+            head,
+            "no entry with it: taken away, made anew, or of another database",
+        )
+        return replace(result, findings=(*result.findings, lost))
+    return replace(result, since=since)
+
+
+def verify_moment(
+    conn: sqlite3.Connection,
+    path: Path,
+    advance: Advance = lambda done, total: None,
+    secrets: Mapping[str, bytes] | None = None,
+    study: str | None = None,
+) -> Verification:
+    """Verify a database as the connection sees it; the other parameters are those of `verify_database`."""
+    for task in checks.tasks(conn):
+        with suppress(ValueError):  # found with the episodes that name it
+            rules_of(task).prepare()  # which is no part of the rate
+    began = time.monotonic()
+    findings: list[Finding] = []
+    moves = done = 0
+    episodes = checks.finished_episodes(conn, study)
+    for checked, made, found in _check_episodes(path, conn, episodes):
+        moves += made
+        done += checked
+        findings += found
+        advance(done, len(episodes))
+    findings += checks.check_entries(conn, study)
+    findings += check_studies(conn, secrets or {}, study)
+    findings += check_chain(conn)
+    if study is None:
+        findings += [*checks.check_owners(conn), *check_daily(conn)]
+    still_open = checks.count_unfinished(conn, study)
+    seconds = time.monotonic() - began
+    return Verification(
+        len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn)
+    )
+
+
+def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
+    """Yield what is wrong with the kept files of some frozen studies' policies."""
+    for study in map(folder.study, names):
+        if study.protocol.policy_hashes:
+            for path, found, recorded in study.policy_files.damaged():
+                yield Finding(
+                    f"file {path}",
+                    "sha256",
+                    f"{recorded} when the study was frozen",
+                    found or "no such file",
+                )
+
+
+def _check_episodes(
+    path: Path, conn: sqlite3.Connection, episodes: Sequence[str]
+) -> Iterator[tuple[int, int, list[Finding]]]:
+    """Yield (episodes, moves, findings) part by part, from several processes where there are many episodes.
+
+    Each process reads for itself: a finished episode does not change, and one that was changed is what is looked for.
+    """
+    if len(episodes) < PARALLEL_FROM or cores() == 1:
+        for ident in episodes:
+            yield (1, *_check_episode(conn, ident))
+        return
+    tasks = [
+        tuple(episodes[at : at + EPISODES_PER_TASK])
+        for at in range(0, len(episodes), EPISODES_PER_TASK)
+    ]
+    with Jobs(min(cores(), len(tasks))) as jobs:
+        yield from jobs.map(_run_task, itertools.repeat(path), tasks)
+
+
+def _check_episode(conn: sqlite3.Connection, ident: str) -> tuple[int, list[Finding]]:
+    """Return the moves of a finished episode and what is wrong with it."""
+    row, steps, findings = checks.check_episode(conn, ident)
+    return len(steps), [*findings, *check_attestation(conn, row, steps)]
+
+
+def _run_task(path: Path, episodes: Sequence[str]) -> tuple[int, int, list[Finding]]:
+    moves, findings = 0, []
+    with reading(path) as conn:
+        for ident in episodes:
+            made, found = _check_episode(conn, ident)
+            moves += made
+            findings += found
+    return len(episodes), moves, findings
+
+
+Level = tuple[str | None, str | None]
+"""The level of an episode's attestation, and the reason why it is not attested."""
+
+
+@dataclass(frozen=True)
+class _Expected:
+    """What the episodes of a study are checked against; `secret` is None where it is not known."""
+
+    protocol: Protocol
+    protocol_hash: str
+    secret: bytes | None
+
+
+def check_studies(
+    conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None
+) -> Iterator[Finding]:
+    """Yield what is wrong with the studies of a database and with what their participants were given.
+
+    secrets  of open studies, where they are known
+    """
+    for study in studies(conn, only):
+        yield from _check_study(conn, study, secrets.get(study.name))
+
+
+def _check_study(
+    conn: sqlite3.Connection, study: StudyRow, known: bytes | None
+) -> Iterator[Finding]:
+    where = f"study {study.name}"
+    try:
+        data = json.loads(study.protocol)
+        found = hashlib.sha256(canonical_json(data)).hexdigest()
+        protocol = parse_protocol(data)
+        secret = bytes.fromhex(study.secret) if study.secret else known
+    except (ValueError, StudyError) as error:
+        yield Finding(where, "protocol or secret", "something unreadable", str(error))
+        return
+    if found != study.protocol_hash:
+        yield Finding(where, "protocol_hash", study.protocol_hash, found)
+    if secret is not None and seeds.commitment(secret) != study.commitment:
+        yield Finding(
+            where, "commitment", study.commitment, f"{seeds.commitment(secret)} from the secret"
+        )
+    expected = _Expected(protocol, study.protocol_hash, secret)
+    for participant in participants_of(conn, study.name):
+        episodes = episodes_of(conn, participant)
+        order = yield from _ranked_order(conn, participant, episodes, expected)
+        yield from _check_order(participant, episodes, expected, order)
+        for row in episodes:
+            yield from _check_cause(row, expected)
+
+
+def _ranked_order(
+    conn: sqlite3.Connection, participant: str, episodes: list[dict[str, Any]], expected: _Expected
+) -> Generator[Finding, None, list[int] | None]:
+    """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
+    secret, count = expected.secret, expected.protocol.ranked
+    if not any(row["phase"] == "ranked" for row in episodes):
+        return None
+    kind, details = order_events(conn, participant)
+    number = _order_number(details)
+    if number is None:
+        yield Finding(
+            f"participant {participant}",
+            "number in the Latin square",
+            details,
+            "one whole number from 0",
+        )
+        return None
+    return (
+        None
+        if secret is None
+        else seeds.balanced_order(secret, expected.protocol_hash, kind, number, count)
+    )
+
+
+def _order_number(details: list[str]) -> int | None:
+    """Return the number in the one event that fixes an order; None when there is not one, or no number in it."""
+    try:
+        (number,) = (json.loads(detail)["number"] for detail in details)
+    except (ValueError, TypeError, KeyError):
+        return None
+    return number if isinstance(number, int) and number >= 0 else None
+
+
+def _check_order(
+    participant: str, episodes: list[dict[str, Any]], expected: _Expected, ranked: list[int] | None
+) -> Iterator[Finding]:
+    """Yield what is wrong with the numbers and terrains of a participant's episodes."""
+    where = f"participant {participant}"
+    for phase, count in (
+        ("warm_up", expected.protocol.warm_up),
+        ("ranked", expected.protocol.ranked),
+    ):
+        numbers = [row["trial"] for row in episodes if row["phase"] == phase]
+        terrains = [row["terrain_index"] for row in episodes if row["phase"] == phase]
+        if numbers != list(range(len(numbers))):
+            yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
+        if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
+            yield Finding(
+                where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once"
+            )
+        order = list(range(count)) if phase == "warm_up" else ranked
+        if order is not None and terrains != order[: len(terrains)]:
+            yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])
+
+
+def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
+    """Yield what is wrong with an episode's configuration, its flags and its seed."""
+    where, config_hash = f"episode {row['id']}", expected.protocol.env_config.hash
+    if row["config_hash"] != config_hash:
+        yield Finding(where, "config_hash", row["config_hash"], f"{config_hash} of the protocol")
+    if row["seed_chosen"] or row["assisted"]:
+        yield Finding(where, "seed_chosen, assisted", (row["seed_chosen"], row["assisted"]), (0, 0))
+    seed = None
+    if row["phase"] == "tutorial":
+        seed = seeds.TUTORIAL_SEED
+    elif expected.secret is not None:
+        label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
+        seed = seeds.seed(expected.secret, expected.protocol_hash, label, row["terrain_index"])
+    if seed is not None and row["seed"] != seed:
+        what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
+        yield Finding(where, what, row["seed"], f"{seed} from the study's secret")
+
+
+def check_attestation(
+    conn: sqlite3.Connection, row: dict[str, Any], steps: list[dict[str, Any]]
+) -> Iterator[Finding]:
+    """Yield what is wrong with the level of a finished episode and with the reason for it.
+
+    row, steps  as `app.db.checks.check_episode` returns them
+
+    That an episode's timing is another one's copy follows from rows that need not be here.
+    """
+    stored: Level = (row["attestation"], row["attestation_reason"])
+    where = f"episode {row['id']}"
+    if row["driver"] != "human":
+        if stored != (None, None):
+            yield Finding(
+                where,
+                "attestation",
+                _in_words(stored),
+                f"none, since its driver is {row['driver']}",
+            )
+        return
+    given = input_of(conn, row["id"])
+    derive = partial(_derive_level, row["task"], row["started_ms"], steps, given)
+    found = derive(row["ended_ms"])
+    if not any(_fits(stored, each) for each in (found, derive(None))):
+        yield Finding(where, "attestation", _in_words(stored), _in_words(found))
+
+
+def _derive_level(
+    task: str,
+    started_ms: int,
+    steps: list[dict[str, Any]],
+    given: InputOf,
+    until_ms: int | None,
+) -> Level:
+    """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
+
+    Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
+    """
+    try:
+        settings = [
+            json.loads(detail)
+            for at_ms, detail in given.settings
+            if until_ms is None or at_ms <= until_ms
+        ]
+        conditions = Conditions(
+            started_ms,
+            key_map_of(rules_of(task).keys, settings),
+            tuple(given.supervised_ms),
+            not given.is_studys,
+        )
+        found = attest(steps, given.events, conditions)
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
+        return None, f"rows that cannot be read: {error}"
+    return found.level, found.reason
+
+
+def _fits(stored: Level, found: Level) -> bool:
+    return (
+        found[0] in ("attested", "supervised")
+        if stored == ("unattested", COPIED)
+        else stored == found
+    )
+
+
+def _in_words(level: Level) -> str:
+    return " because: ".join(str(part) for part in level if part is not None) or "none"

@@ -1,0 +1,190 @@
+"""The entries of the leaderboard: one for each configuration that people play, and one for each closed study.
+
+In a closed study people and policies are on the very same terrains. An open one is not shown: a mean that changes with every
+episode would reveal hidden scores to its players.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.db.reader import Reader
+from app.db.studies import closed_studies, count_participants
+from app.report.moves.likeness import human_likeness
+from app.report.statistics.exclusion_sets import members, people_of
+from app.report.statistics.human_level import VolunteerFigures
+from app.report.statistics.study_figures import live_figure
+from app.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
+from app.series.data import StudyData, load
+from app.series.policy_episodes import closed_seeds
+from app.series.policy_files import FOLDER, PolicyFiles
+from app.task import Configuration, PolicyError
+from app.tasks.mars.rules import MarsRules
+from app.web.leaderboard.evaluations import Evaluation
+
+FIRST_SEED = 1_000_000_000
+"""Policies play the terrains of this seed and the next ones: training refuses them."""
+
+MARS = MarsRules()
+"""What the boards are of."""
+OFFERED: tuple[Configuration, ...] = MARS.players.OFFERED
+
+
+@dataclass(frozen=True)
+class LeaderboardEntry:
+    """A configuration and the terrains on which policies are compared with people.
+
+    id        in the page's address
+    human     the figure of `app.report.statistics.human_level`, or of a study with its pictures; None while nobody has played
+    seeds     of the policies' terrains
+    study     its name; None for an entry of the playground
+    policies  names (or paths); None means everything on offer
+    files     of a study's policies
+    """
+
+    id: str
+    title: str
+    config: Configuration
+    human: dict[str, Any] | None
+    seeds: tuple[int, ...]
+    study: str | None = None
+    policies: tuple[str, ...] | None = None
+    files: PolicyFiles | None = None
+
+    def evaluations(self, sources: dict[str, str]) -> dict[str, Evaluation]:
+        """Return what has to be evaluated by the policy's name, quick policies first.
+
+        sources  what `policies.load` takes, by name. A study's policies are played from their own files; where one is lost,
+                 its evaluation names the place where it was kept, and fails
+        """
+        slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
+        chosen = list(sources) if self.policies is None else self.policies
+        ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
+        return {
+            name: Evaluation(self._source(name, sources), self.config, self.seeds)
+            for name in ordered
+        }
+
+    def _source(self, name: str, sources: dict[str, str]) -> str:
+        if self.files is None or name not in self.files.hashes:
+            return sources.get(name, name)
+        try:
+            return self.files.source(name)
+        except PolicyError:
+            return str(self.files.place(name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry as the list of the leaderboard shows it."""
+        human = self.human or {"players": 0, "episodes": 0}
+        return {
+            "id": self.id,
+            "title": self.title,
+            "study": self.study,
+            "level": self.config.level,
+            "rows": self.config.rows,
+            "cols": self.config.cols,
+            "max_steps": self.config.limit,
+            "config_hash": self.config.hash,
+            "terrains": len(self.seeds),
+            "players": human["players"],
+            "episodes": human["episodes"],
+        }
+
+
+class ClosedStudies:
+    """The closed studies of a database; each is read once, because it no longer changes.
+
+    studies  the folder of studies, which keeps the files of their policies
+    """
+
+    def __init__(self, studies: Path) -> None:
+        self._folder = studies
+        self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
+
+    def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
+        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time."""
+        found = []
+        for study in closed_studies(reader):
+            # one who is forgotten afterwards is gone from here as well
+            key = (study.name, study.closed_ms, count_participants(reader, study.name))
+            if key not in self._known:
+                data = load(reader, study.name).with_policies_in(self._folder / study.name / FOLDER)
+                self._known[key] = (data, _people(reader, data))
+            found.append(self._known[key])
+        return found
+
+
+def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
+    figure = live_figure(data)
+    if not figure["players"]:
+        return None
+    cohort = people_of(data)
+    rules = data.protocol.exclusion.get(figure["set"], {})
+    ranked = [cohort.ranked[person] for person in members(cohort, rules)]
+    groups = [
+        [
+            EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_target or 0, (), ())
+            for each in own
+        ]
+        for own in ranked
+    ]
+    completed = float(
+        np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups])
+    )
+    pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
+    plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
+    likeness = human_likeness(reader, data, cohort, members(cohort, rules))
+    shown = {"completed": completed, "curve": None, "visits": None, **pictures}
+    return {**plain, **shown, "trials": trial_summaries(groups), "likeness": likeness}
+
+
+def list_entries(
+    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures
+) -> list[LeaderboardEntry]:
+    """Return every entry: closed studies, then what people have played, the most played first, then the rest."""
+    found = {
+        f"study-{data.protocol.name}": _of_study(data, human)
+        for data, human in studies.closed(reader)
+    }
+    for figure in volunteers.human_level(reader)["figures"]:
+        config = MARS.configuration(figure["config"])
+        found[config.hash] = _of_config(config, figure)
+    for config in OFFERED:
+        found.setdefault(config.hash, offered_entry(config))
+    return list(found.values())
+
+
+def offered_entry(config: Configuration) -> LeaderboardEntry:
+    """Return the entry of a configuration on offer as it is while nobody has played it."""
+    return _of_config(config, None)
+
+
+def held_out_seeds(config: Configuration) -> tuple[int, ...]:
+    """Return the seeds of the policies' terrains: 100, fewer on large grids, where an episode takes a planner a minute."""
+    count = 100 if config.n <= 900 else 40 if config.n <= 2500 else 10
+    return tuple(range(FIRST_SEED, FIRST_SEED + count))
+
+
+def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
+    protocol = data.protocol
+    names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
+    return LeaderboardEntry(
+        *names,
+        human,
+        tuple(closed_seeds(data).values()),
+        protocol.name,
+        protocol.policies,
+        data.policy_files,
+    )
+
+
+def _of_config(config: Configuration, human: dict[str, Any] | None) -> LeaderboardEntry:
+    name = f"{config.level}-{config.rows}x{config.cols}"
+    title = f"{config.level} {config.rows} × {config.cols}"
+    if MARS.of_level(config.level, (config.rows, config.cols)) != config:
+        name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
+    return LeaderboardEntry(name, title, config, human, held_out_seeds(config))

@@ -1,0 +1,68 @@
+"""Makes the figures that the package comes with: the shipped policies on the terrains of the boards on offer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from app.jobs import Jobs, Progress
+from app.tasks.mars.policies import PolicyCatalogue
+from app.web.leaderboard.entries import OFFERED, LeaderboardEntry, offered_entry
+from app.web.leaderboard.evaluations import (
+    Evaluation,
+    Origin,
+    ShippedFigure,
+    ShippedFigures,
+    file_sha256,
+    to_document,
+)
+
+
+def offered_boards() -> dict[str, LeaderboardEntry]:
+    """Return the boards on offer by their ids."""
+    return {entry.id: entry for entry in map(offered_entry, OFFERED)}
+
+
+def make_board(
+    entry: LeaderboardEntry,
+    jobs: Jobs,
+    advance: Progress,
+    kept: ShippedFigures | None = None,
+    again: Sequence[str] = (),
+) -> str:
+    """Play a board's policies and return the text of its file.
+
+    kept   figures that are taken where they still hold, except for the policies in `again`
+
+    `advance` is called with the number of policies that are done and their number.
+    """
+    origin = Origin(
+        version("marsexplorer-playground"),
+        f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard",
+    )
+    size = (entry.config.rows, entry.config.cols)
+    sources = {
+        offer.name: offer.source
+        for offer in PolicyCatalogue().offers()
+        if offer.size in (None, size)
+    }
+    wanted = list(entry.evaluations(sources).values())
+    found = [
+        kept.find(each) if kept is not None and each.policy not in again else None
+        for each in wanted
+    ]
+    waiting = [
+        old or jobs.submit(make_figure, each, origin)
+        for each, old in zip(reversed(wanted), reversed(found), strict=True)
+    ]  # the slowest first
+    figures = []
+    for figure in reversed(waiting):
+        figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
+        advance(len(figures), len(wanted))
+    return to_document(entry.config, entry.seeds, figures, origin)
+
+
+def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+    """Play an evaluation and return its figure."""
+    figure, steps = wanted.play()
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)

@@ -1,0 +1,53 @@
+"""What the operator's requests work on: the login, the studies, the server's health, figures and exports."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from app.db.operators import ActionLog
+from app.jobs import Jobs
+from app.series.progress import ParticipantProgress
+from app.series.protocol import StudyError
+from app.web.operator import participants
+from app.web.operator.exports import Exports
+from app.web.operator.health import Health
+from app.web.operator.login import AdminLogin, AdminPassword
+
+
+class AdminServices:
+    """The operator's part of one server.
+
+    began  monotonic seconds of the server's start
+    """
+
+    def __init__(
+        self,
+        password: AdminPassword,
+        progress: ParticipantProgress,
+        studies: Path,
+        health: Health,
+        jobs: Jobs,
+    ) -> None:
+        database = progress.lobby.store.path
+        store = progress.lobby.store
+        self.actions, self.progress = ActionLog(store), progress
+        self.login = AdminLogin(password, store, self.actions)
+        self.health, self.figures = health, participants.LiveFigures(database)
+        self.exports = Exports(database, studies, jobs)
+        self.began = time.monotonic()
+
+    def studies(self) -> list[dict[str, Any]]:
+        """Return every study in the folder: drafts and broken ones too, with what is wrong."""
+        return [self._listed(name) for name in self.progress.folder.names()]
+
+    def _listed(self, name: str) -> dict[str, Any]:
+        folder = self.progress.folder
+        try:
+            status, title = folder.status(name), folder.draft(name).title
+            if status != "draft":
+                folder.study(name)
+        except StudyError as error:
+            return {"name": name, "title": name, "status": "broken", "error": str(error)}
+        return {"name": name, "title": title, "status": status, "error": None}

@@ -1,0 +1,315 @@
+"""What one client may hold open, send and ask for beside everybody else.
+
+An address (behind a named proxy the one that it reports) and a player's cookie have token buckets
+for requests, handshakes and what costs the most: joins, boards and episodes. Every socket has one
+for its messages. Whoever sends the operator's token is not limited: that is how `marsexplorer
+simulate` plays a whole study.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from http.cookies import CookieError, SimpleCookie
+
+from starlette.datastructures import Headers
+from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.web.protection.gate import RefusedRequestError
+from app.web.protection.hosts import client_address
+from app.web.settings import Limits, read_bucket
+
+TOKEN_HEADER = "x-mars-token"
+"""The header that holds the operator's token, `limits.token`."""
+
+PROBES = frozenset({"/healthz", "/readyz"})
+"""What watches over the server: these requests have a bucket of their own."""
+
+COOKIE = "mars_player"
+
+ACTIONS = {
+    "joins": re.compile(r"/api/studies/[^/]+/join"),
+    "sessions": re.compile(r"/api/(sessions|daily)"),
+    "episodes": re.compile(r"/api/(sessions|studies)/[^/]+/(episodes|next)"),
+}
+"""The POST requests of each action, by the end of their path."""
+
+WHAT = {
+    "requests": "requests",
+    "handshakes": "new sockets",
+    "joins": "joins of a study",
+    "sessions": "new boards",
+    "episodes": "new episodes",
+}
+WHERE = {"address": "this network", "player": "this browser"}
+
+POLICY_VIOLATION = 1008
+"""The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
+
+PATIENCE = 100
+"""Messages in a row that came before the one before them was answered, while they were slowed down,
+after which a socket is closed. A script that waits for each answer is closed never."""
+
+PENALTY = 100
+"""Handshakes that a socket which is closed for too much costs its address."""
+
+FULL_WAIT_S = 30
+"""When a browser may come again that found all places for sockets taken."""
+
+MAX_BUCKETS = 10_000
+"""Addresses or players whose rates are remembered; beyond, those that have a full bucket go."""
+
+
+class TokenBucket:
+    """A bucket of `burst` tokens, full at first, that gets `rate` new ones a second."""
+
+    __slots__ = ("_at_s", "_burst", "_clock_s", "_rate", "_tokens")
+
+    def __init__(
+        self, burst: int, rate: float, clock_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._burst, self._rate, self._clock_s = burst, rate, clock_s
+        self._tokens, self._at_s = float(burst), clock_s()
+
+    def take(self) -> float:
+        """Take a token and return 0, or take none and return for how many seconds it is missing."""
+        if (missing := 1.0 - self._refilled()) > 1e-9:
+            return missing / self._rate
+        self._tokens -= 1.0
+        return 0.0
+
+    def owe(self, count: int) -> None:
+        """Take so many tokens; the bucket owes no more than that."""
+        self._tokens = max(self._refilled() - count, -float(count))
+
+    @property
+    def is_full(self) -> bool:
+        """Return whether a new bucket would be the same."""
+        return self._refilled() >= self._burst
+
+    def _refilled(self) -> float:
+        now_s = self._clock_s()
+        self._tokens = min(self._burst, self._tokens + (now_s - self._at_s) * self._rate)
+        self._at_s = now_s
+        return self._tokens
+
+
+class Buckets:
+    """A bucket for each address or player, all of one size; those that are full are forgotten."""
+
+    def __init__(self, size: str) -> None:
+        self._burst, self._rate = read_bucket(size)
+        self._most, self._buckets = MAX_BUCKETS, dict[str, TokenBucket]()
+        self.size = f"{self._burst} at once and {self._rate:g} a second"
+
+    def of(self, key: str) -> TokenBucket:
+        """Return the bucket of an address or a player."""
+        bucket = self._buckets.get(key)
+        if bucket is None:
+            if len(self._buckets) >= self._most:
+                kept = {each: one for each, one in self._buckets.items() if not one.is_full}
+                self._buckets, self._most = kept, max(MAX_BUCKETS, 2 * len(kept))
+            bucket = self._buckets[key] = TokenBucket(self._burst, self._rate)
+        return bucket
+
+    def __len__(self) -> int:
+        """Return how many are in memory."""
+        return len(self._buckets)
+
+
+class Protection:
+    """What one server counts of its clients; it lives as long as its app.
+
+    refusals    how often something was refused, by reason; `count` is called with each reason too
+    sockets     how many are open, but for those that came with the operator's token
+    """
+
+    def __init__(self, limits: Limits, count: Callable[[str], None] = lambda reason: None) -> None:
+        self.limits, self._count = limits, count
+        self.refusals: Counter[str] = Counter()
+        self.sockets = 0
+        self._sockets_of: Counter[str] = Counter()
+        self._buckets = {
+            name: Buckets(getattr(limits, name))
+            for name in Limits.model_fields
+            if name.endswith(("_per_address", "_per_player")) and name != "sockets_per_address"
+        }
+        self._token = b"" if limits.token is None else limits.token.get_secret_value().encode()
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a refusal; reasons are few words of the code, never a stranger's."""
+        self.refusals[reason] += 1
+        self._count(reason)
+
+    def has_token(self, scope: Scope) -> bool:
+        """Return whether the operator's token came with a request."""
+        given = Headers(scope=scope).get(TOKEN_HEADER)
+        return (
+            bool(self._token)
+            and given is not None
+            and hmac.compare_digest(given.encode(), self._token)
+        )
+
+    def admit(self, scope: Scope) -> None:
+        """Count a request; RefusedRequestError (429) where it is one too many."""
+        address = client_address(HTTPConnection(scope))
+        self._take("requests", f"{address} probes" if scope["path"] in PROBES else address)
+        if (action := _action_of(scope)) is not None:
+            self._take(action, address)
+            if (player := _player_of(scope)) is not None:
+                self._take(action, player, "player")
+
+    def open_socket(self, address: str) -> None:
+        """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
+        limits = self.limits
+        if (
+            self.sockets >= limits.sockets
+            or self._sockets_of[address] >= limits.sockets_per_address
+        ):
+            self.count_refusal("sockets")
+            detail = "too many sockets are open; close some pages, or wait half a minute"
+            raise RefusedRequestError(503, detail, FULL_WAIT_S)
+        self._take("handshakes", address)
+        self.sockets += 1
+        self._sockets_of[address] += 1
+
+    def close_socket(self, address: str) -> None:
+        """Count a socket that has closed."""
+        self.sockets -= 1
+        self._sockets_of[address] -= 1
+        if not self._sockets_of[address]:
+            del self._sockets_of[address]
+
+    def punish(self, address: str) -> None:
+        """Let an address open fewer sockets, since one of its own was closed for too much."""
+        self.count_refusal("messages")
+        self._buckets["handshakes_per_address"].of(address).owe(PENALTY)
+
+    def _take(self, what: str, key: str, by: str = "address") -> None:
+        buckets = self._buckets[f"{what}_per_{by}"]
+        if missing_s := buckets.of(key).take():
+            self.count_refusal(f"rate_{what}")
+            wait_s = math.ceil(missing_s)
+            raise RefusedRequestError(
+                429,
+                f"too many {WHAT[what]} from {WHERE[by]} ({buckets.size} at most): "
+                f"try again in {wait_s} s",
+                wait_s,
+            )
+
+
+def _action_of(scope: Scope) -> str | None:
+    """Return which action a request asks for; None for any other."""
+    path = scope["path"].rstrip("/")
+    if scope["method"] != "POST" or (at := path.rfind("/api/")) < 0:
+        return None
+    return next((action for action, ends in ACTIONS.items() if ends.fullmatch(path, at)), None)
+
+
+def _player_of(scope: Scope) -> str | None:
+    """Return a digest of the player's cookie as it came: whoever forges many is one address."""
+    try:
+        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return None
+    return None if found is None else hashlib.sha256(found.value.encode()).hexdigest()
+
+
+class _SlowReaderError(Exception):
+    """A client did not take what was sent to it."""
+
+
+class LimitedClients:
+    """Refuses requests and sockets that are too many, and ends those that come or are read too slowly.
+
+    most_bytes  of a request's body; beyond, it is refused with 413
+    """
+
+    def __init__(self, app: ASGIApp, *, protection: Protection, most_bytes: int) -> None:
+        self._app, self._protection, self._most_bytes = app, protection, most_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            if not self._protection.has_token(scope):
+                self._protection.admit(scope)
+            await self._serve_request(scope, receive, send)
+        elif scope["type"] == "websocket" and not self._protection.has_token(scope):
+            await self._serve_socket(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    async def _serve_request(self, scope: Scope, receive: Receive, send: Send) -> None:
+        limits, size, is_whole = self._protection.limits, 0, False
+        until_s = asyncio.get_running_loop().time() + limits.body_s
+
+        async def receive_body() -> Message:
+            nonlocal size, is_whole
+            if is_whole:
+                return await receive()
+            try:
+                async with asyncio.timeout_at(until_s):
+                    message = await receive()
+            except TimeoutError as error:
+                self._protection.count_refusal("slow_body")
+                detail = f"the body of a request must come within {limits.body_s:g} s"
+                raise HTTPException(408, detail, {"Connection": "close"}) from error
+            size += len(message.get("body", b""))
+            is_whole = not message.get("more_body")
+            if size > self._most_bytes:
+                detail = f"a body must be at most {self._most_bytes} bytes, got {size} or more"
+                raise HTTPException(413, detail, {"Connection": "close"})
+            return message
+
+        async def send_in_time(message: Message) -> None:
+            try:
+                async with asyncio.timeout(limits.answer_s):
+                    await send(message)
+            except TimeoutError as error:
+                raise _SlowReaderError from error
+
+        try:
+            await self._app(scope, receive_body, send_in_time)
+        except _SlowReaderError:  # uvicorn closes a connection whose answer is not whole
+            self._protection.count_refusal("slow_reader")
+
+    async def _serve_socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        protection, address = self._protection, client_address(HTTPConnection(scope))
+        burst, rate = read_bucket(protection.limits.messages)
+        bucket, early = TokenBucket(burst, rate), 0
+        coming: asyncio.Task[Message] | None = None
+
+        async def receive_at_rate() -> Message:
+            nonlocal coming, early
+            message = await (receive() if coming is None else coming)
+            coming = None
+            if message["type"] != "websocket.receive" or not (wait_s := bucket.take()):
+                return message
+            coming = asyncio.create_task(receive())  # type: ignore[arg-type]
+            await asyncio.sleep(wait_s)
+            bucket.take()
+            early = early + 1 if coming.done() else 0
+            if early <= PATIENCE:
+                return message
+            protection.punish(address)
+            scope["noted"]["status"] = POLICY_VIOLATION
+            reason = f"too many messages: {burst} at once and {rate:g} a second are answered"
+            with suppress(RuntimeError, OSError):  # whoever sent them may have gone already
+                await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
+            return {"type": "websocket.disconnect", "code": POLICY_VIOLATION}
+
+        protection.open_socket(address)
+        try:
+            await self._app(scope, receive_at_rate, send)
+        finally:
+            protection.close_socket(address)
+            if coming is not None:
+                coming.cancel()

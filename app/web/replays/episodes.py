@@ -1,0 +1,105 @@
+"""Which episodes have a replay: the ended ones that the asker may see, by the same rule as the API's finished episodes."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.db.reader import Reader
+from app.task import Record, rules_of
+
+NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
+"""Who drove an episode -> how a replay names them; a policy has its own name."""
+MAX_NAMED = 5
+"""Episodes that are named where a prefix fits several."""
+
+
+class UnknownReplayError(LookupError):
+    """There is no episode with this id of which the asker may see a replay."""
+
+
+class NoCourseError(UnknownReplayError):
+    """The episode is shown by its frames alone, which `/watch` plays: its task draws no course."""
+
+
+@dataclass(frozen=True)
+class Asker:
+    """Who asks for a replay, and when: before a day is over, its daily episodes are their own players' alone.
+
+    player_id  None for a stranger
+    at_ms      milliseconds since 1970; None for now
+    """
+
+    player_id: str | None = None
+    at_ms: int | None = None
+
+
+STRANGER = Asker()
+
+
+@dataclass(frozen=True)
+class ShownEpisode:
+    """An ended episode that the asker may see: its id, its cause, and who drove in words.
+
+    task        what was played
+    name        for everybody
+    asker_name  for the asker: "You" where it was they
+    """
+
+    id: str
+    task: str
+    record: Record
+    name: str
+    asker_name: str
+
+
+def courses_of(episode: ShownEpisode) -> Any:
+    """Return what makes courses of an episode's task (`Rules.courses`); NoCourseError where it has none."""
+    if (courses := rules_of(episode.task).courses) is None:
+        raise NoCourseError(f"episode {episode.id!r} is shown at /watch/{episode.id}")
+    return courses
+
+
+def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:
+    """Return an ended episode by its id; UnknownReplayError for every other id, so that nothing is told of what is secret.
+
+    Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and
+    another player's of a daily terrain before its day is over.
+    """
+    with (
+        closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader,
+        reader.snapshot(),
+    ):
+        found = reader.episode(episode_id, asker.player_id)
+        if found is None:
+            raise UnknownReplayError(
+                f"no finished episode {episode_id!r} that can be replayed: check the link"
+            )
+        name, own_name = (
+            _name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id)
+        )
+        record = reader.load_record(episode_id)
+        return ShownEpisode(episode_id, found["task"], record, name, own_name)
+
+
+def _name(driver: str) -> str:
+    return NAMES.get(driver) or driver.removeprefix("policy:")
+
+
+def find_episode(database: Path, prefix: str) -> ShownEpisode:
+    """Return the one ended episode whose id begins with a prefix; UnknownReplayError where none or several do."""
+    with closing(Reader.open(database, public=True)) as reader:
+        found = reader.ids_beginning(prefix, MAX_NAMED + 1)
+    if not found:
+        raise UnknownReplayError(
+            f"no finished episode in {database} has an id that begins with {prefix!r}; "
+            "`marsexplorer export` lists them, and the address of a replay ends with one"
+        )
+    if len(found) > 1 and prefix not in found:
+        named = ", ".join(found[:MAX_NAMED]) + (", ..." if len(found) > MAX_NAMED else "")
+        raise UnknownReplayError(
+            f"several episodes begin with {prefix!r}: {named}; give more of the id"
+        )
+    return shown_episode(database, prefix if prefix in found else found[0])

@@ -1,0 +1,139 @@
+"""The page of a replay, from the template `static/replay/index.html`: as the server gives it, or whole in one file.
+
+The file opens from a disk: it holds the page with its modules, styles and courses. A module cannot be imported from a file on a
+disk, so each one becomes a data URL, which the page's import map finds by name. The file's own Content-Security-Policy lets it
+load nothing else.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from app import STATIC
+from app.task import Course
+
+STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
+"""The style sheets of the page, in its order."""
+ENTRY = "replay/main.js"
+TASKS = ("task/mars/index.js", "task/picture/index.js")
+"""What the page asks for by the assets of its task."""
+_IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
+_TASK_IMPORT = "import(`../task/"
+
+_ENVIRONMENT = Environment(
+    loader=FileSystemLoader(STATIC),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Absolute addresses for whoever shows a preview of the link: of the page, and of its picture."""
+
+    page: str
+    picture: str
+
+
+@dataclass(frozen=True)
+class Inlined:
+    """What a page that stands in one file holds itself: its styles and the script that chooses their theme; its modules by name
+    and its icon, as data URLs.
+    """
+
+    style: Markup
+    theme: Markup
+    modules: dict[str, str]
+    entry: str
+    icon: str
+
+
+def render(
+    data: dict[str, Any],
+    course: Course,
+    formats: Sequence[str] = (),
+    addresses: Addresses | None = None,
+    inlined: Inlined | None = None,
+) -> str:
+    """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
+
+    formats  in which the server gives the replay as a file
+    """
+    text: str = _ENVIRONMENT.get_template("replay/index.html").render(
+        root="../",
+        data=data,
+        headline=course.headline,
+        terrain=terrain_in_words(course),
+        formats=formats,
+        addresses=addresses,
+        inlined=inlined,
+    )
+    return text
+
+
+def terrain_in_words(course: Course) -> str:
+    """Return level and size: `level random, 21 x 21 cells`, or `a map, 9 x 14 cells`."""
+    name = course.place
+    return f"{name}, {course.config.rows} \u00d7 {course.config.cols} cells"
+
+
+def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
+    """Return the HTML of a replay that needs neither server nor network."""
+    data = {
+        "episode": episode_id,
+        "level": course.config.level,
+        "rows": course.config.rows,
+        "cols": course.config.cols,
+        "run": course.to_dict(),
+        "ghosts": [] if ghost is None else [ghost.name],
+        "preferred": None if ghost is None else ghost.name,
+        "ghost": None if ghost is None else ghost.to_dict(),
+    }
+    return render(data, course, inlined=_inlined())
+
+
+@lru_cache(maxsize=1)
+def _inlined() -> Inlined:
+    style = "\n".join((STATIC / name).read_text() for name in STYLES)
+    icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
+    return Inlined(
+        style=Markup(style),
+        theme=Markup((STATIC / "common" / "theme.js").read_text()),
+        modules={name: _data_url(text) for name, text in modules(ENTRY).items()},
+        entry=ENTRY,
+        icon=f"data:image/svg+xml;base64,{icon}",
+    )
+
+
+def modules(entry: str) -> dict[str, str]:
+    """Return the text of a module, of the tasks and of all that they import, by path below `static/`, by which they import."""
+    found: dict[str, str] = {}
+    waiting = [entry, *TASKS]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        text = (STATIC / name).read_text()
+
+        def by_name(match: re.Match[str], folder: Path = Path(name).parent) -> str:
+            target = (STATIC / folder / match[2]).resolve().relative_to(STATIC.resolve()).as_posix()
+            waiting.append(target)
+            return f'{match[1]}"{target}";'
+
+        found[name] = _IMPORT.sub(by_name, text).replace(_TASK_IMPORT, "import(`task/")
+    return found
+
+
+def _data_url(script: str) -> str:
+    return f"data:text/javascript;base64,{base64.b64encode(script.encode()).decode()}"

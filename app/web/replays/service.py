@@ -1,0 +1,145 @@
+"""The replays of a server: who asks for an episode gets its course, a policy's on the same terrain, and files of both.
+
+What takes long is a job (`app.jobs`); what was asked for lately is kept.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from app.jobs import Jobs
+from app.task import Course, GhostError, PolicyOffer, Record, rules_of
+from app.web.replays.episodes import (
+    Asker,
+    ShownEpisode,
+    UnknownReplayError,
+    courses_of,
+    shown_episode,
+)
+from app.web.replays.files import Format, file_of
+
+MAX_COURSES, MAX_FILES = 64, 16
+"""Courses of policies, and files, that are kept."""
+LONGEST_S = 30.0
+"""Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A finished episode that the asker may see, as a replay shows it.
+
+    ghosts  names of the policies that can be shown beside it; preferred is the one that is shown when none is chosen
+    """
+
+    episode: ShownEpisode
+    course: Course
+    ghosts: tuple[str, ...]
+    preferred: str | None
+
+    def document(self) -> dict[str, Any]:
+        """Return what the page reads; no seed, no player and no session is in it."""
+        config = self.course.config
+        return {
+            "episode": self.episode.id,
+            "level": config.level,
+            "rows": config.rows,
+            "cols": config.cols,
+            "run": self.course.to_dict(),
+            "ghosts": list(self.ghosts),
+            "preferred": self.preferred,
+        }
+
+
+class Replays:
+    """Replays of one server; every call asks the database again whether the episode may be seen."""
+
+    def __init__(self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
+        self._database, self._jobs = database, jobs
+        self._offers = {offer.name: offer for offer in offers}
+        self._courses: _Kept[Course] = _Kept(MAX_COURSES)
+        self._files: _Kept[bytes] = _Kept(MAX_FILES)
+
+    async def has(self, episode_id: str, asker: Asker) -> bool:
+        """Return whether there is a replay of an episode for whoever asks."""
+        try:
+            found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        except UnknownReplayError:
+            return False
+        return rules_of(found.task).courses is not None
+
+    async def replay(self, episode_id: str, asker: Asker) -> Replay:
+        """Return the replay of an episode.
+
+        UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
+        """
+        return await asyncio.to_thread(self._replay, episode_id, asker)
+
+    async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
+        """Return the course of a policy on the terrain of an episode.
+
+        GhostError, JobError and JobsFullError as well, see `replay`. `owner` is whose turn the job has.
+        """
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        return await self._ghost(episode, name, owner)
+
+    async def file(
+        self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
+    ) -> bytes:
+        """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
+        shown = await self.replay(episode_id, asker)
+        record = shown.episode.record
+        key = ("replay", episode_id, record.trajectory_hash, form, ghost)
+        if (kept := self._files.get(key)) is not None:
+            return kept
+        courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
+        if ghost is not None:
+            courses.append(await self._ghost(shown.episode, ghost, owner))
+        content = await self._jobs.run(
+            file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
+        )
+        return self._files.keep(key, content)
+
+    def _replay(self, episode_id: str, asker: Asker) -> Replay:
+        episode = shown_episode(self._database, episode_id, asker)
+        courses = courses_of(episode)
+        course = courses.course_of(episode.asker_name, episode.record)
+        ghosts = courses.choices(list(self._offers.values()), course.config)
+        return Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
+
+    async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:
+        if name not in self._offers:
+            raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
+        record: Record = episode.record
+        key = ("ghost", name, record.config.hash, record.terrain, record.start)
+        if (kept := self._courses.get(key)) is not None:
+            return kept
+        play, source = courses_of(episode).play_ghost, self._offers[name].source
+        course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
+        return self._courses.keep(key, course)
+
+
+class _Kept(Generic[T]):
+    """The newest results of work that takes long."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._values: OrderedDict[Hashable, T] = OrderedDict()
+
+    def get(self, key: Hashable) -> T | None:
+        """Return what is kept under a key; None where nothing is."""
+        if key in self._values:
+            self._values.move_to_end(key)
+        return self._values.get(key)
+
+    def keep(self, key: Hashable, value: T) -> T:
+        """Keep a value in the place of the oldest, and return it."""
+        self._values[key] = value
+        if len(self._values) > self._most:
+            self._values.popitem(last=False)
+        return value

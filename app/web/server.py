@@ -1,0 +1,374 @@
+"""The wiring: settings become an app with its services, and `run` serves that app on a socket.
+
+Nothing here is global: each app has a store, a lobby and a viewer of its own, alive for its lifespan.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import FastAPI
+
+from app.board.daily import DailyBoards
+from app.board.lobby import Lobby
+from app.board.messages import MAX_MESSAGE_BYTES
+from app.board.ranked import PageBoards
+from app.board.sources import PlayerTokens, Sources
+from app.board.spectators import Spectators
+from app.db.backup import Backups
+from app.db.checks import quick_check
+from app.db.database import StoreError, damaged
+from app.db.metrics import Metrics
+from app.db.store import Store
+from app.db.studies import StudyStore
+from app.jobs import Jobs
+from app.series.debrief import Debriefs
+from app.series.folder import Folder
+from app.series.participation import Participations
+from app.series.progress import ParticipantProgress
+from app.task import Task, rules_of
+from app.tasks.mars.policies import PolicyCatalogue, check_file
+from app.tasks.mars.task import Mars
+from app.tasks.mars.terrains import MapCatalogue
+from app.tasks.mars.viewer3d.viewer import Viewer
+from app.web import (
+    admin,
+    api,
+    api_docs,
+    cookies,
+    daily,
+    pages,
+    replay,
+    results,
+    sockets,
+    study,
+    viewer,
+    watch,
+)
+from app.web.daily_results import DailyPolicies
+from app.web.errors import add_error_handlers, answer
+from app.web.leaderboard.leaderboard import Leaderboard
+from app.web.listening import (
+    AnnouncingServer,
+    ServerError,
+    address_of,
+    bound_connections,
+    inherited_socket,
+    listen,
+    raise_file_limit,
+    uvicorn_config,
+)
+from app.web.logs import log_as_json
+from app.web.operator.health import Health
+from app.web.operator.login import AdminPassword
+from app.web.operator.services import AdminServices
+from app.web.protection import Gate, LimitedClients, Protection, Proxies, own_names
+from app.web.replays.service import Replays
+from app.web.requests import NotedRoute, ObservedRequests
+from app.web.services import Services
+from app.web.settings import Settings
+from marsexplorer.evaluation.intervals import t_quantile
+
+__all__ = ["ServerError", "create_app", "run"]
+
+
+WORKERS = 3
+"""Processes for what takes long, at most: one owner has one of them."""
+MOST_WAITING_JOBS = 32
+"""Jobs of one owner that wait, at most."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What exists before the app starts; what is None is made then, from the settings.
+
+    A store that is given stays open when the app has ended: whoever opened it closes it.
+    """
+
+    sources: Sources | None = None
+    policies: PolicyCatalogue | None = None
+    maps: MapCatalogue | None = None
+    store: Store | None = None
+
+
+def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
+    """Return the app: pages, API, sockets and 3-D view on one database; ValueError when the admin password is too short."""
+    return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
+
+
+def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | None) -> FastAPI:
+    metrics = Metrics() if prepared.store is None else prepared.store.metrics
+    protection = Protection(settings.limits, metrics.count_refusal)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        policies = prepared.policies
+        if policies is None:
+            policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
+        maps = prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
+        offered = policies, maps
+        with _opened(settings, prepared.store, metrics) as store:
+            made = _services(settings, store, offered, prepared.sources or Sources(), password)
+            async with _threads_of(store), aclosing(made) as services:
+                app.state.services = services
+                lobby, page_boards = services.lobby, services.page_boards
+                running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
+                if (backups := _backups(settings, store)) is not None:
+                    running.append(backups.run())
+                sweepers = [asyncio.create_task(each, name="sweep") for each in running]
+                t_quantile(
+                    1
+                )  # scipy loads its parts when they are needed: now, and not while somebody plays
+                try:
+                    yield
+                finally:
+                    for sweeper in sweepers:
+                        sweeper.cancel()
+
+    app = FastAPI(
+        title="MarsExplorer Playground", version=Mars.version, description=api_docs.DESCRIPTION,
+        lifespan=lifespan, docs_url=None, redoc_url=None,
+    )  # fmt: skip
+    _add_protection(app, settings, metrics, protection)
+    add_error_handlers(app)
+    app.mount(
+        "/static", pages.static_files, name="static"
+    )  # first what is asked for most: routes are tried in turn
+    boards = api.board_router(rules_of(settings.task).messages)
+    modules = (pages, sockets, api, watch, results, replay, daily, study, viewer)
+    further = (results.mine, results.leaderboard, api.probes)
+    for router in (boards, *(module.router for module in modules), *further):
+        app.router.routes.extend(
+            router.routes
+        )  # as they are: `include_router` would build each again for this app
+    if password is not None:
+        app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
+    return app
+
+
+def _add_protection(
+    app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection
+) -> None:
+    """Put the middleware around the app; what is added last sees a request first."""
+    app.state.protection = protection
+    what = "Sockets that are open."
+    metrics.add_gauge("sockets", what, lambda: protection.sockets)
+    app.add_middleware(NotedRoute)
+    app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
+    app.add_middleware(
+        Gate,
+        names=own_names(settings.public_url, settings.host),
+        proxies=Proxies(settings.trusted_proxies, settings.public_url),
+        public_url=settings.public_url,
+        cookies=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE),
+        answer=answer,
+    )
+    app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
+
+
+@contextmanager
+def _opened(settings: Settings, store: Store | None, metrics: Metrics) -> Iterator[Store]:
+    """Yield the store that is given, or one that is open for this long."""
+    if store is not None:
+        yield store
+        return
+    with closing(Store(settings.database, settings.durable, metrics, settings.accept_loss)) as own:
+        yield own
+
+
+@asynccontextmanager
+async def _threads_of(store: Store) -> AsyncIterator[None]:
+    """Let threads write and read the database during the block, after which everything that was asked for is written."""
+    store.start_threads()
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(store.stop_threads)
+
+
+def _services(
+    settings: Settings,
+    store: Store,
+    offered: tuple[PolicyCatalogue, MapCatalogue],
+    sources: Sources,
+    password: AdminPassword | None,
+) -> Services:
+    """Return the services of an app; call it on the running loop."""
+    task = _task(settings.task, *offered)
+    policies = task.policies
+    folder, study_store = Folder(settings.studies), StudyStore(store)
+    of_session = Participations(folder, study_store, sources).of_session
+    lobby = Lobby(
+        store,
+        task,
+        sources,
+        settings.idle_s,
+        of_session,
+        settings.limits.decision_s,
+    )
+    progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
+    jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
+    _add_gauges(store.metrics, lobby, health)
+    return Services(
+        store=store,
+        jobs=jobs,
+        lobby=lobby,
+        page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
+        spectators=Spectators(lobby),
+        daily_boards=DailyBoards(lobby),
+        daily_policies=DailyPolicies(
+            store.path.with_name(store.path.name + "-daily.json"), policies.offers(), jobs
+        ),
+        viewer=Viewer(),
+        player_tokens=PlayerTokens(store.secret()),
+        progress=progress,
+        debriefs=Debriefs(store),
+        leaderboard=Leaderboard(store.path, policies.offers(), settings.studies, jobs),
+        replays=Replays(store.path, policies.offers(), jobs),
+        health=health,
+        admin=None
+        if password is None
+        else AdminServices(password, progress, settings.studies, health, jobs),
+    )
+
+
+def _task(name: str, policies: PolicyCatalogue, maps: MapCatalogue) -> Task:
+    """Return the task with a name; ValueError where there is none."""
+    if (rules := rules_of(name)).name == Mars.name:
+        return Mars(policies, maps)
+    from app.tasks.gymnasium.task import GymnasiumTask
+
+    return GymnasiumTask(rules.title)
+
+
+def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
+    """Let the metrics hold what can be read of the services at any time."""
+    metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
+    metrics.add_gauge(
+        "waiting_decisions",
+        "Boards of policies that wait for a decision.",
+        lambda: lobby.waiting_decisions,
+    )
+    metrics.add_gauge(
+        "waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes)
+    )
+    metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
+    metrics.add_gauge(
+        "database_bytes", "Size of the database without its log.", health.database_bytes
+    )
+    metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
+
+
+def _backups(settings: Settings, store: Store) -> Backups | None:
+    """Return the backups that the settings ask for, None where they ask for none; the metrics hold them in either case."""
+    backups = None
+    if settings.backup_every is not None:
+        folder = settings.backup_to or store.path.with_name("backups")
+        backups = Backups(store.path, folder, 60 * settings.backup_every, settings.backup_keep)
+    metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
+    metrics.add_gauge(
+        "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
+    )
+    metrics.add_gauge(
+        "backup_failures",
+        "Backups that could not be made.",
+        lambda: 0 if backups is None else backups.failures,
+    )
+    return backups
+
+
+@contextmanager
+def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
+    """Serve the metrics on their own port where the settings name one; ServerError when it is taken."""
+    if settings.metrics_port is None:
+        yield
+        return
+    with ExitStack() as stack:
+        try:
+            address = stack.enter_context(
+                metrics.served(settings.metrics_host, settings.metrics_port)
+            )
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            where = f"{settings.metrics_host} port {settings.metrics_port}"
+            raise ServerError(
+                f"cannot serve metrics on {where}: {reason}; choose another with --metrics-port"
+            ) from error
+        print(f"metrics for Prometheus are at {address}", flush=True)
+        yield
+
+
+@contextmanager
+def _file_errors() -> Iterator[None]:
+    """Raise what is wrong with the file of a policy or a map as a ServerError."""
+    try:
+        yield
+    except (LookupError, ValueError, OSError) as error:
+        raise ServerError(str(error)) from error
+
+
+def _log_options(settings: Settings) -> dict[str, Any]:
+    """Return the options by which uvicorn leaves the log as `log_as_json` has set it up."""
+    return {"log_config": None} if settings.log_format == "json" else {}
+
+
+def run(settings: Settings) -> None:
+    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot."""
+    try:
+        password = AdminPassword.of(settings)
+    except ValueError as error:
+        raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
+    if settings.log_format == "json":
+        log_as_json()
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # it ends as by Ctrl-C: the store is closed
+    raise_file_limit()
+    metrics = Metrics()
+    with (
+        inherited_socket() or listen(settings.host, settings.port) as sock,
+        _metrics_served(settings, metrics),
+    ):
+        bound_connections(sock, settings.limits.answer_s)
+        with _file_errors():
+            for path in settings.policies:
+                check_file(path)
+            maps = MapCatalogue.read(settings.maps, settings.cell_m)
+        print(
+            "compiling the rules and loading the policies (some seconds on the first start)",
+            flush=True,
+        )
+        with _file_errors():
+            rules_of(settings.task).prepare()
+            policies = PolicyCatalogue(settings.policies)
+        # the store comes last: a start that fails leaves no new file behind
+        with closing(
+            Store(settings.database, settings.durable, metrics, settings.accept_loss)
+        ) as store:
+            if (found := quick_check(store.path)) != "ok":
+                raise StoreError(damaged(store.path, found))
+            if store.notice is not None:
+                print(
+                    f"{store.notice}; a power cut can do this, which --durable prevents", flush=True
+                )
+            app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), password)
+            if password is not None and password.drawn:
+                print(
+                    f"the operator's page is /admin, its password until the server stops: {password.drawn}",
+                    flush=True,
+                )
+            sys.setswitchinterval(
+                0.001
+            )  # a policy that decides in a thread lets a move through within a millisecond
+            try:
+                AnnouncingServer(
+                    uvicorn_config(app, **_log_options(settings)), address_of(sock)
+                ).run(sockets=[sock])
+            except KeyboardInterrupt:
+                return

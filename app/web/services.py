@@ -1,0 +1,69 @@
+"""What requests may reach: one typed object for each running server."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from app.board.daily import DailyBoards
+from app.board.lobby import Lobby
+from app.board.ranked import PageBoards
+from app.board.sources import PlayerTokens
+from app.board.spectators import Spectators
+from app.db.store import Store
+from app.jobs import Jobs
+from app.series.debrief import Debriefs
+from app.series.progress import ParticipantProgress
+from app.web.daily_results import DailyPolicies
+from app.web.leaderboard.leaderboard import Leaderboard
+from app.web.operator.health import Health
+from app.web.operator.services import AdminServices
+from app.web.replays.service import Replays
+
+
+@dataclass(frozen=True)
+class Services:
+    """The parts of one server, from its start to its end.
+
+    store          the database that every move is recorded in
+    jobs           what takes long, in processes beside this one
+    lobby          the sessions
+    page_boards    begins the boards of the page's players, and ends the ranked ones that are left
+    spectators     what anybody may watch
+    daily_boards   today's terrain, and the boards on which players attempt it
+    daily_policies the shipped policies on daily terrains
+    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`
+    player_tokens  signs and reads players' ids
+    progress       the participants of the studies
+    debriefs       what participants are shown at the end
+    leaderboard    people and policies compared
+    replays        finished episodes as they went, and policies on their terrains
+    health         the state of the disk and the database
+    admin          the operator's part; None on a server without an operator's page
+    """
+
+    store: Store
+    jobs: Jobs
+    lobby: Lobby
+    page_boards: PageBoards
+    spectators: Spectators
+    daily_boards: DailyBoards
+    daily_policies: DailyPolicies
+    viewer: Any
+    player_tokens: PlayerTokens
+    progress: ParticipantProgress
+    debriefs: Debriefs
+    leaderboard: Leaderboard
+    replays: Replays
+    health: Health
+    admin: AdminServices | None = None
+
+    async def aclose(self) -> None:
+        """End everything but the store, which whoever opened it closes."""
+        self.daily_policies.close()
+        await asyncio.to_thread(self.jobs.close)
+        if self.admin is not None:
+            await asyncio.to_thread(self.admin.exports.close)
+        self.lobby.close()
+        self.viewer.close()
