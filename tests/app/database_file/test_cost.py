@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -63,11 +63,11 @@ class Played:
 
     def _cpu_s(self):
         """The processor time of all its threads."""
-        tasks = Path(f"/proc/{self.process.pid}/task")
-        return (
-            sum(float((each / "schedstat").read_text().split()[0]) for each in tasks.iterdir())
-            / 1e9
-        )
+        spent = 0.0
+        for task in Path(f"/proc/{self.process.pid}/task").iterdir():
+            with suppress(FileNotFoundError):  # a thread that has ended meanwhile
+                spent += float((task / "schedstat").read_text().split()[0])
+        return spent / 1e9
 
 
 @contextmanager
