@@ -107,7 +107,8 @@ def test_the_thread_that_writes_costs_a_move_less_than_half_a_millisecond(tmp_pa
         end=" ",
     )
     print(f"processor time {cpu_before:.2f} -> {cpu:.2f} ms a move")
-    assert low - low_before <= MOST_MS
+    if boards == 1:  # of several that share a commit, the fastest wait for the others
+        assert low - low_before <= MOST_MS
     assert after <= MOST_MEDIAN * before
     assert cpu <= MOST_CPU * cpu_before
     assert p99 <= MOST_TIMES * p99_before + DELAYS_MS
