@@ -68,7 +68,7 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "player": session.row.driver_name,
         "task": describe(lobby.task),
         **lobby.task.describe(session.current),
-        "daily": None if session.current.daily is None else session.current.daily.day,
+        "daily": session.current.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "not_attested": None if finished is None else finished["attestation_reason"],
         "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
@@ -289,7 +289,7 @@ def board_router(messages: Messages) -> APIRouter:
             "its terrains are the study's",
             "POST /api/studies/{name}/next begins the next episode",
         )
-        if session.current.daily is not None:
+        if session.current.day is not None:
             raise HTTPException(
                 409,
                 "this board is of a daily terrain, which is played once; POST /api/sessions begins another",

@@ -371,7 +371,7 @@ def check_database(tmp_path, first, second):
     assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
     played = rows(
         tmp_path,
-        "select phase, trial, driver from study_episodes join episodes on id = episode_id order by number",
+        "select phase, trial, driver from series_episodes join episodes on id = episode_id order by number",
     )
     assert played == [
         ("tutorial", 0, "human"),

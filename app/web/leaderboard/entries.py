@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from app.db.reader import Reader
-from app.db.studies import closed_studies, count_participants
+from app.db.series import closed_studies, count_participants
 from app.report.moves.likeness import human_likeness
 from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.human_level import VolunteerFigures
