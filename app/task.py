@@ -286,6 +286,9 @@ class Rules(Protocol):
     def words(self) -> Words:
         """Return what reports call its figures."""
 
+    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
+        """Return the score that an ended episode would have come to by giving up instead; `total` is its return."""
+
     @property
     def courses(self) -> Any | None:
         """Return what makes `Course`s: `course_of(name, record)`, `play_ghost(source, record)`, `choices(offers, config)`

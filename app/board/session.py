@@ -32,7 +32,7 @@ from app.board.attestation import (
 )
 from app.board.messages import Events, Pace
 from app.db.input_events import InputEventRow, add_input_events
-from app.db.store import Closing, Notice, SessionRow, StepRow, Store, Trial
+from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
 from app.task import Run, Task, View
 
 
@@ -140,6 +140,9 @@ class Subscriber:
 
 
 HUMAN, SCRIPT = "human", "script"
+
+
+UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
 
 
 class RefusedError(Exception):
@@ -253,6 +256,8 @@ class Session:
         self._clock = clock
         self._keeping: asyncio.Future[None] | None = None
         """The write of the newest input events."""
+        self._lacks_events = False
+        """Whether input events could not be written: a move without its press would be held against the person."""
 
     @property
     def is_human(self) -> bool:
@@ -321,6 +326,8 @@ class Session:
             ending = await self.prepare_end(current, row) if held.ended else None
 
             def record() -> tuple[Attested | None, bool]:
+                if self._lacks_events:
+                    raise StoreError(UNKEPT)
                 if not is_deviation and not held.ended:
                     self._store.add_step(row)  # one statement, without a transaction around it
                     return None, self._hides_scores
@@ -467,10 +474,19 @@ class Session:
         The next move need not wait: it is written behind them, with the same commit.
         """
         async with self.changing:
+            self._lacks_events = True
             self._keeping = self._store.put_write(partial(self._keep_events, events, self._clock()))
         await asyncio.shield(self._keeping)
 
     def _keep_events(self, events: Events, came_ms: int) -> None:
+        try:
+            self._add_events(events, came_ms)
+        except RefusedError:  # none of it belongs to the moves that follow
+            self._lacks_events = False
+            raise
+        self._lacks_events = False
+
+    def _add_events(self, events: Events, came_ms: int) -> None:
         if self.participation is not None:
             self.participation.check_events(events.episode)
         elif not self.is_human:
@@ -543,10 +559,13 @@ class Session:
         return attested
 
     def _conditions(self, current: Trial) -> Conditions | None:
-        """Return what the level of an episode depends on besides its rows; None for a script's or a policy's."""
-        if current.driver != HUMAN:
-            return None
+        """Return what the level of an episode depends on besides its rows; None where no move can be a person's.
+
+        An episode that a script has moved may have begun as a person's.
+        """
         study = self.participation
+        if not self.is_human or not self.takes_persons_moves or (study and study.driver != HUMAN):
+            return None
         key_map = key_map_of(self.task.keys, study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()
         return Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)

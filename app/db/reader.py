@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 Who = Literal["all", "human"]
 
-PERSONS = "e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0"
-"""The condition (SQL) for an episode to count as a person's. One without a move does not, since nothing shows that a person
-drove it, nor does one with a move that fits no input event of its own (`app.board.attestation`)."""
+ATTESTED = "e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0"
+"""The condition (SQL) for an episode to be a person's as it was played. One without a move is not, since nothing shows that a
+person drove it, nor is one with a move that fits no input event of its own (`app.board.attestation`)."""
 
-HUMAN_SCORE_CONDITION = f"""({PERSONS} AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
-    AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
-"""The condition (SQL) for an episode to count for the volunteers' figure. Those of a series make a figure of their own."""
+HUMAN_SCORE_CONDITION = f"""(({ATTESTED} OR e.attestation = 'spoilt') AND NOT e.assisted AND NOT e.seed_chosen
+    AND NOT e.terrain_met_before AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
+"""The condition (SQL) for an episode to count for the volunteers' figure: a spoilt one does, as abandoned. Those of a series
+make a figure of their own."""
 
 # A rival that ended first would show the terrain that its player is still exploring.
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
@@ -103,10 +104,21 @@ class Reader:
         return int(row["n"])
 
     def totals(self, who: Who = "all") -> list[dict[str, Any]]:
-        """Return owner, configuration (JSON), outcome, steps and score of finished episodes, oldest first."""
-        columns = "owner_id, task, config, outcome, steps, score"
+        """Return owner, task, configuration (JSON), outcome, steps, score and level of finished episodes, oldest first.
+
+        Outcome and score of a spoilt one are what it counts as; `played_outcome` and `played_score` are
+        those that it was played to.
+        """
+        columns = """id, owner_id, task, config, outcome, steps, score, attestation, outcome AS played_outcome,
+            score AS played_score"""
         sql = f"SELECT {columns} FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
-        return list(self._db.query(sql))
+        found = list(self._db.query(sql))
+        for row in found:
+            if row["attestation"] == "spoilt":
+                whole = self.query("SELECT * FROM episodes WHERE id = ?", [row["id"]])
+                counted = Trial.of(whole[0]).forfeited()
+                row.update(outcome=counted.outcome, score=counted.score)
+        return found
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.

@@ -19,7 +19,7 @@ from app.db.columns import TABLES
 from app.db.database import rows
 from app.db.erasure import ARRIVALS, ERASED, invitation_hash
 from app.db.playground import MOVES
-from app.db.reader import PERSONS, TRIAL, Reader
+from app.db.reader import ATTESTED, TRIAL, Reader
 from app.db.store import Store
 from app.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
 from app.db.trial import DAILY, Phase, Trial
@@ -376,7 +376,7 @@ _ATTEMPTS = f"""SELECT {TRIAL}, {MOVES} FROM series_episodes x JOIN episodes e O
     JOIN sessions s ON s.id = e.session_id WHERE x.player_id = ? ORDER BY x.series DESC"""
 _RESULTS = f"""SELECT e.id AS episode_id, x.player_id, e.outcome, e.steps, e.discovered, e.score, e.ended_ms
     FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
-    WHERE x.series = ?1 AND {PERSONS} AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
+    WHERE x.series = ?1 AND {ATTESTED} AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
 
 
 def daily_secret(store: Store) -> bytes:

@@ -166,8 +166,8 @@ _ADD_STEP = f"""INSERT INTO steps ({", ".join(_STEP)}) SELECT ?1, ?2, ?3, ?4, ?5
 _STEP_VALUES = attrgetter(*_STEP)
 _BECOME_SCRIPT = "UPDATE episodes SET driver = 'script' WHERE id = ? AND driver = 'human'"
 _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discovered = ?5, total = ?6, score = ?7,
-    trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
-    attestation_reason = CASE WHEN driver = 'human' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
+    trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?10 END,
+    attestation_reason = CASE WHEN driver = 'human' OR ?10 = 'spoilt' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
     AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
 _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""

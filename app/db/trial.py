@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -13,10 +13,13 @@ from app.task import Configuration, Record, Rules, rules_of
 
 Phase = Literal["tutorial", "warm_up", "ranked"]
 ParticipantKind = Literal["human", "script"]
-Attestation = Literal["unattested", "attested", "supervised"]
+Required = Literal["unattested", "attested", "supervised"]
+"""What a study may ask for."""
+Attestation = Literal["unattested", "spoilt", "attested", "supervised"]
 """Lowest first.
 
-unattested  a move has no input event of its own that fits it
+unattested  the first move has no input event of its own that fits it, or its presses are a copy
+spoilt      the first move has one, and a later one does not: it counts as abandoned (`Trial.forfeited`)
 attested    every move fits an input event of its own
 supervised  attested, and the operator had typed their code shortly before
 """
@@ -152,6 +155,13 @@ class Trial:
         if self.outcome is None or self.steps is None:
             return None
         return self.steps if self.succeeded else int(self.config.limit)
+
+    def forfeited(self) -> Trial:
+        """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
+        if self.outcome is None or self.total is None:
+            return self
+        score = self.rules.forfeited_score(self, self.outcome, self.total)
+        return replace(self, outcome="abandoned", score=score)
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""

@@ -25,6 +25,7 @@ SELECT
   count(r.id) AS ranked_episodes,
   count(r.id) FILTER (WHERE r.driver = 'human') AS ranked_by_human,
   count(r.id) FILTER (WHERE r.attestation = 'unattested') AS ranked_unattested,
+  count(r.id) FILTER (WHERE r.attestation = 'spoilt') AS ranked_spoilt,
   count(r.id) FILTER (WHERE r.attestation = 'attested') AS ranked_attested,
   count(r.id) FILTER (WHERE r.attestation = 'supervised') AS ranked_supervised,
   count(r.id) FILTER (WHERE i.labels <> '[]') AS ranked_labelled,

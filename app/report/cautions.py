@@ -111,7 +111,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     if cohort.kind == "human":
         note(
             [trial for trial in ranked if trial.driver != "human"],
-            "had a move made by a script; they enter no figure",
+            "had a move made by a script; where a person had begun they count as abandoned, else they enter no figure",
         )
     note(
         [trial for trial in ranked if trial.config_hash != config],
@@ -124,6 +124,10 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     note(
         [trial for trial in ranked if trial.outcome == "abandoned"],
         "were given up; each counts with its penalty and as max_steps",
+    )
+    note(
+        [trial for trial in ranked if trial.attestation == "spoilt"],
+        "were spoilt by a move that fits no press, after a first one that did; each counts as abandoned",
     )
     note([trial for trial in ranked if trial.labels], "carry a label of implausible input")
     if data.secret:

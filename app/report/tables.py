@@ -40,7 +40,8 @@ class PageTable:
 
 
 LEVELS_IN_WORDS: dict[Attestation, str] = {
-    "unattested": "a move has no input event of its own that fits it",
+    "unattested": "the first move has no input event of its own that fits it",
+    "spoilt": "the first move has one, a later one does not: it counts as abandoned",
     "attested": "every move fits a key or touch of its own that came before it",
     "supervised": "attested, and the operator had typed their code",
 }
@@ -320,7 +321,10 @@ def _attestation(group: GroupReport) -> PageTable | None:
         )
         for level, text in LEVELS_IN_WORDS.items()
     ]
-    caption = "Ranked episodes by what the server could attest; those below the level required are in no figure"
+    caption = (
+        "Ranked episodes by what the server could attest; those below the level required, but spoilt "
+        "ones, are in no figure"
+    )
     return PageTable(caption, ("level", "episodes", "people", "what it means"), rows)
 
 

@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from app.board.messages import describe_errors
-from app.db.trial import Attestation
+from app.db.trial import Required
 from app.series.texts import consent
 from app.task import Configuration, Rules, rules_of
 
@@ -142,7 +142,7 @@ class Protocol(_Part):
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
     recruitment: Literal["open", "invitation", "panel"] = "open"
-    required_attestation: Attestation = "attested"
+    required_attestation: Required = "attested"
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)

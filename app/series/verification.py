@@ -344,20 +344,14 @@ def check_attestation(
     """
     stored: Level = (row["attestation"], row["attestation_reason"])
     where = f"episode {row['id']}"
-    if row["driver"] != "human":
-        if stored != (None, None):
-            yield Finding(
-                where,
-                "attestation",
-                _in_words(stored),
-                f"none, since its driver is {row['driver']}",
-            )
-        return
     given = input_of(conn, row["id"])
     derive = partial(_derive_level, row["task"], row["started_ms"], steps, given)
     found = derive(row["ended_ms"])
-    if not any(_fits(stored, each) for each in (found, derive(None))):
-        yield Finding(where, "attestation", _in_words(stored), _in_words(found))
+    if not any(_fits(stored, each, row["driver"]) for each in (found, derive(None))):
+        what = _in_words(found)
+        if row["driver"] != "human":
+            what = f"none, since its driver is {row['driver']}, unless it is spoilt"
+        yield Finding(where, "attestation", _in_words(stored), what)
 
 
 def _derive_level(
@@ -389,7 +383,9 @@ def _derive_level(
     return found.level, found.reason
 
 
-def _fits(stored: Level, found: Level) -> bool:
+def _fits(stored: Level, found: Level, driver: str) -> bool:
+    if driver != "human" and found[0] != "spoilt":
+        return stored == (None, None)
     return (
         found[0] in ("attested", "supervised")
         if stored == ("unattested", COPIED)

@@ -63,6 +63,9 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, current, store = lobby.rival_of(session), session.current, lobby.store
     finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
+    told = (
+        None if session.participation is not None else finished
+    )  # which move did not fit, a forger may not learn
     return {
         "session": session.id,
         "player": session.row.driver_name,
@@ -70,7 +73,8 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         **lobby.task.describe(session.current),
         "daily": session.current.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
-        "not_attested": None if finished is None else finished["attestation_reason"],
+        "attestation": told and told["attestation"],
+        "not_attested": told and told["attestation_reason"],
         "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
         "frame": json.loads(session.frame),
         "rival": rival

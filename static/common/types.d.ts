@@ -118,7 +118,7 @@ type FromServer = Frame | MoveHistory | Refused | Problem | Pace | Expected | Th
 /** What POST api/sessions answers; watch: the id by which anybody may watch the board. */
 type About = {
   session: string, player: string, level: string, map: string | null, size: Size, counts: boolean,
-  not_attested: string | null, watch: string | null, frame: Frame,
+  attestation: string | null, not_attested: string | null, watch: string | null, frame: Frame,
   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}, task: Task,
 };
 type Timing = {input: "key" | "touch" | null, key_down_ms: number | null, key_up_ms: number | null, client_ms: number};

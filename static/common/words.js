@@ -18,5 +18,5 @@ export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? 
 
 /** Return the sentence for an episode that has ended and does not count, because the server could not match a move with
  * a key or a touch.
- * @param {string} reason the server's */
-export const notCounted = (reason) => `This episode does not count: its moves do not all fit keys or touches of this page (${reason}).`;
+ * @param {string} reason the server's @param {string | null} level */
+export const notCounted = (reason, level) => `This episode ${level === "spoilt" ? "counts as abandoned" : "does not count"}: its moves do not all fit keys or touches of this page (${reason}).`;

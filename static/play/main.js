@@ -243,7 +243,7 @@ async function volunteersEnded() {
   const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
   if (about?.not_attested) {
     dispatch({ kind: "begun", about });
-    dispatch({ kind: "notice", text: notCounted(about.not_attested), tone: "note" });
+    dispatch({ kind: "notice", text: notCounted(about.not_attested, about.attestation), tone: "note" });
   }
   await loadVolunteers();
 }

@@ -1,5 +1,5 @@
 // The study's sentences; no document here, so node can test every one.
-import { many, notCounted } from "../common/words.js";
+import { many } from "../common/words.js";
 
 /** Return the participant's progress, for the bar.
  * @param {Study.Participant} participant @param {boolean} isPlaying while an episode runs its number counts as begun */
@@ -63,10 +63,9 @@ export function endCard(frame, participant) {
 }
 
 /** @param {Frame} frame @param {string} advice of the task after a practice drive @param {Study.Participant} participant */
-function endNote({ score: scored }, advice, { phase, stage, rules, about, task }) {
+function endNote({ score: scored }, advice, { phase, stage, rules, task }) {
   if (phase === "tutorial") return advice;
   if (phase === "warm_up") return stage === "ranked" ? `That was the last ${task.round} of the warm-up.` : `Fewer moves to ${rules.coverage} are better. This one does not count.`;
-  if (about?.not_attested) return notCounted(about.not_attested);
   return stage === "debrief" ? `That was the last ${task.round}. Now you will see how you did.` : scored === null ? "Its score is kept for the end." : "";
 }
 

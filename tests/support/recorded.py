@@ -65,7 +65,12 @@ def open_episode(
 
 
 def add_steps(
-    store: Store, row: Trial, episode: Episode, actions: Sequence[int], driver: str = "human"
+    store: Store,
+    row: Trial,
+    episode: Episode,
+    actions: Sequence[int],
+    driver: str = "human",
+    level: str | None = None,
 ) -> None:
     """Make the moves, a person's with their presses, and store them up to the ending; the ending closes the episode."""
     for action in actions:
@@ -83,7 +88,7 @@ def add_steps(
         )  # fmt: skip
         store.add_step(step)
         if episode.ended:
-            store.close_episode(row.id, episode.record(), at, level_of(driver))
+            store.close_episode(row.id, episode.record(), at, level or level_of(driver))
 
 
 def level_of(driver: str) -> str | None:

@@ -13,11 +13,11 @@ from app.series.data import StudyData
 
 @dataclass(frozen=True)
 class AttestationSummary:
-    """The levels of the people's finished ranked episodes; those with a script's move are not among them.
+    """The levels of the people's finished ranked episodes; those that a script began are not among them.
 
     required          the lowest level that enters a figure
     episodes, people  by level, lowest first; a person counts at every level that one of their episodes has
-    left_out          episodes below the required level
+    left_out          episodes below the required level that are not spoilt: those count as abandoned
     people_left_out   people with such an episode
     reasons           why episodes are not attested, with how many, the most frequent first; the number of the move is left away
     """
@@ -38,7 +38,11 @@ def attestation_summary(data: StudyData) -> AttestationSummary:
         for each in data.trials
         if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
     ]
-    below = [each for each in ranked if not level_reaches(each.attestation, required)]
+    below = [
+        each
+        for each in ranked
+        if each.attestation != "spoilt" and not level_reaches(each.attestation, required)
+    ]
     reasons = Counter(
         _without_step(each.attestation_reason) for each in ranked if each.attestation_reason
     )

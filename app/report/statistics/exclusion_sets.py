@@ -1,8 +1,8 @@
 """Who enters a figure: the exclusion sets, and the tables players x terrains and players x trials they give.
 
-"all" is everybody with a finished ranked episode; the protocol names the others. An episode of a person's never enters when one
-move was a script's, or when its attestation is below the level that the protocol requires. A script's table is made by the same
-rules, its own moves allowed.
+"all" is everybody with a finished ranked episode; the protocol names the others. An episode of a person's enters as it was
+played when its attestation reaches the level that the protocol requires and no move was a script's; one that was spoilt enters
+as abandoned. A script's table is made by the same rules, its own moves allowed.
 """
 
 from __future__ import annotations
@@ -74,12 +74,14 @@ def metric_value(trial: Trial, metric: MetricName) -> float:
     return float(found)
 
 
-def people_of(data: StudyData) -> Cohort:
-    """Return the people of a study, with the episodes that may be seen of it now."""
+def people_of(data: StudyData, as_played: bool = False) -> Cohort:
+    """Return the people of a study, with the episodes that may be seen of it now.
+
+    as_played  True leaves spoilt episodes as they were played; they count as abandoned otherwise
+    """
     shown = data.shown()
-    return _cohort(
-        shown, "people", "human", [person for person in shown.people if person.kind == "human"]
-    )
+    people = [person for person in shown.people if person.kind == "human"]
+    return _cohort(shown, "people", "human", people, as_played)
 
 
 def scripts_of(data: StudyData) -> list[Cohort]:
@@ -94,26 +96,29 @@ def scripts_of(data: StudyData) -> list[Cohort]:
     ]
 
 
-def _cohort(data: StudyData, name: str, kind: str, people: list[Person]) -> Cohort:
+def _cohort(
+    data: StudyData, name: str, kind: str, people: list[Person], as_played: bool = False
+) -> Cohort:
     protocol = data.protocol
-    ranked, warm_up = (_finished(data, people, kind, phase) for phase in ("ranked", "warm_up"))
+    ranked, warm_up = (
+        _finished(data, people, kind, phase, as_played) for phase in ("ranked", "warm_up")
+    )
     return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
 
 
 def _finished(
-    data: StudyData, people: list[Person], kind: str, phase: str
+    data: StudyData, people: list[Person], kind: str, phase: str, as_played: bool
 ) -> dict[str, tuple[Trial, ...]]:
-    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level."""
+    """Return each one's finished episodes of a phase that they drove themselves, a person's at the required level or spoilt."""
     found: dict[str, list[Trial]] = {person.id: [] for person in people}
     required = data.protocol.required_attestation
     for trial in data.trials:
-        is_own = trial.phase == phase and trial.ended_ms is not None and trial.driver == kind
-        if (
-            trial.participant in found
-            and is_own
-            and (kind != "human" or level_reaches(trial.attestation, required))
-        ):
+        if trial.participant not in found or trial.phase != phase or trial.ended_ms is None:
+            continue
+        if trial.driver == kind and (kind != "human" or level_reaches(trial.attestation, required)):
             found[trial.participant].append(trial)
+        elif trial.attestation == "spoilt":
+            found[trial.participant].append(trial if as_played else trial.forfeited())
     return {
         person: tuple(sorted(trials, key=lambda trial: trial.trial))
         for person, trials in found.items()

@@ -22,7 +22,7 @@ from app.report.statistics.exclusion_sets import MetricName
 from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import headline_interval
 from app.report.statistics.study_figures import metric_bounds
-from app.task import rules_of
+from app.task import Configuration, Rules, rules_of
 from marsexplorer.evaluation.intervals import t_interval
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
@@ -111,9 +111,38 @@ def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[s
         "players": len(scores),
         "episodes": len(played),
         "abandoned": sum(row["outcome"] == "abandoned" for row in played),
+        "spoilt": sum(row["attestation"] == "spoilt" for row in played),
+        "as_played": _as_played(rules, config, played),
         "score": _interval_of(scores, metric_bounds(rules, config, "score"), is_guaranteed),
         "steps": _interval_of(steps, metric_bounds(rules, config, "steps"), is_guaranteed),
         "completed": _mean([_mean(own) for own in explored.values()]),
+    }
+
+
+def _as_played(
+    rules: Rules, config: Configuration, played: list[dict[str, Any]]
+) -> dict[str, float] | None:
+    """Return the means with spoilt episodes as they were played; None where there are none."""
+    if not any(row["attestation"] == "spoilt" for row in played):
+        return None
+    by_owner: dict[str, list[dict[str, Any]]] = {}
+    for row in played:
+        by_owner.setdefault(row["owner_id"], []).append(row)
+    means = [
+        (
+            _mean([row["played_score"] for row in own]),
+            _mean(
+                [
+                    row["steps"] if row["played_outcome"] in rules.successes else config.limit
+                    for row in own
+                ]
+            ),
+        )
+        for own in by_owner.values()
+    ]
+    return {
+        "score": _mean([each[0] for each in means]),
+        "steps": _mean([each[1] for each in means]),
     }
 
 
@@ -134,6 +163,10 @@ def _sentence(figure: dict[str, Any]) -> str:
     """Return a figure in plain words."""
     who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
+    if found := figure["as_played"]:
+        abandoned += (
+            f", among these {figure['spoilt']} spoilt, as played {found['steps']:.1f} steps"
+        )
     where = figure["where"]
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
     steps = f"{figure['steps']['mean']:.1f} {rules_of(figure['task']).words.steps}{_interval(figure, 'steps', '.1f')}"

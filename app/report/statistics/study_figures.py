@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,12 @@ from app.report.statistics.intervals import Estimate, Interval, estimate
 from app.series.data import StudyData
 from app.task import Configuration, Rules, Words
 
+ITT, AS_PLAYED = "intention to treat", "as played"
+"""Rows beside those of the exclusion sets."""
+RULES_IN_WORDS = {
+    ITT: "everybody who began a ranked episode; a terrain that was not finished counts as given up before the first move",
+    AS_PLAYED: "the primary set, spoilt episodes as they were played",
+}
 PRIMARY = "protocol"
 """The exclusion set of the headline; "all" where a protocol names none of that name."""
 
@@ -33,7 +39,7 @@ NO_HUMAN_FIGURE = "No human has played this study: it has no human figure."
 class StudyFigure:
     """The figure under one exclusion set.
 
-    name       "all", or a set of the protocol's ("protocol", "strict")
+    name       "all", a set of the protocol's ("protocol", "strict"), "intention to treat" or "as played"
     rule       who enters, in words
     completed  share of episodes that reached 99 %, 0..1, the mean over players
     """
@@ -48,12 +54,37 @@ class StudyFigure:
 
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
-    """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order."""
-    sets: list[tuple[str, Mapping[Any, Any] | None]] = [
-        (ALL, None),
-        *data.protocol.exclusion.items(),
-    ]
-    return tuple(_figure(data, cohort, name, rules) for name, rules in sets)
+    """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order.
+
+    For people two further rows follow: by intention to treat, and where an episode was spoilt the primary set as it was played.
+    """
+    sets: dict[str, Mapping[Any, Any]] = {ALL: {}, **data.protocol.exclusion}
+    found = [_figure(data, cohort, name, members(cohort, rules)) for name, rules in sets.items()]
+    if cohort.kind == "human":
+        begun = intention_to_treat(data, cohort)
+        found.append(_figure(data, begun, ITT, members(begun, {})))
+        if any(trial.attestation == "spoilt" for own in cohort.ranked.values() for trial in own):
+            played, primary = people_of(data, as_played=True), primary_set(data)
+            found.append(_figure(data, played, AS_PLAYED, members(cohort, sets[primary])))
+    return tuple(found)
+
+
+def intention_to_treat(data: StudyData, cohort: Cohort) -> Cohort:
+    """Return everybody who began a ranked episode, each terrain that they did not finish counted as given up before a move."""
+    is_shown = data.closed_ms is not None
+    begun = {each.participant: each for each in data.trials if is_shown and each.phase == "ranked"}
+    ranked = {person: own for person, own in cohort.ranked.items() if person in begun}
+    for person, own in ranked.items():
+        missing = set(range(cohort.terrains)) - {each.terrain_index for each in own}
+        left = [
+            replace(
+                begun[person], outcome="abandoned", steps=0, score=0.0, labels=(),
+                terrain_index=terrain, trial=cohort.terrains + at,
+            )
+            for at, terrain in enumerate(sorted(missing))
+        ]  # fmt: skip
+        ranked[person] = (*own, *left)
+    return replace(cohort, ranked={**dict.fromkeys(cohort.ranked, ()), **ranked})
 
 
 def primary_set(data: StudyData) -> str:
@@ -125,21 +156,11 @@ def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> In
     return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
 
 
-def _figure(
-    data: StudyData, cohort: Cohort, name: str, rules: Mapping[Any, Any] | None
-) -> StudyFigure:
-    """Return the figure of the cohort's members under one set's rules; None are the rules of "all"."""
-    ids = members(cohort, rules or {})
+def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> StudyFigure:
+    """Return the figure of some of the cohort, under the name of a row."""
+    rule = RULES_IN_WORDS.get(name) or rule_in_words(data.protocol.exclusion.get(name))
     if not ids:
-        return StudyFigure(
-            name=name,
-            rule=rule_in_words(rules),
-            players=0,
-            episodes=0,
-            score=None,
-            steps=None,
-            completed=None,
-        )
+        return StudyFigure(name, rule, 0, 0, None, None, None)
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
         [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids],
@@ -156,7 +177,7 @@ def _figure(
     )
     return StudyFigure(
         name=name,
-        rule=rule_in_words(rules),
+        rule=rule,
         players=len(ids),
         episodes=int(episodes.sum()),
         score=score,

@@ -347,6 +347,10 @@ class GymnasiumRules:
         """Return the bounds of a mean return: 0 and 1 where the environment pays a success alone, else none."""
         return (0.0, 1.0) if self.level in CHOICES else (-math.inf, math.inf)
 
+    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
+        """Return the lowest return that there is where that is known, else the return: giving up costs nothing more."""
+        return min(total, lowest) if math.isfinite(lowest := self.bounds(was.config)[0]) else total
+
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return nothing: what no effort looks like is not known."""
         return ()

@@ -17,7 +17,7 @@ from app.task import Cause, Messages, Metric, Words
 from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from app.tasks.mars.run import MarsRun, compile_rules
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
-from marsexplorer.episode import Episode, Record, replay, unpack_terrain
+from marsexplorer.episode import Episode, Record, replay, score, unpack_terrain
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
 from marsexplorer.terrain import generate
 from marsexplorer.world import cells_that_count
@@ -163,6 +163,12 @@ class MarsRules:
         """
         cells = 1 if config.discoverable_only else config.n
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
+
+    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
+        """Return the score without the bonus, and with the penalty of leaving where none was paid."""
+        total -= was.config.r_bonus if outcome == "explored" else 0
+        total -= was.config.r_invalid if outcome in ("explored", "timed_out") else 0
+        return score(was.config, total, self.cells(was))
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""

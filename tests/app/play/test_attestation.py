@@ -5,6 +5,8 @@ import secrets
 from contextlib import closing
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.board.attestation import (
     LEVELS,
@@ -105,7 +107,9 @@ def test_supervised_is_what_was_played_within_four_hours_of_the_operators_code()
 
 
 def test_levels_have_an_order_and_a_script_has_none():
-    assert [level_reaches(level, "attested") for level in LEVELS] == [False, True, True]
+    assert [level_reaches(level, "attested") for level in LEVELS] == [
+        False, False, True, True
+    ]  # fmt: skip
     assert not level_reaches(None, "unattested")
 
 
@@ -268,9 +272,11 @@ CHANGES = {
         ("server_ms", "step 30: its press was received after the move"),
     ],
 )
-def test_one_move_that_does_not_fit_its_event_takes_the_whole_episode_down(what, said):
+def test_one_move_that_does_not_fit_its_event_spoils_the_whole_episode_and_the_first_unmakes_it(
+    what, said
+):
     found = broken(what).level()
-    assert found.level == "unattested"
+    assert found.level == ("unattested" if said.startswith("step 0:") else "spoilt")
     assert found.reason.startswith(said)
     assert found.step == int(said.split(":")[0].removeprefix("step "))
 
@@ -293,7 +299,7 @@ def test_a_press_of_long_ago_a_frame_of_long_ago_and_a_move_before_its_press_are
 @pytest.mark.parametrize("speed", [0.1, 0.5, 2, 10, 100])
 def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
     found = played(60, Page(speed=speed)).level()
-    assert found == Attested("unattested", found.reason, found.step)
+    assert found == Attested("spoilt", found.reason, found.step)
     assert "clock" in found.reason or "presses in" in found.reason
 
 
@@ -312,14 +318,18 @@ def forged(times, real_ms=3.0):
 def test_made_up_times_are_lies():
     rng = random.Random(3)
     copied = [row["client_ms"] for row in played(40).events if row["kind"] == "keydown"]
-    assert forged(lambda step: 5_000.0).level == "unattested", "all at once"
-    assert forged(lambda step: 5_000.0 + 300 * step).level == "unattested", (
+    assert forged(lambda step: 5_000.0).level in ("unattested", "spoilt"), "all at once"
+    assert forged(lambda step: 5_000.0 + 300 * step).level in ("unattested", "spoilt"), (
         "a person's pace in a hundredth of the time"
     )
-    assert forged(lambda step: copied[step]).level == "unattested", "another episode's"
-    assert forged(lambda step: rng.uniform(0, 60_000)).level == "unattested", "at random"
-    assert forged(lambda step: 60_000.0 - 300 * step).level == "unattested", "backwards"
-    assert forged(lambda step: 1_000.0).level == "unattested", "the page loaded anew for every move"
+    assert forged(lambda step: copied[step]).level in ("unattested", "spoilt"), "another episode's"
+    assert forged(lambda step: rng.uniform(0, 60_000)).level in ("unattested", "spoilt"), (
+        "at random"
+    )
+    assert forged(lambda step: 60_000.0 - 300 * step).level in ("unattested", "spoilt"), "backwards"
+    assert forged(lambda step: 1_000.0).level in ("unattested", "spoilt"), (
+        "the page loaded anew for every move"
+    )
 
 
 def test_stamps_before_the_frames_that_they_answer_are_lies():
@@ -330,18 +340,47 @@ def test_stamps_before_the_frames_that_they_answer_are_lies():
         press["client_ms"] = move["key_down_ms"] = move["client_ms"] = round(
             move["client_ms"] - 500.0 * len(episode.moves), 1
         )
-    assert episode.level().level == "unattested"
+    assert episode.level().level == "spoilt"
 
 
 def test_nobody_presses_ten_times_in_four_hundred_milliseconds_or_fifty_times_in_three_seconds():
     assert (
         played(60, gap_ms=3.0, latency_ms=0.5)
         .level()
-        .reason.startswith("step 0: 10 presses in 27 ms")
+        .reason.startswith("step 0: 5 presses in 12 ms")
     )
+    assert "10 presses in 360 ms" in played(60, gap_ms=40.0, latency_ms=0.5).level().reason
     assert "50 presses in" in played(60, gap_ms=55.0, latency_ms=0.5).level().reason
     assert played(60, gap_ms=65.0, latency_ms=0.5).level().level == "attested"
     assert played(9, gap_ms=30.0, latency_ms=0.5).level().level == "attested", "a burst of nine"
+    assert "5 presses in 40 ms" in played(8, gap_ms=10.0, latency_ms=0.5).level().reason
+    resting = Episode()
+    for _ in range(6):
+        resting.presses(Page(), 9, gap_ms=1.0, latency_ms=0.5).at += 620
+    assert "5 presses in 4 ms" in resting.level().reason
+
+
+@pytest.mark.parametrize("grain_ms", [0.1, 1000 / 60, 100.0])
+@given(
+    seed=st.integers(0, 999),
+    groups=st.lists(st.tuples(st.integers(1, 4), st.sampled_from((0, 12, 30))), max_size=12),
+)
+def test_chords_and_rolls_raise_no_alarm_whatever_the_clock_is_rounded_to(grain_ms, seed, groups):
+    """Up to four keys at once or one after the other within 90 ms, then what a hand needs for the next."""
+    episode, page = Episode(seed), Page(grain_ms=grain_ms)
+    for keys, apart_ms in groups:
+        episode.press(page, gap_ms=episode.random.uniform(210, 400))
+        episode.presses(page, keys - 1, gap_ms=apart_ms, behind=0, latency_ms=0.5)
+    assert episode.level(BURSTS).reason is None
+
+
+def test_five_presses_by_a_rounded_clock_take_twice_as_long():
+    made = {
+        grain: played(5, Page(grain_ms=grain), gap_ms=26.0, latency_ms=0.5)
+        for grain in (0.1, 100.0)
+    }
+    assert made[0.1].level().level == "attested"
+    assert made[100.0].level().reason == "step 0: 5 presses in 100 ms"
 
 
 def kept(store, episode_id, moves, events):
@@ -372,7 +411,7 @@ def test_what_is_prepared_before_the_end_says_the_same_and_is_made_again_where_s
         ending = prepare_end(store, episode_id, CONDITIONS, made.moves[-1])
         kept(store, episode_id, made.moves[-1:], [])
         assert prepare_end(store, episode_id, None, None).attested is None
-        assert (early.attested.level, ending.attested.level) == ("unattested", "attested")
+        assert (early.attested.level, ending.attested.level) == ("spoilt", "attested")
         for each in (ending, early, None):
             assert attest_stored(store, episode_id, CONDITIONS, each).level == "attested"
             assert attest_stored(store, episode_id, elsewhere, each).level == "unattested"

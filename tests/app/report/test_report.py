@@ -123,7 +123,7 @@ def test_the_exclusion_sets():
         )
     group = build(study(people, changed)).groups[0]
     assert {figure.name: (figure.players, figure.episodes) for figure in group.figures} == {
-        "all": (4, 20), "protocol": (3, 18), "strict": (1, 6)
+        "all": (4, 20), "protocol": (3, 18), "strict": (1, 6), "intention to treat": (4, 24)
     }  # fmt: skip
     assert group.labels == {"untrusted": 1}
     assert (
@@ -138,8 +138,8 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
     group = build(study(people, trials)).groups[0]
     assert (group.figures[0].episodes, group.figure.players) == (17, 2)
     assert (
-        "1 ranked episode of 1 participant had a move made by a script; they enter no figure."
-        in group.deviations
+        "1 ranked episode of 1 participant had a move made by a script; where a person had begun they "
+        "count as abandoned, else they enter no figure." in group.deviations
     )
 
 
@@ -369,22 +369,30 @@ def test_the_report_counts_what_the_required_level_leaves_out():
         trials[1], attestation="unattested", attestation_reason="step 12: no press of its own"
     )
     trials[7] = replace(trials[7], attestation="supervised")
+    trials[17] = replace(trials[17], attestation="spoilt", attestation_reason="step 4: as above")
     report = build(study(people, trials, required_attestation="attested"))
     group = report.groups[0]
     assert group.attestation.episodes == {
         "unattested": 2,
-        "attested": 15,
+        "spoilt": 1,
+        "attested": 14,
         "supervised": 1,
     }
     assert group.attestation.people == {
         "unattested": 1,
+        "spoilt": 1,
         "attested": 3,
         "supervised": 1,
     }
     assert (group.attestation.left_out, group.attestation.people_left_out) == (2, 1)
-    assert group.attestation.reasons == {"no press of its own": 2}
+    assert group.attestation.reasons == {"no press of its own": 2, "as above": 1}
     assert (group.figure.players, group.excluded) == (2, {"not attested": 1})
-    assert sum(each.episodes for each in group.figures if each.name == "all") == 16
+    figures = {each.name: each for each in group.figures}
+    assert figures["all"].episodes == 16
+    as_played, counted = figures["as played"], group.figure
+    assert (as_played.players, counted.players) == (2, 2)
+    assert as_played.steps.mean < counted.steps.mean
+    assert as_played.score.mean > counted.score.mean
     page = render(report)
     assert "The level required left out 2 ranked episodes of 1 people" in page
     assert "by a link that anybody could open" in page
