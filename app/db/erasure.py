@@ -26,7 +26,8 @@ from app.db.study_rows import participant_label
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
-"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study; the value is when."""
+"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study. The value is JSON: when
+(at_ms), the stage that they had reached, and whether the study was closed by then, so that its figures were known."""
 
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
@@ -117,8 +118,8 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
 
 def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     now = int(time.time() * 1000)
-    (protocol,) = conn.execute(
-        "SELECT protocol FROM series WHERE name = ?", [person["study"]]
+    protocol, closed_ms = conn.execute(
+        "SELECT protocol, closed_ms FROM series WHERE name = ?", [person["study"]]
     ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
     hashes = (
@@ -130,7 +131,7 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
         "INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes]
     )
     if not keeps and person["kind"] == "human":
-        note_erased(conn, person, now)
+        note_erased(conn, person, now, closed_ms is not None)
     elsewhere = conn.execute(
         "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?",
         (person["player_id"], person["id"]),
@@ -279,10 +280,13 @@ def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
 
 
-def note_erased(conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int) -> None:
+def note_erased(
+    conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int, is_closed: bool
+) -> None:
     """Note that a participant's rows were erased from a study, without anything that leads to the person."""
     name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
-    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, str(at_ms)))
+    kept = {"at_ms": at_ms, "stage": person["stage"], "after_closing": is_closed}
+    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(kept)))
 
 
 def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:

@@ -317,10 +317,12 @@ def count_participants(reader: Reader, study: str) -> int:
     )
 
 
-def count_erased(reader: Reader, study: str) -> int:
-    """Return how many people had their rows erased from a study (`app.db.erasure.note_erased`)."""
-    sql = "SELECT count(*) AS n FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
-    return int(reader.query(sql, [ERASED, study])[0]["n"])
+def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:
+    """Return what is kept of everybody whose rows were erased from a study (`app.db.erasure.note_erased`)."""
+    found = reader.query(
+        "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'", [ERASED, study]
+    )
+    return [json.loads(row["value"]) for row in found]
 
 
 def noted_arrivals(reader: Reader, study: str) -> dict[str, Any]:

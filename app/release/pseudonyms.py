@@ -20,7 +20,7 @@ from app.db.columns import TABLES
 from app.db.database import open_database, rows, stream, transaction
 from app.db.erasure import ARRIVALS, ERASED
 from app.release.errors import ReleaseError
-from app.series.flow import Arrivals, with_invitations, with_noted
+from app.series.flow import Arrivals, arrivals_of, with_invitations, with_noted
 from app.series.invitations import Invitation
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
@@ -230,12 +230,11 @@ def count_arrivals(
     undecided = """SELECT coalesce(sum(stage = 'withdrawn'), 0) AS declined, coalesce(sum(stage <> 'withdrawn'), 0) AS undecided
         FROM participants WHERE study = ? AND kind = 'human' AND consent_ms IS NULL"""
     (counted,) = rows(conn, undecided, study)
-    (erased,) = rows(
-        conn, "SELECT count(*) AS n FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"
-    )
+    erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
     noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
     found = with_noted(
-        Arrivals(**counted, erased=erased["n"]), json.loads(noted[0]["value"]) if noted else {}
+        arrivals_of(**counted, erased=[json.loads(row["value"]) for row in erased]),
+        json.loads(noted[0]["value"]) if noted else {},
     )
     if invitations is None:
         return found
@@ -249,5 +248,7 @@ def count_arrivals(
 
 def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:
     """Return the row of the table `meta` that holds a study's arrivals; the erased have rows of their own there."""
-    counts = {name: count for name, count in asdict(arrivals).items() if name != "erased"}
+    counts = {
+        name: count for name, count in asdict(arrivals).items() if not name.startswith("erased")
+    }
     return {"name": f"{ARRIVALS}|{study}", "value": json.dumps(counts, sort_keys=True)}

@@ -325,6 +325,8 @@ def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> F
         leak=people.leak.sentence(people.words) if people.leak else "",
         started=people.started,
         excluded=people.started - people.figure.players,
+        erased=data.arrivals.erased_after_closing,
+        erased_finishers=data.arrivals.erased_finishers,
         sets="; ".join(
             f"{figure.name}: {figure_sentence(figure, people.words)}"
             for figure in people.figures

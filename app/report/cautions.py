@@ -28,6 +28,15 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if figure.score is None or figure.steps is None:
         return ()
     found = []
+    if erased := data.arrivals.erased_after_closing:
+        people, finishers = (
+            "1 person was" if erased == 1 else f"{erased} people were",
+            data.arrivals.erased_finishers,
+        )
+        found.append(
+            f"{people} erased after closing, when the figures were known, {finishers} of whom had ended all ranked episodes: "
+            "no figure here holds them, so that it may not be the one that the study was closed with."
+        )
     if figure.players < data.protocol.players:
         found.append(
             f"{figure.players} of the {data.protocol.players} players planned are in the primary figure."

@@ -396,15 +396,21 @@ def flow_steps(
     before = [
         ("declined", arrivals.declined),
         ("did not answer", arrivals.undecided),
-        ("erased at their request", arrivals.erased),
+        ("erased at their request", arrivals.erased - arrivals.erased_after_closing),
+        ("erased after closing", arrivals.erased_after_closing),
     ]
     steps.append(_step("Opened the study", flow.joined, before))
     early = [
         ("withdrew", flow.withdrew_early),
+        ("interrupted by the closing", flow.interrupted_early),
         *((f"left {STAGES[at]}", count) for at, count in flow.stayed_early.items()),
     ]
     steps.append(_step("Agreed to take part", flow.agreed, early))
-    late = [("withdrew", flow.withdrew), ("did not finish", flow.unfinished)]
+    late = [
+        ("withdrew", flow.withdrew),
+        ("interrupted by the closing", flow.interrupted),
+        ("did not finish", flow.unfinished),
+    ]
     steps.append(_step("Began the ranked episodes", flow.ranked, late))
     steps.append(_step("Ended all ranked episodes", flow.completed, list(excluded)))
     return [*steps, FlowStep("In the primary figure", players, f"{episodes} ranked episodes")]

@@ -44,6 +44,7 @@ class Facts:
     leak      what the trend over earlier finishers says (`app.report.statistics.terrain_leaks`)
     started   people who began a ranked episode
     excluded  of them, those who are not in the primary figure
+    erased    people who were erased after closing; of them `erased_finishers` had ended all ranked episodes
     """
 
     protocol: Protocol
@@ -62,6 +63,15 @@ class Facts:
     leak: str
     started: int
     excluded: int
+    erased: int = 0
+    erased_finishers: int = 0
+
+    @property
+    def erased_in_words(self) -> str:
+        """What is said of them behind every count that they are missing from; nothing without any."""
+        if not self.erased:
+            return ""
+        return f" {self.erased} more were erased after closing, {self.erased_finishers} of them finishers."
 
 
 def checklist(facts: Facts) -> tuple[Item, ...]:
@@ -145,7 +155,11 @@ def _design(facts: Facts) -> Iterator[Item]:
     each = f"{facts.episodes / protocol.ranked:.1f}"
     limit = protocol.env_config.limit
     yield Item(
-        "1.1", "Number of baseliners", str(facts.players), f"{facts.joined} joined.", "database"
+        "1.1",
+        "Number of baseliners",
+        str(facts.players),
+        f"{facts.joined} joined.{facts.erased_in_words}",
+        "database",
     )
     yield Item(
         "1.2",
@@ -254,7 +268,7 @@ def _execution(facts: Facts) -> Iterator[Item]:
     )
     rate = (
         f"{facts.excluded} of {facts.started} who began a ranked episode are not in the primary figure. "
-        f"{facts.labelled} of {facts.episodes} finished ranked episodes carry a label."
+        f"{facts.labelled} of {facts.episodes} finished ranked episodes carry a label.{facts.erased_in_words}"
     )
     yield Item(
         "3.2.2",
@@ -382,7 +396,7 @@ def _documentation(facts: Facts) -> Iterator[Item]:
     )
     yield Item("5.1.3", "Reporting time to completion", "Yes", time, "database")
     yield Item("5.1.4", "AI tool versions", "N/A", "Participants are given no AI tool.", "software")
-    rate = f"{facts.joined - facts.finished} of {facts.joined} who joined have not finished."
+    rate = f"{facts.joined - facts.finished} of {facts.joined} who joined have not finished.{facts.erased_in_words}"
     yield Item("5.1.5", "Completion rate", "Yes", rate, "database")
     data = f"Planned licence {facts.protocol.data_licence}; the authors must say where the release (`marsexplorer release`) is."
     yield Item("5.2", "Baseline data availability", "Missing", data, "missing")

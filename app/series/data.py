@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from typing import Any
 from app.db.input_events import input_events
 from app.db.reader import Reader
 from app.db.series import (
-    count_erased,
+    erased_people,
     find_study,
     move_inputs,
     noted_arrivals,
@@ -175,11 +175,16 @@ def _load(reader: Reader, study: str) -> StudyData:
         secret=row.secret,
         people=people,
         trials=tuple(_with_input(reader, each) for each in study_trials(reader, study)),
-        arrivals=with_noted(
-            arrivals_of(people, count_erased(reader, study)), noted_arrivals(reader, study)
-        ),
+        arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
         policy_files=PolicyFiles.of(protocol),
     )
+
+
+def _arrivals(reader: Reader, study: str, people: Sequence[Person]) -> Arrivals:
+    """Return the counts of people before they agreed, and of the erased."""
+    undecided = [each for each in people if each.kind == "human" and each.consent_version is None]
+    declined = sum(person.stage == "withdrawn" for person in undecided)
+    return arrivals_of(declined, len(undecided) - declined, erased_people(reader, study))
 
 
 def _people(reader: Reader, study: str) -> tuple[Person, ...]:

@@ -8,7 +8,7 @@ their outside id is missing or known. An open link cannot stop anybody from join
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 REPEATED_JOIN = "repeated_join"
 """Kind of the stage event of a further join; its detail is {"reason": one of Reason}."""
+
+INTERRUPTED = "interrupted"
+"""Kind of the stage event of somebody who was at an episode when the study was closed."""
 
 MAX_NOTED = 100
 """Further joins that are noted of one participant."""
@@ -46,6 +49,8 @@ class Arrivals:
     declined   did not agree
     undecided  opened the study and did not answer
     erased     had everything erased at their own request, whenever that was
+    erased_after_closing  of them, when the figures were known
+    erased_finishers      of these, those who had ended all ranked episodes
     issued     invitations; None where the study has none or its folder is not at hand, and so for the next two
     revoked    of them, before anybody agreed with one
     unopened   of the others, with which nobody has joined
@@ -54,6 +59,8 @@ class Arrivals:
     declined: int = 0
     undecided: int = 0
     erased: int = 0
+    erased_after_closing: int = 0
+    erased_finishers: int = 0
     issued: int | None = None
     revoked: int | None = None
     unopened: int | None = None
@@ -65,10 +72,11 @@ class ParticipantFlow:
 
     agreed          to take part, the erased not among them
     withdrew_early  before their first ranked episode
+    interrupted_early, interrupted  by the end of the study, before their first ranked episode and after it
     stayed_early    did not go on to the ranked episodes, by the stage that they are at
     ranked          began a ranked episode
     withdrew        after that
-    unfinished      neither withdrew nor ended all ranked episodes
+    unfinished      left: neither withdrew nor ended all ranked episodes, nor were interrupted
     completed       ended all ranked episodes
     """
 
@@ -80,6 +88,8 @@ class ParticipantFlow:
     withdrew: int
     unfinished: int
     completed: int
+    interrupted_early: int = 0
+    interrupted: int = 0
 
     @property
     def joined(self) -> int:
@@ -87,10 +97,11 @@ class ParticipantFlow:
         return self.agreed + self.arrivals.declined + self.arrivals.undecided + self.arrivals.erased
 
 
-def arrivals_of(people: Iterable[Person], erased: int) -> Arrivals:
-    """Return the counts of people before they agreed, as the database knows them."""
-    answers = Counter(person.stage == "withdrawn" for person in people if _is_undecided(person))
-    return Arrivals(declined=answers[True], undecided=answers[False], erased=erased)
+def arrivals_of(declined: int, undecided: int, erased: Sequence[Mapping[str, Any]]) -> Arrivals:
+    """Return the counts of people before they agreed, as the database knows them; `erased` of `app.db.series.erased_people`."""
+    late = [each for each in erased if each["after_closing"]]
+    finishers = sum(each["stage"] in ("debrief", "complete") for each in late)
+    return Arrivals(declined, undecided, len(erased), len(late), finishers)
 
 
 def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
@@ -136,15 +147,19 @@ def participant_flow(data: StudyData) -> ParticipantFlow:
     )
     completed = sum(person.completed_ms is not None for person in late)
     withdrew = sum(person.stage == "withdrawn" and person.completed_ms is None for person in late)
+    interrupted_early, interrupted = (sum(map(_is_interrupted, each)) for each in (early, late))
+    stayed = [each for each in early if each.stage != "withdrawn" and not _is_interrupted(each)]
     return ParticipantFlow(
         arrivals=data.arrivals,
         agreed=len(people),
         withdrew_early=sum(person.stage == "withdrawn" for person in early),
-        stayed_early=dict(Counter(person.stage for person in early if person.stage != "withdrawn")),
+        stayed_early=dict(Counter(person.stage for person in stayed)),
         ranked=len(late),
         withdrew=withdrew,
-        unfinished=len(late) - withdrew - completed,
+        unfinished=len(late) - withdrew - completed - interrupted,
         completed=completed,
+        interrupted_early=interrupted_early,
+        interrupted=interrupted,
     )
 
 
@@ -166,5 +181,5 @@ def repeated_reasons(
     return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
 
 
-def _is_undecided(person: Person) -> bool:
-    return person.kind == "human" and person.consent_version is None
+def _is_interrupted(person: Person) -> bool:
+    return any(kind == INTERRUPTED for _, kind, _ in person.events)

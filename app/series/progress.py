@@ -21,6 +21,7 @@ from app.board.session import RefusedError, Session
 from app.db.series import StudyStore, add_series
 from app.db.study_rows import Participant, Stage
 from app.db.trial import Phase, Trial
+from app.series.closing import note_closed
 from app.series.folder import Folder, Study
 from app.series.participation import CLOSED_MESSAGE, Participations, StageError
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -58,7 +59,7 @@ class ParticipantProgress:
     def _note_closed(self) -> None:
         for name in self.study_store.open_names():
             try:
-                self.study_store.note_closed(self.folder.study(name).row())
+                note_closed(self.lobby.store, self.folder.study(name))
             except StudyError as error:
                 _log.warning("%s", error)
 
@@ -79,7 +80,7 @@ class ParticipantProgress:
         """Note in the database that a study is closed, where it does not know so yet."""
         store = self.lobby.store
         if not study.is_open and study.name in await store.read(self.study_store.open_names):
-            await store.write(partial(self.study_store.note_closed, study.row()))
+            await store.write(partial(note_closed, store, study), then=self.lobby.forget)
 
     async def note_all_closed(self) -> None:
         """Note in the database every study that was closed since."""
@@ -92,7 +93,7 @@ class ParticipantProgress:
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
         study = self.study(name)
-        self.study_store.note_closed(study.row())
+        note_closed(self.lobby.store, study)
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
         if study.protocol.task != self.lobby.task.name:

@@ -11,6 +11,7 @@ import contextlib
 import time
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import closing
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import (
@@ -30,6 +31,7 @@ from pydantic import Field
 from app.board.lobby import UnknownSessionError
 from app.board.messages import Message, encode_error
 from app.db.reader import Reader
+from app.series.closing import close_study as close_study_of
 from app.series.folder import Study
 from app.series.invitations import MAX_INVITATIONS, token_of
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -55,9 +57,10 @@ class Login(Message):
 
 
 class CloseStudy(Message):
-    """The study's name once more, since a closed study cannot be opened again."""
+    """The study's name once more, since a closed study cannot be opened again; `now` closes it while somebody is at it."""
 
     name: str
+    now: bool = False
 
 
 class NewInvitations(Message):
@@ -241,14 +244,16 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
 
 @router.post("/api/admin/studies/{name}/close")
 async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
-    """Close the study for good; 422 unless its name was typed."""
+    """Close the study for good; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
     if given.name != name:
         raise HTTPException(
             422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
         )
     _study(admin, name)
     try:
-        closed = await asyncio.to_thread(admin.progress.folder.close, name)
+        store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
+        close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)
+        closed = await store.read(close)
     except StudyError as error:
         raise HTTPException(409, str(error)) from error
     await admin.progress.note_if_closed(closed)

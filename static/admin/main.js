@@ -162,6 +162,7 @@ by("close").addEventListener("click", () => {
   const under = state.study?.participants.filter(({ kind, stage }) => kind === "human" && !["debrief", "complete", "withdrawn"].includes(stage)).length ?? 0;
   by("confirm-words").textContent = `${under ? `${many(under, "person is", "people are")} on the way and cannot finish. ` : "Nobody is on the way. "}The secret behind the terrains of ${state.chosen} is revealed, and nothing takes that back.`;
   typed.value = "";
+  by("at-once", HTMLInputElement).checked = false;
   by("close-now", HTMLButtonElement).disabled = true;
   by("confirm", HTMLDialogElement).showModal();
 });
@@ -169,7 +170,7 @@ typed.addEventListener("input", () => { by("close-now", HTMLButtonElement).disab
 by("keep-open").addEventListener("click", () => by("confirm", HTMLDialogElement).close());
 by("confirm-form").addEventListener("submit", (event) => {
   if (typed.value !== state.chosen) return event.preventDefault();
-  return run(() => request(ofStudy("close"), { name: typed.value }));
+  return run(() => request(ofStudy("close"), { name: typed.value, now: by("at-once", HTMLInputElement).checked }));
 });
 
 /** The study whose invitations are shown. */

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -189,20 +189,27 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
 @study.command(short_help="End the study and reveal its secret.")
 @click.argument("name")
 @click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--now", is_flag=True, help="Close it also while somebody is at it.")
 @DATABASE
 @STUDIES
-def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> None:
+def close(name: str, yes: bool, now: bool, studies: Path | None, database: Path | None) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
-    There is no way back: whoever knows the secret knows every terrain. A running server sees it at once.
+    Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
+    with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
+    sees it at once.
     """
-    folder = folder_of(studies)
-    with study_errors():
+    from app.db.reader import Reader, now_ms
+    from app.series.closing import close_study
+
+    folder, path = folder_of(studies), database or settings_of().database
+    with study_errors(), ExitStack() as stack:
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
-        found = folder.close(name)
-    _note_in_database(found, database or settings_of().database)
+        reader = stack.enter_context(closing(Reader.open(path))) if path.exists() else None
+        found = close_study(folder, reader, name, now_ms(), now)
+    _note_in_database(found, path)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
@@ -222,15 +229,15 @@ def _note_in_database(found: Any, database: Path) -> None:
     """Note the end in the database; where a server has it open, that server does so."""
     if not database.exists():
         return
-    from app.db.series import StudyStore
     from app.db.store import Store, StoreError
+    from app.series.closing import note_closed
 
     try:
         store = Store(database)
     except StoreError:
         return
     try:
-        StudyStore(store).note_closed(found.row())
+        note_closed(store, found)
     finally:
         store.close()
 

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 from itsdangerous import TimestampSigner
@@ -211,7 +212,10 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     assert first["label"] == done.where["participant"], "what the participant can quote"
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
     assert (first["warm_up"], first["ranked"], first["mean_steps"]) == (2, 3, None)
-    assert operator.post("/api/admin/studies/small/close", json={"name": "small"}).is_success
+    close = partial(operator.post, "/api/admin/studies/small/close")
+    refused = close(json={"name": "small"})
+    assert (refused.status_code, "within the last ten minutes" in refused.text) == (409, True)
+    assert close(json={"name": "small", "now": True}).is_success
     closed = operator.get("/api/admin/studies/small").json()
     (first,) = (each for each in closed["participants"] if each["stage"] == "debrief")
     assert first["mean_steps"] == pytest.approx(sum(steps) / 3)

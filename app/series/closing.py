@@ -1,0 +1,77 @@
+"""The end of a study: what is open is abandoned then, and who was at it is counted apart from who had left."""
+
+from __future__ import annotations
+
+from app.board.attestation import Conditions, attest_stored, key_map_of
+from app.db.reader import Reader
+from app.db.series import StudyStore, participants, study_trials, trial_activity
+from app.db.store import Closing, Store
+from app.db.trial import Trial
+from app.series.flow import INTERRUPTED
+from app.series.folder import Folder, Study
+from app.series.protocol import StudyError
+
+ACTIVE_MS = 10 * 60_000
+"""Who has moved within this time before the end is interrupted by it; who has not had left."""
+
+
+def close_study(folder: Folder, reader: Reader | None, name: str, now_ms: int, now: bool) -> Study:
+    """Close a study and return it; StudyError while somebody is at it, unless `now`.
+
+    reader  of the database in which it is played; None where there is none
+    """
+    active = 0 if now or reader is None else len(_active(reader, name, now_ms))
+    if active and folder.study(name).is_open:
+        people = "1 person has" if active == 1 else f"{active} people have"
+        raise StudyError(
+            f"{people} moved in the study {name!r} within the last ten minutes: nothing was closed; wait until they have "
+            "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
+        )
+    return folder.close(name)
+
+
+def note_closed(store: Store, study: Study) -> list[str]:
+    """Write the end of a closed study into the database, if anybody had joined it, and abandon what is open in it.
+
+    Return the sessions whose episodes were abandoned. An open study, or one whose end is written already, changes nothing.
+    """
+    known, closed_ms = StudyStore(store), study.closed_ms
+    if closed_ms is None or study.name not in known.open_names():
+        return []
+    with store.transaction():
+        for participant_id in _active(store, study.name, closed_ms):
+            known.add_stage_event(participant_id, closed_ms, INTERRUPTED, {})
+        running = [trial for trial in study_trials(store, study.name) if trial.ended_ms is None]
+        for trial in running:
+            store.next_episode([_abandoned(store, known, trial, closed_ms)], ())
+        known.note_closed(study.row())
+    return [trial.session_id for trial in running]
+
+
+def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
+    """Return the people who have moved shortly before a time, and have neither ended all their episodes nor withdrawn."""
+    unfinished = {
+        person.id
+        for person in participants(reader, name)
+        if person.kind == "human" and person.completed_ms is None and person.stage != "withdrawn"
+    }
+    moved = {
+        trial.participant
+        for trial in trial_activity(reader, name)
+        if trial.moved_ms is not None and now_ms - trial.moved_ms < ACTIVE_MS
+    }
+    return sorted(unfinished & moved)
+
+
+def _abandoned(store: Store, known: StudyStore, trial: Trial, at_ms: int) -> Closing:
+    """Return what closes a running episode: given up where it stands."""
+    actions = bytes(step["action"] for step in store.steps(trial.id))
+    record = trial.rules.replay(trial, actions, True).record()
+    at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in store.steps(trial.id)))
+    if trial.kind != "human":
+        return Closing(trial.id, record, at_ms)
+    settings = known.settings(trial.participant)
+    supervised_ms = known.supervised_ms(trial.participant)
+    keys = key_map_of(trial.rules.keys, settings)
+    attested = attest_stored(store, trial.id, Conditions(trial.started_ms, keys, supervised_ms))
+    return Closing(trial.id, record, at_ms, attested.level, attested.reason)

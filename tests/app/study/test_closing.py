@@ -1,0 +1,109 @@
+"""The end of a study: what is open is abandoned, nobody is cut off unseen, and whoever is erased later is counted."""
+
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.db.erasure import forget
+from app.db.reader import now_ms
+from app.db.store import Store
+from app.report.build import build
+from app.series.data import load
+from app.series.folder import Folder
+from app.series.verification import verify_database
+from tests.support.stored_studies import StudyRecorder, freeze
+
+
+@pytest.fixture
+def study(tmp_path):
+    """An open study: one has finished, one left an episode open long ago, one has just moved, one was idle before any move."""
+    study = freeze(tmp_path / "studies", close=False)
+    with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
+        done, left = recorder.join(0), recorder.join(1, stage="ranked")
+        for trial in range(3):
+            recorder.play(done, "ranked", trial)
+        recorder.play(left, "ranked", 0)
+        recorder.play(left, "ranked", 1, "open")
+        recorder.clock = now_ms() - 60_000
+        here = recorder.join(2, stage="ranked")
+        recorder.play(here, "ranked", 0, "open")
+    return {"done": done, "left": left, "here": here}
+
+
+def run(capsys, tmp_path, *args):
+    """Return the exit code of a command on these studies, and what it said."""
+    capsys.readouterr()
+    where = ["--studies", str(tmp_path / "studies"), "--database", str(tmp_path / "play.db")]
+    with pytest.raises(SystemExit) as left:
+        main(["study", *args, *where])
+    return left.value.code or 0, capsys.readouterr()
+
+
+def outcomes(path):
+    with closing(Store(path)) as store:
+        found = store.query("SELECT outcome, count(*) AS n FROM episodes GROUP BY 1 ORDER BY 1")
+    return {row["outcome"]: row["n"] for row in found}
+
+
+def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(study, tmp_path, capsys):
+    path = tmp_path / "play.db"
+    code, said = run(capsys, tmp_path, "close", "dunes", "--yes")
+    assert (code, "1 person has moved" in said.err, "--now" in said.err) == (2, True, True)
+    assert Folder(tmp_path / "studies").status("dunes") == "open"
+    assert outcomes(path)[None] == 2
+    assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
+    assert outcomes(path) == {"abandoned": 2, "explored": 4}
+    assert verify_database(path).findings == ()
+
+    data = load(path, "dunes")
+    (group,) = build(data).groups
+    flow = group.flow
+    assert (flow.completed, flow.unfinished, flow.interrupted, flow.ranked) == (1, 1, 1, 3)
+    figures = {figure.name: figure for figure in group.figures}
+    assert (figures["all"].players, figures["all"].episodes) == (3, 6)
+    treated = figures["intention to treat"]
+    assert (treated.players, treated.episodes) == (3, 9)
+    limit = data.protocol.env_config.limit
+    own = [each.steps for each in data.trials if each.participant == study["done"]]
+    first = next(each.steps for each in data.trials if each.participant == study["left"])
+    means = [sum(own) / 3, (first + 2 * limit) / 3, limit]
+    assert treated.steps.mean == pytest.approx(sum(means) / 3)
+    assert treated.steps.mean > figures["protocol"].steps.mean
+
+
+def test_a_server_that_finds_a_study_closed_abandons_what_is_open(server, tmp_path):
+    from tests.support.study import Person
+    from tests.support.study import freeze as freeze_small
+
+    freeze_small(tmp_path / "studies")
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    assert None in outcomes_of(server)
+    Folder(tmp_path / "studies").close("small")
+    person.refused("next")
+    assert None not in outcomes_of(server)
+    assert verify_database(server.services.store.path).findings == ()
+
+
+def outcomes_of(server):
+    return [row["outcome"] for row in server.services.store.query("SELECT outcome FROM episodes")]
+
+
+def test_whoever_is_erased_after_closing_is_counted_where_their_figure_is_missing(
+    study, tmp_path, capsys
+):
+    path = tmp_path / "play.db"
+    forget(path, study["left"])
+    assert load(path, "dunes").arrivals.erased_after_closing == 0
+    assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
+    forget(path, study["done"])
+    data = load(path, "dunes")
+    found = data.arrivals
+    assert (found.erased, found.erased_after_closing, found.erased_finishers) == (2, 1, 1)
+    report = build(data)
+    (group,) = report.groups
+    assert group.flow.arrivals == found
+    missing = [item.detail for item in report.checklist if item.number in ("1.1", "3.2.2", "5.1.5")]
+    assert all("1 more were erased after closing, 1 of them finishers" in text for text in missing)
