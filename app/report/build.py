@@ -40,6 +40,7 @@ from app.report.statistics.mixed_model import fit_mixed_model
 from app.report.statistics.spread import iqm, iqm_interval, variance_components
 from app.report.statistics.study_figures import (
     NO_HUMAN_FIGURE,
+    claim_of,
     figure_sentence,
     primary_set,
     study_figures,
@@ -295,9 +296,10 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
     if data.closed_ms is None:
         return data.progress_sentence()
     if group.figure.players:
-        return figure_sentence(group.figure, group.words)
+        return f"{claim_of(data)}: {figure_sentence(group.figure, group.words)}"
     if group.figures[0].players:
-        return f"Nobody finished the study. Of those who began: {figure_sentence(group.figures[0], group.words)}"
+        began = figure_sentence(group.figures[0], group.words)
+        return f"{claim_of(data)}. Nobody finished the study. Of those who began: {began}"
     return NO_HUMAN_FIGURE
 
 

@@ -58,11 +58,11 @@ export function headline({ target }, { board, people, policies }) {
   const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
-    if (board.study) return `No person finished the study ${board.study}, so it has no human level.${policy}`;
+    if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
     return `Volunteers on this playground: nobody has played ${terrain} ranked yet.${policy}`;
   }
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
-  const who = board.study ? `Human level in the study ${board.study}` : "Volunteers on this playground";
+  const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
   const abandoned = people.abandoned ? `, ${people.abandoned} of them abandoned` : "";
   const from = `${many(people.players, "player")} and ${many(people.episodes, "episode")}${abandoned}`;
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to ${target} (${spread}), from ${from}.${policy}`;

@@ -50,7 +50,7 @@ def report(
     name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
     no_policies: bool, no_moves: bool,
 ) -> None:  # fmt: skip
-    """Print a study's figures: the human level with its interval, and policies on the same terrains.
+    """Print a study's figures: that of its people with its interval, and policies on the same terrains.
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
     skewed players; docs/report.md says how that was measured. Scripts never enter a human figure.

@@ -87,13 +87,24 @@ def intention_to_treat(data: StudyData, cohort: Cohort) -> Cohort:
     return replace(cohort, ranked={**dict.fromkeys(cohort.ranked, ()), **ranked})
 
 
+def claim_of(data: StudyData) -> str:
+    """Return what a closed study's figure of people may be called, with the level that its episodes reach.
+
+    It is the human level where every episode was supervised, or attested of people who came by a personal invitation. Anybody
+    may come by an open link, and a panel's id may be made up.
+    """
+    level, came = data.protocol.required_attestation, data.protocol.recruitment
+    is_known = level == "supervised" or (level == "attested" and came == "invitation")
+    return f"{'Human level' if is_known else 'Figure of unverified participants'} ({level})"
+
+
 def primary_set(data: StudyData) -> str:
     """Return the name of the exclusion set whose figure is the headline."""
     return PRIMARY if PRIMARY in data.protocol.exclusion else ALL
 
 
 def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's figure as it may be seen: set, players, episodes, score, steps, sentence.
+    """Return the people's figure as it may be seen: claim, set, players, episodes, score, steps, sentence.
 
     score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
     set is the primary one where anybody is in it, else "all". An open study has nobody in any, and its sentence says how many
@@ -103,6 +114,7 @@ def live_figure(data: StudyData) -> dict[str, Any]:
     primary = next(figure for figure in figures if figure.name == primary_set(data))
     chosen = primary if primary.players else figures[0]
     return {
+        "claim": claim_of(data),
         "set": chosen.name,
         "players": chosen.players,
         "episodes": chosen.episodes,
@@ -116,7 +128,9 @@ def _said(data: StudyData, figure: StudyFigure) -> str:
     if data.closed_ms is None:
         return data.progress_sentence()
     words = data.protocol.rules.words
-    return figure_sentence(figure, words) if figure.players else NO_HUMAN_FIGURE
+    if not figure.players:
+        return NO_HUMAN_FIGURE
+    return f"{claim_of(data)}: {figure_sentence(figure, words)}"
 
 
 def figure_sentence(figure: StudyFigure, words: Words) -> str:

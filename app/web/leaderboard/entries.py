@@ -136,7 +136,9 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
         np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups])
     )
     pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
-    plain = {name: figure[name] for name in ("set", "players", "episodes", "score", "steps")}
+    plain = {
+        name: figure[name] for name in ("claim", "set", "players", "episodes", "score", "steps")
+    }
     likeness = human_likeness(reader, data, cohort, members(cohort, rules))
     shown = {"completed": completed, "curve": None, "visits": None, **pictures}
     return {**plain, **shown, "trials": trial_summaries(groups), "likeness": likeness}

@@ -34,6 +34,8 @@ SCORES = np.array(
         [0.5, 0.9, 0.4, 0.8, 0.9, 0.7],
     ]
 )
+CLAIM = "Figure of unverified participants (attested)"
+"""What the people of an open link are called."""
 
 
 @pytest.fixture
@@ -257,12 +259,13 @@ def test_one_player_and_one_terrain_are_reported_without_intervals():
 def test_the_headline_prints_no_interval_where_there_is_none_to_print():
     same = build(study(*played(np.full((3, 6), 0.9), steps=[[30] * 6, [31] * 6, [32] * 6])))
     assert same.sentence.startswith(
-        "3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
+        f"{CLAIM}: 3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
     )
     assert same.sentence.endswith(". Players who do not differ give no interval.")
     alike = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30))))
     assert alike.sentence == (
-        "3 players, 18 ranked episodes: mean score 0.900, 30.0 steps to 99 %. Players who do not differ give no interval."
+        f"{CLAIM}: 3 players, 18 ranked episodes: mean score 0.900, 30.0 steps to 99 %. "
+        "Players who do not differ give no interval."
     )
     assert "(headline)" not in render(alike)
 
@@ -295,7 +298,7 @@ def test_where_nobody_finished_the_live_figure_is_of_all():
     live = live_figure(data)
     assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
     assert build(data).sentence.startswith(
-        "Nobody finished the study. Of those who began: 2 players, 3 ranked episodes"
+        f"{CLAIM}. Nobody finished the study. Of those who began: 2 players, 3 ranked episodes"
     )
 
 
@@ -358,6 +361,28 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
         study(people, trials, assumed_player_sd=None, assumed_episode_sd=None)
     ).checklist
     assert {item.number: item for item in unplanned}["1.8"].source == "missing"
+
+
+@pytest.mark.parametrize(
+    ("level", "recruitment", "claim"),
+    [
+        ("supervised", "open", "Human level (supervised)"),
+        ("attested", "invitation", "Human level (attested)"),
+        ("attested", "panel", "Figure of unverified participants (attested)"),
+        ("attested", "open", "Figure of unverified participants (attested)"),
+        ("unattested", "invitation", "Figure of unverified participants (unattested)"),
+    ],
+)
+def test_a_figure_is_called_the_human_level_only_where_people_are_known_to_be_people(
+    level, recruitment, claim
+):
+    people, trials = played(SCORES)
+    trials = [replace(each, attestation="supervised") for each in trials]
+    rest = {"required_attestation": level, "recruitment": recruitment}
+    found = study(people, trials, outside_ids=("ID",), **rest)
+    assert build(found).sentence.startswith(f"{claim}: 3 players")
+    assert live_figure(found)["claim"] == claim
+    assert f"{claim}: 3 players" in render(build(found))
 
 
 def test_the_report_counts_what_the_required_level_leaves_out():

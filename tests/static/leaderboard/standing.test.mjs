@@ -64,11 +64,11 @@ test("honest words when nobody has played, one player, and several", () => {
 test("a study's board says so, and who enters it", () => {
   const study = { ...board, study: "dunes", terrains: 30 };
   const policies = [ready("ppo", 78, 0.95)];
-  assert.match(headline({ target: "99 %" }, { board: study, people, policies }), /^Human level in the study dunes, random 21 \u00d7 21: 90\.0/);
+  assert.match(headline({ target: "99 %" }, { board: study, people: { ...people, claim: "Human level (supervised)" }, policies }), /^Human level \(supervised\) in the study dunes, random 21 \u00d7 21: 90\.0/);
   assert.deepEqual(rows({ board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
   assert.match(headline({ target: "99 %" }, { board, people: { ...people, abandoned: 2 }, policies }), /9 episodes, 2 of them abandoned\./);
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
-  assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no human level/);
+  assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
   assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
   assert.match(reading({ board: study, people, policies })[1], /exactly the 30 ranked terrains/);
   assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);
