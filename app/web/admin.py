@@ -22,26 +22,23 @@ from fastapi import (
     WebSocket,
     WebSocketDisconnect,
 )
-from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from pydantic import Field
 
-from app.board.lobby import UnknownSessionError
-from app.board.messages import Message, encode_error
+from app.board.messages import Message
 from app.db.reader import Reader
-from app.series.folder import Study
 from app.series.invitations import MAX_INVITATIONS, token_of
-from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import close, is_operator, services_of
+from app.web.errors import status_of
 from app.web.operator import live_boards, participants
-from app.web.operator.exports import ExportError, ExportKind
+from app.web.operator.exports import ExportKind
 from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from app.web.operator.participants import recruiting
 from app.web.operator.services import AdminServices
 from app.web.protection import client_address, has_own_origin
-from app.web.sockets import UNKNOWN_SESSION
+from app.web.sockets import ignore_all, send_while, session_or_close
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
@@ -106,16 +103,6 @@ def _admin_of(connection: Request | WebSocket) -> AdminServices:
     return admin
 
 
-def _study(admin: AdminServices, name: str) -> Study:
-    """Return a frozen study; HTTPException 404 or 409 with what is wrong with it."""
-    try:
-        return admin.progress.folder.study(name)
-    except (UnknownStudyError, DraftStudyError) as error:
-        raise HTTPException(404, str(error)) from error
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
-
-
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
@@ -135,21 +122,16 @@ class LoggedRoute(APIRoute):
 
         async def logged(request: Request) -> Response:
             admin = _admin_of(request)
-            who = await admin.login.operator_of(cookies.admin_token(request))
+            who = await admin.login.operator_of(cookies.ADMIN.token(request))
             if who is None:
                 return await handler(request)
-            number, status = (
-                await admin.actions.begin(who, self.name, request.path_params.get("name")),
-                500,
-            )
+            number = await admin.actions.begin(who, self.name, request.path_params.get("name"))
+            status = 500
             try:
                 response = await handler(request)
                 status = response.status_code
-            except HTTPException as error:
-                status = error.status_code
-                raise
-            except RequestValidationError:
-                status = 422
+            except Exception as error:
+                status = status_of(error)
                 raise
             finally:
                 await admin.actions.end(number, status)
@@ -172,15 +154,15 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
-    cookies.set_admin_token(response, request, token)
+    cookies.ADMIN.set(response, request, token)
     return {"in": True}
 
 
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
     """Log out: revoke the token and delete the cookie."""
-    await _admin_of(request).login.revoke(cookies.admin_token(request))
-    cookies.delete_admin_token(response, request)
+    await _admin_of(request).login.revoke(cookies.ADMIN.token(request))
+    cookies.ADMIN.set(response, request, "")
     return {"in": False}
 
 
@@ -193,7 +175,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
         "studies": await asyncio.to_thread(admin.studies),
         "boards": await live_boards.list_boards(lobby, admin.progress.study_store),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
-        "operator": await admin.login.operator_of(cookies.admin_token(request)),
+        "operator": await admin.login.operator_of(cookies.ADMIN.token(request)),
         "actions": await admin.actions.newest(),
         "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
@@ -203,7 +185,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
 @router.get("/api/admin/studies/{name}")
 async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     """Return a study as it stands: participants, figure, labels, exports."""
-    found = _study(admin, name)
+    found = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
     def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -211,19 +193,13 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
             return participants.list_participants(reader, name, now, found.is_open), how
 
-    try:
-        present, how = await asyncio.to_thread(read)
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
-    protocol = found.protocol
+    present, how = await asyncio.to_thread(read)
+    protocol, shown = found.protocol, ("frozen_ms", "closed_ms", "protocol_hash", "commitment")
     return {
         "name": name,
         "title": protocol.title,
         "status": "open" if found.is_open else "closed",
-        "frozen_ms": found.frozen_ms,
-        "closed_ms": found.closed_ms,
-        "protocol_hash": found.protocol_hash,
-        "commitment": found.commitment,
+        **{each: getattr(found, each) for each in shown},
         "level": protocol.env_config.level,
         "where": protocol.rules.where(protocol.env_config),
         "max_steps": protocol.env_config.limit,
@@ -246,11 +222,8 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
         raise HTTPException(
             422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
         )
-    _study(admin, name)
-    try:
-        closed = await asyncio.to_thread(admin.progress.folder.close, name)
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.progress.folder.study(name)
+    closed = await asyncio.to_thread(admin.progress.folder.close, name)
     await admin.progress.note_if_closed(closed)
     await asyncio.to_thread(admin.figures.forget, name)
     return {"closed_ms": closed.closed_ms}
@@ -259,13 +232,9 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
 @router.post("/api/admin/studies/{name}/invitations", status_code=201)
 async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) -> dict[str, Any]:
     """Issue invitations and return their tokens."""
-    found = _study(admin, name)
-    try:
-        issued = await asyncio.to_thread(
-            admin.progress.recruitment.invitations.issue, name, wanted.count
-        )
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    found = admin.progress.folder.study(name)
+    issue = admin.progress.recruitment.invitations.issue
+    issued = await asyncio.to_thread(issue, name, wanted.count)
     return {"tokens": [token_of(found, each.id) for each in issued]}
 
 
@@ -274,13 +243,9 @@ async def revoke_invitations(
     admin: Operator, name: str, given: RevokedInvitations
 ) -> dict[str, Any]:
     """Take invitations back; whoever has agreed with one goes on."""
-    _study(admin, name)
-    try:
-        revoked = await asyncio.to_thread(
-            admin.progress.recruitment.invitations.revoke, name, given.ids
-        )
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.progress.folder.study(name)
+    revoke = admin.progress.recruitment.invitations.revoke
+    revoked = await asyncio.to_thread(revoke, name, given.ids)
     return {"revoked": [each.id for each in revoked]}
 
 
@@ -289,13 +254,10 @@ async def begin_export(
     admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
 ) -> dict[str, Any]:
     """Begin to make the report or the release; a release needs a closed study."""
-    found = _study(admin, name)
+    found = admin.progress.folder.study(name)
     if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
-    try:
-        admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
-    except ExportError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
     return admin.exports.state(name)
 
 
@@ -328,20 +290,10 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
         return
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
-        try:
-            session = await services_of(websocket).lobby.get(session_id)
-        except UnknownSessionError as error:
-            await websocket.send_text(encode_error(str(error)))
-            await close(websocket, UNKNOWN_SESSION, "unknown session")
-            return
-        sender = asyncio.create_task(_send(websocket, live_boards.board_messages(session)))
-        try:
-            while (await websocket.receive())["type"] != "websocket.disconnect":
-                pass
-        finally:
-            sender.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sender
+        asked = services_of(websocket).lobby.get(session_id)
+        if (session := await session_or_close(websocket, asked)) is not None:
+            messages = live_boards.board_messages(session)
+            await send_while(ignore_all(websocket), _send(websocket, messages))
 
 
 async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:
