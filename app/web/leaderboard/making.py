@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 from app.jobs import Jobs, Progress
 from app.tasks.mars.policies import PolicyCatalogue
-from app.web.leaderboard.entries import OFFERED, LeaderboardEntry, offered_entry
+from app.web.leaderboard.entries import OFFERED, LeaderboardEntry, entry_of
 from app.web.leaderboard.evaluations import (
     Evaluation,
     Origin,
@@ -20,7 +20,7 @@ from app.web.leaderboard.evaluations import (
 
 def offered_boards() -> dict[str, LeaderboardEntry]:
     """Return the boards on offer by their ids."""
-    return {entry.id: entry for entry in map(offered_entry, OFFERED)}
+    return {entry.id: entry for entry in map(entry_of, OFFERED)}
 
 
 def make_board(
@@ -36,25 +36,15 @@ def make_board(
 
     `advance` is called with the number of policies that are done and their number.
     """
-    origin = Origin(
-        version("marsexplorer-playground"),
-        f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard",
-    )
+    command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
+    origin = Origin(version("marsexplorer-playground"), command)
     size = (entry.config.rows, entry.config.cols)
-    sources = {
-        offer.name: offer.source
-        for offer in PolicyCatalogue().offers()
-        if offer.size in (None, size)
-    }
-    wanted = list(entry.evaluations(sources).values())
-    found = [
-        kept.find(each) if kept is not None and each.policy not in again else None
-        for each in wanted
-    ]
-    waiting = [
-        old or jobs.submit(make_figure, each, origin)
-        for each, old in zip(reversed(wanted), reversed(found), strict=True)
-    ]  # the slowest first
+    offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
+    wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
+    waiting = []
+    for each in reversed(wanted):  # the slowest first
+        old = kept.find(each) if kept is not None and each.policy not in again else None
+        waiting.append(old or jobs.submit(make_figure, each, origin))
     figures = []
     for figure in reversed(waiting):
         figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
