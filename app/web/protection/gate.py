@@ -30,6 +30,18 @@ Answer = Callable[[Request, int, str], Response]
 SHOWN = 60
 """Characters of a stranger's input that a refusal repeats, at most."""
 
+FOREIGN_HOST = (
+    "this server does not answer for the host {!r}: open it by its IP address or as localhost; its operator makes a public "
+    "address known with serve --public-url URL"
+)
+MALFORMED_ORIGIN = (
+    "an Origin must be null or scheme://host, as browsers send it, got {!r}; a script needs none"
+)
+FOREIGN_PAGE = (
+    "this call changes something, so it must come from a page of this server or from a script, and it came with {}; behind a "
+    "proxy, serve --public-url URL names the pages' address"
+)
+
 
 class RefusedRequestError(Exception):
     """A request, or the handshake of a socket, is refused: with a status and one sentence.
@@ -85,12 +97,7 @@ class Gate:
             raise RefusedRequestError(400, f"a request must name {MOST_HOSTS} hosts at most")
         for host in hosts:
             if not serves(self._names, host):
-                raise RefusedRequestError(
-                    400,
-                    f"this server does not answer for the host {host[:SHOWN]!r}: open it by its IP "
-                    "address or as localhost; its operator makes a public address known with "
-                    "serve --public-url URL",
-                )
+                raise RefusedRequestError(400, FOREIGN_HOST.format(host[:SHOWN]))
 
     def _own(self, scope: Scope) -> bool | None:
         """Return what `has_own_origin` says; RefusedRequestError for another site's change."""
@@ -98,23 +105,12 @@ class Gate:
         try:
             own = read_origin(headers, self._public_url)
         except MalformedOriginError as error:
-            raise RefusedRequestError(
-                403,
-                "an Origin must be null or scheme://host, as browsers send it, "
-                f"got {str(error)[:SHOWN]!r}; a script needs none",
-            ) from error
+            raise RefusedRequestError(403, MALFORMED_ORIGIN.format(str(error)[:SHOWN])) from error
         if is_changing(scope) and (own is False or (own is None and is_foreign_fetch(headers))):
-            came = (
-                f"Origin {headers['origin'][:SHOWN]!r}"
-                if "origin" in headers
-                else "Sec-Fetch-Site of another site"
-            )
-            raise RefusedRequestError(
-                403,
-                "this call changes something, so it must come from a page of this server or from a "
-                f"script, and it came with {came}; behind a proxy, serve --public-url URL names "
-                "the pages' address",
-            )
+            came = "Sec-Fetch-Site of another site"
+            if "origin" in headers:
+                came = f"Origin {headers['origin'][:SHOWN]!r}"
+            raise RefusedRequestError(403, FOREIGN_PAGE.format(came))
         return own
 
     async def _refuse(
