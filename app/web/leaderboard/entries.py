@@ -1,12 +1,14 @@
 """The entries of the leaderboard: one for each configuration that people play, and one for each closed study.
 
 In a closed study people and policies are on the very same terrains. An open one is not shown: a mean that changes with every
-episode would reveal hidden scores to its players.
+episode would reveal hidden scores to its players. `make_board` makes the figures that the package comes with.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 from app.db.reader import Reader
 from app.db.studies import closed_studies, count_participants
 from app.db.trial import Trial
+from app.jobs import Jobs, Progress
 from app.report.moves.likeness import human_likeness
 from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.human_level import VolunteerFigures
@@ -24,8 +27,16 @@ from app.series.data import StudyData, load
 from app.series.policy_episodes import closed_seeds
 from app.series.policy_files import FOLDER, PolicyFiles
 from app.task import Configuration, PolicyError
+from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.rules import MarsRules
-from app.web.leaderboard.evaluations import Evaluation
+from app.web.leaderboard.evaluations import (
+    Evaluation,
+    Origin,
+    ShippedFigure,
+    ShippedFigures,
+    file_sha256,
+    to_document,
+)
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
@@ -170,3 +181,43 @@ def entry_of(config: Configuration, human: dict[str, Any] | None = None) -> Lead
     if MARS.of_level(config.level, (config.rows, config.cols)) != config:
         name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
     return LeaderboardEntry(name, title, config, human, held_out_seeds(config))
+
+
+def offered_boards() -> dict[str, LeaderboardEntry]:
+    """Return the boards on offer by their ids."""
+    return {entry.id: entry for entry in map(entry_of, OFFERED)}
+
+
+def make_board(
+    entry: LeaderboardEntry,
+    jobs: Jobs,
+    advance: Progress,
+    kept: ShippedFigures | None = None,
+    again: Sequence[str] = (),
+) -> str:
+    """Play a board's policies and return the text of its file.
+
+    kept   figures that are taken where they still hold, except for the policies in `again`
+
+    `advance` is called with the number of policies that are done and their number.
+    """
+    command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
+    origin = Origin(version("marsexplorer-playground"), command)
+    size = (entry.config.rows, entry.config.cols)
+    offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
+    wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
+    waiting = []
+    for each in reversed(wanted):  # the slowest first
+        old = kept.find(each) if kept is not None and each.policy not in again else None
+        waiting.append(old or jobs.submit(make_figure, each, origin))
+    figures = []
+    for figure in reversed(waiting):
+        figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
+        advance(len(figures), len(wanted))
+    return to_document(entry.config, entry.seeds, figures, origin)
+
+
+def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+    """Play an evaluation and return its figure."""
+    figure, steps = wanted.play()
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)

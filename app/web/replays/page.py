@@ -50,19 +50,22 @@ def render(
     return text
 
 
+def document(
+    episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
+) -> dict[str, Any]:
+    """Return what the page of a replay reads; no seed, no player and no session is in it."""
+    config = course.config
+    return {
+        "episode": episode_id, "level": config.level, "rows": config.rows, "cols": config.cols,
+        "run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred,
+    }  # fmt: skip
+
+
 def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
     """Return the HTML of a replay that needs neither server nor network."""
-    data = {
-        "episode": episode_id,
-        "level": course.config.level,
-        "rows": course.config.rows,
-        "cols": course.config.cols,
-        "run": course.to_dict(),
-        "ghosts": [] if ghost is None else [ghost.name],
-        "preferred": None if ghost is None else ghost.name,
-        "ghost": None if ghost is None else ghost.to_dict(),
-    }
-    return render(data, course, inlined=_inlined())
+    name, shown = (None, None) if ghost is None else (ghost.name, ghost.to_dict())
+    data = document(episode_id, course, [] if name is None else [name], name)
+    return render({**data, "ghost": shown}, course, inlined=_inlined())
 
 
 @lru_cache(maxsize=1)

@@ -21,6 +21,7 @@ from app.web.replays.episodes import (
     shown_episode,
 )
 from app.web.replays.files import Format, file_of
+from app.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""
@@ -42,17 +43,8 @@ class Replay:
     preferred: str | None
 
     def document(self) -> dict[str, Any]:
-        """Return what the page reads; no seed, no player and no session is in it."""
-        config = self.course.config
-        return {
-            "episode": self.episode.id,
-            "level": config.level,
-            "rows": config.rows,
-            "cols": config.cols,
-            "run": self.course.to_dict(),
-            "ghosts": list(self.ghosts),
-            "preferred": self.preferred,
-        }
+        """Return what the page reads."""
+        return document(self.episode.id, self.course, self.ghosts, self.preferred)
 
 
 class Replays:

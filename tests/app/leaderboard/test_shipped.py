@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.jobs import Jobs
+from app.web.leaderboard.entries import make_board, make_figure, offered_boards
 from app.web.leaderboard.evaluations import (
     FOLDER,
     Evaluation,
@@ -15,7 +16,6 @@ from app.web.leaderboard.evaluations import (
     file_name,
     to_document,
 )
-from app.web.leaderboard.making import make_board, make_figure, offered_boards
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import steps_to_target

@@ -5,6 +5,7 @@ absent, memory stays bounded, what is malformed is answered with 4xx and without
 SIGTERM under all of that ends with a closed database.
 """
 
+import json
 import random
 import signal
 import socket
@@ -204,6 +205,17 @@ def test_what_is_malformed_is_answered_with_4xx_closed_and_not_logged(spawn):
     said = server.process.stdout.read()
     server.close()
     assert said.strip() == "", said[:2000]
+
+
+def test_a_websocket_that_is_refused_is_told_why_and_closed(serve):
+    server = serve(limits=Limits(sockets=1))
+    session = server.client().post("/api/sessions", json={"size": 9}).json()["session"]
+    with server.socket(session) as board:
+        board.receive("frame")
+        head, _, body = asked(server, HANDSHAKE + b"\r\n").partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 503 ")
+    assert b"retry-after: 30" in head.lower()
+    assert json.loads(body)["detail"].startswith("too many sockets are open")
 
 
 def ping_until_closed(connection, seconds):
