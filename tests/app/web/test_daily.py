@@ -19,10 +19,8 @@ from app.series.verification import verify_database
 from app.tasks.mars.messages import NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
-from app.web.simulate import occupancy_codes
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import EnvConfig
 from marsexplorer.episode import unpack_terrain
-from marsexplorer.policies import load
 from tests.support.servers import eventually
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "daily.md"
@@ -47,17 +45,6 @@ def begin(page, status=(200, 201)):
     answer = page.post("/api/daily")
     assert answer.status_code in status, answer.text
     return answer.json()
-
-
-def play_to_the_end(server, page, about):
-    policy = load("frontier-cost")
-    policy.reset(1)
-    with server.socket(about["session"], page) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
-            frame = socket.frame_after(frame["step"])
-    return frame
 
 
 def hidden_from(client, about, terrain):
@@ -100,7 +87,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     watcher = f"/ws/watch/{about['frame']['episode']}"
     with server.socket("", other, path=watcher) as socket:
         assert "no episode" in socket.receive("error")["detail"]
-    frame = play_to_the_end(server, page, about)
+    frame = server.explore(page, about["session"])
     assert "played once" in begin(page, (409,))["detail"]
     begin(other)
     with server.socket("", other, path=watcher) as socket:
@@ -234,7 +221,7 @@ def test_a_complete_episode_in_a_cave_is_all_of_what_can_be_discovered(serve, mo
     monkeypatch.setattr(Mars, "daily", EnvConfig.of("cave", (9, 12)))
     server = at_noon(serve())
     page = server.page()
-    frame = play_to_the_end(server, page, begin(page))
+    frame = server.explore(page, begin(page)["session"])
     assert frame["outcome"] == "explored"
     assert frame["cells"] < 9 * 12
     answer = page.get(f"/api/daily/{utc_day(server.clock.now_ms())}/results").json()

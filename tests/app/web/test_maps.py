@@ -8,9 +8,10 @@ import pytest
 from app.cli.main import main
 from app.db.resimulation import simulate
 from app.tasks.mars.run import View
-from marsexplorer.config import ACTIONS, MAP, EnvConfig
+from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from tests.app.web.test_api import play
 from tests.support.map_files import INSIDES, WAREHOUSE, write_map
 
 CELLS = WAREHOUSE.size - INSIDES
@@ -23,19 +24,10 @@ def warehouse(tmp_path):
 
 def explore(client, begun):
     """Play the rule to the end of the episode and return its last frame, each one compared with an episode of our own."""
-    policy, frame = load("frontier-cost"), begun["frame"]
-    start = tuple(frame["position"])
-    episode = Episode.begin(EnvConfig.of(MAP, WAREHOUSE.shape), terrain=WAREHOUSE, start=start)
-    policy.reset(0)
-    assert json.loads(View(episode).frame(frame["episode"])) == frame
-    while frame["outcome"] is None:
-        action = policy.act(episode.codes.copy())
-        episode.step(action)
-        body = {"episode": frame["episode"], "step": frame["step"], "action": ACTIONS[action]}
-        answer = client.post(f"/api/sessions/{begun['session']}/act", json=body)
-        assert answer.text == View(episode).frame(frame["episode"])
-        frame = answer.json()
-    return frame
+    config, start = EnvConfig.of(MAP, WAREHOUSE.shape), tuple(begun["frame"]["position"])
+    episode = Episode.begin(config, terrain=WAREHOUSE, start=start)
+    assert json.loads(View(episode).frame(begun["frame"]["episode"])) == begun["frame"]
+    return play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
 
 
 def test_a_map_is_played_to_its_end_and_again_after_a_restart_without_its_file(serve, warehouse):
