@@ -281,12 +281,3 @@ def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
     fits(page, ("board-player", "board-rival", "chart", "pad-south"), 820, 1180)
     apart(page, "board-player", "board-rival", "chart", "pad-north", "pad-east")
     assert me.errors == []
-
-
-def test_touch_arrows_drive(serve, player):
-    server = serve()
-    me = player(server, [*NO_3D, *AS_A_PERSON], 390, 844, has_touch=True, is_mobile=True)
-    me.begin(size=[9, 12], seed=3)
-    me.page.get_by_test_id("pad-east").tap()
-    me.wait("window.mars.state.player.frame.step === 1")
-    assert me.state()["position"] == [0, 1]

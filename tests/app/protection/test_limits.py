@@ -282,14 +282,6 @@ def test_a_body_that_does_not_come_in_time_is_answered_408_and_one_that_is_slow_
         assert connection.recv(65536).startswith(b"HTTP/1.1 201 ")
 
 
-def test_a_body_that_is_too_long_is_answered_413_also_without_a_length(serve):
-    server = serve()
-    with opened(server) as connection:
-        connection.sendall(BODY.replace(b"Content-Length: 1000", b"Transfer-Encoding: chunked"))
-        connection.sendall(b"11170\r\n" + b" " * 70_000)
-        assert connection.recv(65536).startswith(b"HTTP/1.1 413 ")
-
-
 def test_an_answer_that_nobody_takes_ends_and_one_that_is_taken_slowly_is_whole(serve):
     server = serve(limits=Limits(answer_s=0.5))
     ask = b"GET /viewer/client/ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"

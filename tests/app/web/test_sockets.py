@@ -10,7 +10,6 @@ from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
-from tests.support.servers import eventually
 
 
 @pytest.fixture
@@ -119,15 +118,6 @@ def test_an_unknown_session_closes_with_4404(server, path):
         messages, code = rest_until_closed(socket)
     assert code == 4404
     assert all("no session 'nobody'" in message["detail"] for message in messages)
-
-
-def test_subscribers_are_counted_and_leave(server, board):
-    client, begun = board
-    with server.socket(begun["session"], client) as socket:
-        socket.receive("history")
-        channel = next(iter(server.services.lobby._groups.values())).player.channel
-        assert channel.subscribers == 1
-    eventually(lambda: channel.subscribers == 0)
 
 
 def test_a_server_that_stops_closes_its_sockets_with_a_code_that_says_it(server, board):
