@@ -29,11 +29,12 @@ from pydantic import Field
 from app.board.messages import Message
 from app.db.reader import Reader
 from app.series.invitations import MAX_INVITATIONS, token_of
+from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import close, is_operator, services_of
 from app.web.errors import status_of
 from app.web.operator import live_boards, participants
-from app.web.operator.exports import ExportKind
+from app.web.operator.exports import ExportError, ExportKind
 from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from app.web.operator.participants import recruiting
 from app.web.operator.services import AdminServices
@@ -109,12 +110,20 @@ Operator = Annotated[AdminServices, Depends(check_operator)]
 class LoggedRoute(APIRoute):
     """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
 
-    The login logs itself, since only it knows who came.
+    The login logs itself, since only it knows who came. What is wrong with a study is told as it is.
     """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler with its entry in the log around it."""
-        handler = super().get_route_handler()
+        handle = super().get_route_handler()
+
+        async def handler(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except (StudyError, ExportError) as error:
+                is_none = isinstance(error, (UnknownStudyError, DraftStudyError))
+                raise HTTPException(404 if is_none else 409, str(error)) from error
+
         if self.name == "login" or (
             (self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"
         ):
