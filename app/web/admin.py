@@ -7,26 +7,18 @@ so, and browsers send the cookie from nowhere else.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
-from collections.abc import AsyncGenerator, Callable, Coroutine
-from contextlib import closing
+from collections.abc import Callable, Coroutine
+from contextlib import aclosing, closing
 from typing import Annotated, Any
 
-from fastapi import (
-    APIRouter,
-    Depends,
-    HTTPException,
-    Request,
-    Response,
-    WebSocket,
-    WebSocketDisconnect,
-)
+from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket
 from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from pydantic import Field
 
 from app.board.messages import Message
+from app.board.session import Session
 from app.db.reader import Reader
 from app.series.invitations import MAX_INVITATIONS, token_of
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
@@ -39,7 +31,7 @@ from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from app.web.operator.participants import recruiting
 from app.web.operator.services import AdminServices
 from app.web.protection import client_address, has_own_origin
-from app.web.sockets import ignore_all, send_while, session_or_close
+from app.web.sockets import ignore_all, send_while, serve_session
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
@@ -297,17 +289,16 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     if not await is_operator(websocket):
         await close(websocket, NOT_LOGGED_IN, "log in at /admin first")
         return
-    await websocket.accept()
-    with contextlib.suppress(WebSocketDisconnect):
-        asked = services_of(websocket).lobby.get(session_id)
-        if (session := await session_or_close(websocket, asked)) is not None:
-            messages = live_boards.board_messages(session)
-            await send_while(ignore_all(websocket), _send(websocket, messages))
+
+    async def watch(session: Session) -> None:
+        await send_while(ignore_all(websocket), _send(websocket, session))
+
+    await serve_session(websocket, services_of(websocket).lobby.get(session_id), watch)
 
 
-async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:
-    """Send each message for as long as the operator is logged in."""
-    async with contextlib.aclosing(messages):
+async def _send(websocket: WebSocket, session: Session) -> None:
+    """Send each message of a board for as long as the operator is logged in."""
+    async with aclosing(live_boards.board_messages(session)) as messages:
         async for message in messages:
             if not await is_operator(websocket):
                 await close(websocket, NOT_LOGGED_IN, "logged out")

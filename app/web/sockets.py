@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
@@ -38,16 +38,19 @@ UNKNOWN_SESSION = 4404
 router = APIRouter()
 
 
-async def session_or_close(
-    websocket: WebSocket, asked: Coroutine[Any, Any, Session]
-) -> Session | None:
-    """Return the session that a socket asks for; None when there is none: then it was told so, and closed."""
-    try:
-        return await asked
-    except UnknownSessionError as error:
-        await websocket.send_text(encode_error(str(error)))
-        await close(websocket, UNKNOWN_SESSION, "unknown session")
-        return None
+async def serve_session(
+    websocket: WebSocket, asked: Awaitable[Session], serve: Callable[[Session], Awaitable[None]]
+) -> None:
+    """Accept a socket and serve the session that it asks for; where there is none, say so and close the socket."""
+    await websocket.accept()
+    with contextlib.suppress(WebSocketDisconnect):
+        try:
+            session = await asked
+        except UnknownSessionError as error:
+            await websocket.send_text(encode_error(str(error)))
+            await close(websocket, UNKNOWN_SESSION, "unknown session")
+            return
+        await serve(session)
 
 
 async def ignore_all(websocket: WebSocket) -> None:
@@ -70,11 +73,8 @@ async def send_while(receiving: Awaitable[None], sending: Coroutine[Any, Any, No
 @router.websocket("/ws/sessions/{session_id}")
 async def play_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one play socket until it leaves."""
-    await websocket.accept()
-    with contextlib.suppress(WebSocketDisconnect):
-        asked = visible_session(websocket, session_id)
-        if (session := await session_or_close(websocket, asked)) is not None:
-            await PlaySocket(websocket, session).serve()
+    asked = visible_session(websocket, session_id)
+    await serve_session(websocket, asked, lambda session: PlaySocket(websocket, session).serve())
 
 
 class PlaySocket:

@@ -9,16 +9,6 @@ from app.web.protection.hosts import Proxies, client_address, is_secure, own_nam
 from app.web.protection.limits import LimitedClients, Protection
 
 __all__ = [
-    "NO_CACHE",
-    "SHARED",
-    "Gate",
-    "LimitedClients",
-    "Protection",
-    "Proxies",
-    "client_address",
-    "has_own_origin",
-    "is_secure",
-    "own_names",
-    "page_policy",
-    "viewer_policy",
-]
+    "NO_CACHE", "SHARED", "Gate", "LimitedClients", "Protection", "Proxies", "client_address", "has_own_origin", "is_secure",
+    "own_names", "page_policy", "viewer_policy",
+]  # fmt: skip
