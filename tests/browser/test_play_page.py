@@ -35,10 +35,8 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     stage, corner = boxes_of(me.page, "stage-player", "canvas-player")
     assert corner["width"] < stage["width"] / 3
 
-    view, matrix = (
-        me.still("stage-player"),
-        me.picture("canvas-player"),
-    )  # the map lies on the stage
+    # the map lies on the stage
+    view, matrix = me.still("stage-player"), me.picture("canvas-player")
     there, back = there_and_back(me)
     me.press(there)
     me.changes("canvas-player", matrix)
@@ -163,20 +161,6 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     me.page.reload()
     me.wait("window.mars.state.level === 'warehouse'")
     assert me.page.get_by_test_id("level").input_value() == "map:warehouse"
-    assert me.errors == []
-
-
-def test_the_ranked_game_shows_no_rival_until_its_end(serve, player):
-    server = serve()
-    me = player(server, NO_3D)
-    me.goto()
-    me.page.get_by_test_id("mode-ranked").click()
-    me.wait("window.mars.state.mode === 'ranked' && window.mars.state.player.frame.step === 0")
-    assert me.state("rival") is None
-    me.press("north")
-    me.wait("window.mars.state.rival && window.mars.state.rival.frame.step > 2")
-    me.page.get_by_test_id("end-card").wait_for()
-    assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     assert me.errors == []
 
 

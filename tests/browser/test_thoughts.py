@@ -128,6 +128,7 @@ def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_
     # so that the 3-D views show the paths as well
     assert asked.value.post_data_json["replays"] == about["session"]
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
+    assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
     parts = ("end-card", "board-player")
     card, board = (me.page.get_by_test_id(each).bounding_box() for each in parts)
