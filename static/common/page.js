@@ -92,9 +92,7 @@ export function createRepaint(paint) {
 
 /** Return the elements of a place by their `data-part`.
  * @param {ParentNode} root @returns {Record<string, HTMLElement>} */
-export function partsOf(root) {
-  return Object.fromEntries(all("[data-part]", root).map((each) => [each.dataset.part, each]));
-}
+export const partsOf = (root) => Object.fromEntries(all("[data-part]", root).map((each) => [each.dataset.part, each]));
 
 /** Return the room of elements in CSS pixels, without asking for a layout at each repaint.
  * @param {() => void} onChange another size */

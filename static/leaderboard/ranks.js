@@ -57,9 +57,7 @@ export function invitation({ study }) {
 }
 
 /** @param {number | null | undefined} share @returns a share of people's moves as text, a dash where it is not known */
-function likenessText(share) {
-  return typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
-}
+const likenessText = (share) => typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
 
 /** @param {Leaderboard.Row} row @param {number} columns @returns the row of a policy without a figure: how far it is */
 function missing({ policy }, columns) {
@@ -119,9 +117,7 @@ export function placeOf({ near, far }, value) {
 
 /** Return the strip in which the axis is broken, as shares of the width; null where it is whole.
  * @param {Leaderboard.Scale} scale */
-export function breakOf({ near, far }) {
-  return far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
-}
+export const breakOf = ({ near, far }) => far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
 
 const EDGES = { left: 44, right: 12, top: 10, bottom: 40 };
 const dashes = (/** @type {string} */ dash) => (dash ? dash.split(" ").map(Number) : []);
