@@ -19,7 +19,7 @@ from app.board.attestation import Attested
 from app.board.messages import ChangePace, Pace, PaceMode
 from app.board.session import HUMAN, Participation, Session
 from app.board.sources import Sources, WatchIds
-from app.db.store import Control, DailyDay, Resumable, SessionRow, Store, Trial
+from app.db.store import Control, Resumable, SessionRow, Store, Trial
 from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode
 
 
@@ -134,17 +134,6 @@ class Lobby:
             replayed.pair_with(player)
         return player
 
-    async def create_daily(
-        self, player_id: str, config: Configuration, seed: int, daily: DailyDay
-    ) -> Session:
-        """Return a new board with a player's attempt at a daily terrain; StoreError when they have one on that day."""
-        rows = self._session_rows([HUMAN], player_id, "cookie")
-        board = Session(rows[0], self.task, self.store, self.sources.clock_ms)
-        _, runs = await self._begin_episodes(Choice(config, seed), 1)
-        adding = contextmanager(partial(self._adding, player_id, rows))
-        await self._open_episodes([board], runs, seed, False, lambda _: adding(), daily=daily)
-        return self._add_group([board]).player
-
     async def get(self, session_id: str) -> Session:
         """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
         group = self._groups.get(session_id) or await self._resume(session_id)
@@ -185,20 +174,22 @@ class Lobby:
             await self._open_episodes(group.boards, runs, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
 
-    def new_board(self, player_id: str, participation: Participation) -> Session:
-        """Return a new board for a participant; nobody can find it before `begin` opens its first episode."""
-        id_, now = self.sources.session_id(), self.sources.clock_ms()
-        row = SessionRow(
-            id_, player_id, HUMAN, None, "paused", DEFAULT_MOVES_PER_SECOND, now, "cookie"
-        )
+    def new_board(self, player_id: str, participation: Participation | None = None) -> Session:
+        """Return a new board for episodes of a series; nobody can find it before `begin` opens the first of them."""
+        (row,) = self._session_rows([HUMAN], player_id, "cookie")
         return Session(row, self.task, self.store, self.sources.clock_ms, participation)
 
     async def begin(
-        self, board: Session, config: Configuration, seed: int, within: EpisodeTransaction
+        self,
+        board: Session,
+        config: Configuration,
+        seed: int,
+        within: EpisodeTransaction,
+        series: str,
     ) -> None:
-        """Begin the next episode of a participant's board, on the terrain of a seed that the study fixed."""
+        """Begin the next episode of a board of a series, on the terrain of a seed that the series fixed."""
         _, runs = await self._begin_episodes(Choice(config, seed), 1)
-        await self._open_episodes([board], runs, seed, False, within)
+        await self._open_episodes([board], runs, seed, False, within, series=series)
         if board.id not in self._groups:
             self._add_group([board])
 
@@ -264,7 +255,7 @@ class Lobby:
         session = await self.get(session_id)
         if driver == HUMAN:
             raise ValueError("only a policy replays another session's episode; name one as player")
-        if session.participation is not None or not session.shown.ended:
+        if session.current.series or not session.shown.ended:
             raise ValueError(f"session {session_id!r} has no ended episode to be replayed beside")
         return session
 
@@ -283,7 +274,7 @@ class Lobby:
         seed_chosen: bool,
         within: EpisodeTransaction | None = None,
         left: Sequence[Session] = (),
-        daily: DailyDay | None = None,
+        series: str = "",
     ) -> None:
         """Close the running episodes and open the next in one transaction, then publish; an error changes nothing."""
         async with AsyncExitStack() as held:
@@ -306,7 +297,7 @@ class Lobby:
                     driver=board.driver,
                     assisted=len(boards) > 1,
                     started_ms=now,
-                    daily=daily,
+                    series=series,
                 )
                 for board, record in zip(boards, [each.record() for each in runs], strict=True)
             ]

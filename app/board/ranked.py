@@ -102,8 +102,8 @@ class PageBoards:
         """
         with suppress(UnknownSessionError):
             session = await self._lobby.get(session_id)
-            is_other = session.participation is not None or session.current.daily is not None
-            return session if session.row.player_id == player_id and not is_other else None
+            is_own = session.row.player_id == player_id and not session.current.series
+            return session if is_own else None
         return None
 
     async def with_link(self, player_id: str, link: str) -> Session | None:

@@ -278,14 +278,8 @@ class Session:
     def counts(self) -> bool:
         """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
-        is_persons = self.is_human and self.participation is None and self.takes_persons_moves
-        is_known = (
-            is_persons
-            and row.driver == HUMAN
-            and not row.assisted
-            and not row.seed_chosen
-            and row.daily is None
-        )
+        is_persons = self.is_human and self.takes_persons_moves and row.driver == HUMAN
+        is_known = is_persons and not (row.assisted or row.seed_chosen or row.series)
         return is_known and (
             self.attested is None or level_reaches(self.attested.level, "attested")
         )

@@ -1,11 +1,11 @@
 """An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no longer fits its entry.
 
-The table `chain` has an entry for each study, each session with a move, each finished episode with its steps and input
-events, each batch of input events that came after an episode's end, and each state of a participant. An entry's `hash` is
-SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head before it, so that a
-head which was printed or published stands for everything up to it. The table `chain_salts` names what the latest entries
-stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by trying: when
-somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
+The table `chain` has an entry for each study and each daily terrain, each session with a move, each finished episode with its
+steps and input events, each batch of input events that came after an episode's end, and each state of a participant. An
+entry's `hash` is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head
+before it, so that a head which was printed or published stands for everything up to it. The table `chain_salts` names what the
+latest entries stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by
+trying: when somebody is forgotten their salts are deleted and an entry of kind `forgotten` lists the entries that lost them.
 
 An entry that was found not to fit the rows on a merge, or when somebody was forgotten, is not sound: it keeps the hash that
 did not fit, and `verify` goes on reporting it.
@@ -24,7 +24,7 @@ from typing import Any, Literal, NamedTuple
 
 from app.db.columns import TABLES
 
-Kind = Literal["study", "session", "episode", "events", "participant"]
+Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
 DAY_MS = 86_400_000
@@ -75,7 +75,7 @@ _EVENTS = _Part(
     "input_events", "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
 )
 _PARTS: dict[Kind, tuple[_Part, ...]] = {
-    "study": (_Part("studies", "name = :id"),),
+    "series": (_Part("series", "name = :id"),),
     "session": (
         _Part("sessions", "id = :id"),
         _Part(
@@ -87,13 +87,8 @@ _PARTS: dict[Kind, tuple[_Part, ...]] = {
     "episode": (
         _Part("episodes", "id = :id"),
         _Part("steps", "episode_id = :id ORDER BY step"),
-        _Part("study_episodes", "episode_id = :id"),
+        _Part("series_episodes", "episode_id = :id"),
         _EVENTS,
-        _Part("daily_attempts", "episode_id = :id"),
-        _Part(
-            "daily_terrains",
-            "commitment = (SELECT commitment FROM daily_attempts WHERE episode_id = :id)",
-        ),
     ),
     "events": (_EVENTS,),
     "participant": (
@@ -106,7 +101,7 @@ _PARTS: dict[Kind, tuple[_Part, ...]] = {
 _NUMBER = TABLES["input_events"].names("chain").index("number")
 
 OWNERS: dict[Kind, str] = {
-    "study": "SELECT name FROM studies",
+    "series": "SELECT name FROM series",
     "session": "SELECT session_id FROM episodes e WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id)",
     "episode": "SELECT id FROM episodes WHERE ended_ms IS NOT NULL",
     "participant": "SELECT id FROM participants",

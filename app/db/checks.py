@@ -21,19 +21,21 @@ from app.db.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link
 from app.db.database import StoreError, check_writable, reading, rows, transaction
 from app.db.reader import Reader, now_ms
 from app.db.resimulation import Finding, simulate
-from app.db.study_rows import ORDER_EVENT, StudyRow
+from app.db.study_rows import ORDER_EVENT, SeriesRow
 
 _MAY_HAVE_ENTRY: dict[Kind, str] = {**OWNERS, "session": "SELECT id FROM sessions"}
 """Kind of entry in the chain -> the ids (SQL) that may have one."""
 
+_PLACED = """SELECT e.*, x.series, x.phase, x.trial, x.terrain AS terrain_index, x.player_id, s.owner_id FROM series_episodes x
+    JOIN episodes e ON e.id = x.episode_id JOIN sessions s ON s.id = e.session_id"""
 _MOVED_SESSIONS = """SELECT DISTINCT e.session_id FROM episodes e
     WHERE EXISTS (SELECT 1 FROM steps WHERE episode_id = e.id){within} ORDER BY e.session_id"""
 
 
-def studies(conn: sqlite3.Connection, only: str | None = None) -> list[StudyRow]:
-    """Return every study, or (only) the one of this name."""
-    sql = "SELECT * FROM studies WHERE ? IS NULL OR name = ?"
-    return [StudyRow(*row) for row in conn.execute(sql, (only, only))]
+def series(conn: sqlite3.Connection, only: str | None = None) -> list[SeriesRow]:
+    """Return every series, or (only) the one of this name."""
+    sql = "SELECT * FROM series WHERE ? IS NULL OR name = ?"
+    return [SeriesRow(*row) for row in conn.execute(sql, (only, only))]
 
 
 def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
@@ -48,9 +50,14 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
     """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
-    sql = """SELECT e.*, s.phase, s.trial, s.terrain AS terrain_index FROM study_episodes s
-        JOIN episodes e ON e.id = s.episode_id WHERE s.participant_id = ? ORDER BY s.phase, s.trial"""
-    return rows(conn, sql, participant)
+    return rows(
+        conn, f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial", participant
+    )
+
+
+def attempts_at(conn: sqlite3.Connection, day: str) -> list[dict[str, Any]]:
+    """Return the rows of the attempts at the terrain of a day, as `episodes_of` does, with their players'."""
+    return rows(conn, f"{_PLACED} WHERE x.series = ? ORDER BY e.id", day)
 
 
 def order_events(conn: sqlite3.Connection, participant: str) -> tuple[str, list[str]]:
@@ -111,18 +118,19 @@ def input_of(conn: sqlite3.Connection, ident: str) -> InputOf:
     """Return what the attestation of a finished episode follows from."""
     sql = """SELECT v.* FROM input_events v JOIN episodes e ON e.id = v.episode_id
         WHERE e.id = ? AND v.server_ms <= e.ended_ms ORDER BY v.number"""
-    of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN study_episodes t ON t.participant_id = v.participant_id
+    of = """SELECT v.at_ms, v.detail FROM stage_events v JOIN series_episodes t ON t.participant_id = v.participant_id
         WHERE t.episode_id = ? AND v.kind = ? ORDER BY v.number"""
     settings = [(row["at_ms"], row["detail"]) for row in rows(conn, of, ident, "settings")]
     supervised_ms = [row["at_ms"] for row in rows(conn, of, ident, "supervised")]
-    is_studys = bool(rows(conn, "SELECT 1 FROM study_episodes WHERE episode_id = ?", ident))
+    within = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id IS NOT NULL"
+    is_studys = bool(rows(conn, within, ident))
     return InputOf(rows(conn, sql, ident), settings, supervised_ms, is_studys)
 
 
 def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Finding]:
-    """Yield the studies, sessions and participants whose rows are not those of their entries in the chain."""
-    for row in studies(conn, study):
-        yield from check_thing(conn, "study", row.name)
+    """Yield the series, sessions and participants whose rows are not those of their entries in the chain."""
+    for row in series(conn, study):
+        yield from check_thing(conn, "series", row.name)
     for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
         yield from check_thing(conn, "session", ident)
     for (ident,) in conn.execute(
@@ -138,7 +146,7 @@ def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
         table for table, *_ in conn.execute("PRAGMA foreign_key_check").fetchall()
     )
     for table, count in sorted(without_owner.items()):
-        found = "no episode, participant, session, player or study that they belong to"
+        found = "no episode, participant, session, player or series that they belong to"
         yield Finding(f"table {table}", "keys", count, found)
 
 
@@ -147,7 +155,7 @@ def _within(study: str | None, column: str = "id") -> str:
     if study is None:
         return ""
     inner = (
-        "SELECT s.episode_id FROM study_episodes s JOIN participants p ON p.id = s.participant_id"
+        "SELECT s.episode_id FROM series_episodes s JOIN participants p ON p.id = s.participant_id"
     )
     return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
 

@@ -118,7 +118,7 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
 def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     now = int(time.time() * 1000)
     (protocol,) = conn.execute(
-        "SELECT protocol FROM studies WHERE name = ?", [person["study"]]
+        "SELECT protocol FROM series WHERE name = ?", [person["study"]]
     ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
     hashes = (
@@ -195,7 +195,7 @@ def _sessions_of(
 ) -> list[str]:
     """Return the person's sessions, those outside the study too, without those of other studies' participants."""
     mine = "SELECT id FROM sessions WHERE ?1 IN (player_id, owner_id) OR id = ?2"
-    played = """SELECT DISTINCT e.session_id FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+    played = """SELECT DISTINCT e.session_id FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         WHERE s.participant_id {} ?"""
     found = {row[0] for row in conn.execute(mine, (person["player_id"], person["session_id"]))}
     found |= {row[0] for row in conn.execute(played.format("="), [person["id"]])}
@@ -210,7 +210,7 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
             conn.execute(
                 "INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now)
             )
-        for table in ("event_batches", "input_events", "steps", "study_episodes", "daily_attempts"):
+        for table in ("event_batches", "input_events", "steps", "series_episodes"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
 
@@ -235,7 +235,7 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
         "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
         (new[old], new[player], new.get(session), new.get(invitation), old),
     )
-    for table in ("study_episodes", "stage_events"):
+    for table in ("series_episodes", "stage_events"):
         conn.execute(
             f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old)
         )
@@ -309,7 +309,7 @@ def forgotten_people(
     trajectories = {row[0] for row in target.execute("SELECT trajectory_hash FROM forgotten")}
     if not people | trajectories:
         return []
-    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+    played = f"""SELECT s.participant_id, {TRAJECTORY} FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         WHERE e.ended_ms IS NOT NULL"""
     known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
     found = rows(source, "SELECT * FROM participants")

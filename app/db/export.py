@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.db.columns import TABLES, Column, ColumnType
-from app.db.reader import Reader, Who, now_ms
+from app.db.reader import Reader, Who
 from app.db.resimulation import simulate
 from app.db.trial import Trial
 from marsexplorer.files import to_cell, write_whole
@@ -45,19 +45,20 @@ def export_table(
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
     who      "all", or "human" for the episodes that count
-    public   True leaves out the episodes of studies that are not closed
-    at_ms    when the export is made (None: now): daily terrains whose day is not over are left out
+    public   True leaves out the episodes of studies that are not closed, and of days that are not over
+    at_ms    when a public export is made (None: now)
     """
     _check(table, who)
-    at_ms = now_ms() if at_ms is None else at_ms
     reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
     return _stream(reader, lambda: reader.finished(who), table, key or new_key())
 
 
-def export_own(database: Path, table: ExportTable, player: str) -> Iterator[bytes]:
-    """Yield the table of what one player drove, their daily terrain of today among it; of studies the closed ones alone."""
+def export_own(
+    database: Path, table: ExportTable, player: str, at_ms: int | None = None
+) -> Iterator[bytes]:
+    """Yield the table of what one player drove, but for studies that are open and the daily terrain of today."""
     _check(table, "all")
-    reader = Reader.open(database, public=True)
+    reader = Reader.open(database, public=True, at_ms=at_ms)
     return _stream(reader, lambda: reader.finished("all", player), table, new_key())
 
 
@@ -67,10 +68,12 @@ def write_table(path: Path, database: Path, table: ExportTable, who: Who, at_ms:
         file.writelines(export_table(database, table, who, public=True, at_ms=at_ms))
 
 
-def write_own_table(path: Path, database: Path, table: ExportTable, player: str) -> None:
+def write_own_table(
+    path: Path, database: Path, table: ExportTable, player: str, at_ms: int
+) -> None:
     """Write what `export_own` yields."""
     with path.open("wb") as file:
-        file.writelines(export_own(database, table, player))
+        file.writelines(export_own(database, table, player, at_ms))
 
 
 def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:
@@ -78,7 +81,7 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
 
     advance  called with (episodes written, of how many), both tables counted
     """
-    reader = Reader.open(database, at_ms=now_ms())
+    reader = Reader.open(database)
     total = 2 * reader.count(who)
     reader.close()
     folder.mkdir(parents=True, exist_ok=True)

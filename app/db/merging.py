@@ -17,9 +17,9 @@ from app.db.database import StoreError, open_database, reading, rows, stream, tr
 from app.db.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
-NOT_MERGED = ("meta", "studies", "event_batches", "forgotten", "forgotten_people", "chain", "chain_salts", "operators",
+NOT_MERGED = ("meta", "series", "event_batches", "forgotten", "forgotten_people", "chain", "chain_salts", "operators",
               "operator_actions")  # fmt: skip
-"""Studies and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
+"""Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
 they are, as does the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the
 sources."""
 
@@ -29,7 +29,7 @@ _OWNED: dict[str, Kind] = {"episodes": "episode", "participants": "participant"}
 """Table -> the kind of the thing in the chain whose parts are the rows that refer to it first."""
 
 _TAKEN_PART_TWICE = """SELECT count(*) FROM (SELECT 1 FROM identities i JOIN participants p ON p.id = i.participant_id
-    WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM studies s WHERE s.name = p.study)
+    WHERE i.name = (SELECT json_extract(s.protocol, '$.outside_ids[0]') FROM series s WHERE s.name = p.study)
     GROUP BY p.study, i.name, i.value HAVING count(*) > 1
     UNION ALL SELECT 1 FROM participants WHERE invitation IS NOT NULL AND consent_ms IS NOT NULL
     GROUP BY study, invitation HAVING count(*) > 1)"""
@@ -95,7 +95,7 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     target.execute("PRAGMA defer_foreign_keys = ON")
     known = chain.things(target)
     counted = _parts_of(target, known)
-    _merge_studies(target, source, where)
+    _merge_series(target, source, where)
     hidden = _hidden(target, source)
     counts.forgotten = len(hidden["participants"])
     for table in MERGED:
@@ -230,23 +230,23 @@ def _check_equal(
             )
 
 
-def _merge_studies(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> None:
-    for row in rows(source, "SELECT * FROM studies"):
-        known = rows(target, "SELECT * FROM studies WHERE name = ?", row["name"])
+def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> None:
+    for row in rows(source, "SELECT * FROM series"):
+        known = rows(target, "SELECT * FROM series WHERE name = ?", row["name"])
         if not known:
-            target.execute(TABLES["studies"].insert(), list(row.values()))
+            target.execute(TABLES["series"].insert(), list(row.values()))
             continue
-        _check_same_study(known[0], row, where)
+        _check_same_series(known[0], row, where)
         if all(known[0][name] is not None or row[name] is None for name in ("closed_ms", "secret")):
             continue
-        with chain.changing(target, "study", row["name"]):
+        with chain.changing(target, "series", row["name"]):
             target.execute(
-                "UPDATE studies SET closed_ms = coalesce(closed_ms, ?), secret = coalesce(secret, ?) WHERE name = ?",
+                "UPDATE series SET closed_ms = coalesce(closed_ms, ?), secret = coalesce(secret, ?) WHERE name = ?",
                 (row["closed_ms"], row["secret"], row["name"]),
             )
 
 
-def _check_same_study(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
+def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
     for name in ("protocol_hash", "commitment", "protocol", "frozen_ms"):
         if old[name] != row[name]:

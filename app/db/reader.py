@@ -23,24 +23,22 @@ if TYPE_CHECKING:
 
 Who = Literal["all", "human"]
 
-HUMAN_SCORE_CONDITION = """(e.driver = 'human' AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
-    AND e.steps > 0 AND s.owner_id IS NOT NULL AND e.attestation IN ('attested', 'supervised')
-    AND NOT EXISTS (SELECT 1 FROM study_episodes t WHERE t.episode_id = e.id)
-    AND NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id))"""
-"""The condition (SQL) for an episode to count. One without a move does not count, since nothing shows that a person drove it,
-nor does one with a move that fits no input event of its own (`app.board.attestation`); a study's episodes do not count either,
-since they make a figure of their own, nor do daily ones: everybody plays the same terrain."""
+PERSONS = "e.driver = 'human' AND e.attestation IN ('attested', 'supervised') AND e.steps > 0"
+"""The condition (SQL) for an episode to count as a person's. One without a move does not, since nothing shows that a person
+drove it, nor does one with a move that fits no input event of its own (`app.board.attestation`)."""
 
-_NOT_SECRET = """ AND NOT EXISTS (SELECT 1 FROM study_episodes t JOIN participants p ON p.id = t.participant_id
-    JOIN studies y ON y.name = p.study WHERE t.episode_id = e.id AND y.closed_ms IS NULL)"""
+HUMAN_SCORE_CONDITION = f"""({PERSONS} AND NOT e.assisted AND NOT e.seed_chosen AND NOT e.terrain_met_before
+    AND s.owner_id IS NOT NULL AND x.series IS NULL)"""
+"""The condition (SQL) for an episode to count for the volunteers' figure. Those of a series make a figure of their own."""
 
 # A rival that ended first would show the terrain that its player is still exploring.
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
-TRIAL = "e.*, s.owner_id, d.day AS daily_day, d.commitment AS daily_commitment"
-"""What `Trial.of` takes of an episode `e`, its session `s` and its attempt at a daily terrain `d` (SQL)."""
-JOINED = "JOIN sessions s ON s.id = e.session_id LEFT JOIN daily_attempts d ON d.episode_id = e.id"
+TRIAL = "e.*, s.owner_id, x.series"
+"""What `Trial.of` takes of an episode `e`, its session `s` and its place `x` in a series `y` (SQL)."""
+JOINED = """JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x ON x.episode_id = e.id
+    LEFT JOIN series y ON y.name = x.series"""
 
 _SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e {JOINED}
     WHERE {FINISHED_CONDITION}"""
@@ -58,17 +56,11 @@ def utc_day(at_ms: int) -> str:
     return datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
 
 
-def _not_of_running_day(at_ms: int | None) -> str:
-    """Return the condition (SQL) that an episode is of no daily terrain whose day is not over."""
-    today = utc_day(now_ms() if at_ms is None else at_ms)
-    return f"NOT EXISTS (SELECT 1 FROM daily_attempts d WHERE d.episode_id = e.id AND d.day >= '{today}')"
-
-
 class Reader:
     """Queries over finished episodes.
 
-    A public one sees nothing of a study before it is closed, and nothing of a daily terrain before its day is over; the latter
-    holds for one that is told when it reads, too (`at_ms`; None: now).
+    A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
+    over. It reads at `at_ms` (None: now).
     """
 
     def __init__(
@@ -76,9 +68,10 @@ class Reader:
     ) -> None:
         self._db = db
         self.path = path
-        self._daily = _not_of_running_day(at_ms) if public or at_ms is not None else "1"
-        self._select_own = _SELECT + (_NOT_SECRET if public else "")
-        self._select = f"{self._select_own} AND {self._daily}"
+        at_ms = now_ms() if at_ms is None else at_ms
+        is_over = f"y.closed_ms <= {at_ms:d}" if public else "1"
+        self._select = f"{_SELECT} AND (x.series IS NULL OR {is_over})"
+        self._select_played = f"{_SELECT} AND (x.participant_id IS NULL OR {is_over})"
         self._release = hold(path)
 
     @classmethod
@@ -118,17 +111,18 @@ class Reader:
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
 
-        player  theirs alone, whatever day it is: what they drove, not what policies did beside them
+        player  theirs alone: what they drove, not what policies did beside them
         """
-        order = "ORDER BY e.started_ms, e.id"
-        if player is None:
-            return self._db.query(f"{self._select}{_FILTER[who]} {order}")
-        sql = f"{self._select_own}{_FILTER[who]}{_DRIVEN_BY_PLAYER} {order}"
-        return self._db.query(sql, [player])
+        driven, given = ("", []) if player is None else (_DRIVEN_BY_PLAYER, [player])
+        sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
+        return self._db.query(sql, given)
 
     def played_by(self, player: str) -> list[Trial]:
-        """Return the finished episodes that a player drove, newest first, for their own page."""
-        sql = f"{self._select_own}{_DRIVEN_BY_PLAYER} ORDER BY e.ended_ms DESC, e.id"
+        """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
+
+        That of today's terrain is among them: whoever shows it tells no seed, no terrain and no moves.
+        """
+        sql = f"{self._select_played}{_DRIVEN_BY_PLAYER} ORDER BY e.ended_ms DESC, e.id"
         return list(map(Trial.of, self._db.query(sql, [player])))
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
@@ -145,13 +139,9 @@ class Reader:
             for row in list(self._db.query(sql, [limit, offset]))
         ]
 
-    def episode(self, episode_id: str, viewer: str | None = None) -> dict[str, Any] | None:
-        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None.
-
-        viewer  the player who asks: they see their own daily episode before its day is over
-        """
-        sql = f"{self._select_own} AND e.id = ? AND ({self._daily} OR s.owner_id = ?)"
-        for row in list(self._db.query(sql, [episode_id, viewer])):
+    def episode(self, episode_id: str) -> dict[str, Any] | None:
+        """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
+        for row in list(self._db.query(f"{self._select} AND e.id = ?", [episode_id])):
             steps = self.steps(episode_id)
             trial = Trial.of(row)
             moves = [_move(step, trial.rules.actions) for step in steps]

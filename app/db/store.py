@@ -3,7 +3,7 @@
 Every write is an IMMEDIATE transaction on one connection. In a server one thread owns it (`Store.write`), and reads are made on
 other threads over connections of their own (`Store.read`), so that the event loop waits for neither a disk nor a lock. In a
 command or a test the caller's thread does all of it, and a write is committed when the call returns. `app.db.database`
-opens the file, `app.db.reader` reads what is finished, and `app.db.studies` writes the tables of studies in
+opens the file, `app.db.reader` reads what is finished, and `app.db.series` writes the tables of studies in
 transactions of the same store.
 """
 
@@ -40,7 +40,7 @@ from app.db.file import DatabaseLock, FilePlace, LostDatabaseError, WriteRefused
 from app.db.metrics import Metrics
 from app.db.read_threads import ReadThreads
 from app.db.reader import JOINED, TRIAL, Reader
-from app.db.trial import DailyDay, Trial
+from app.db.trial import Trial
 from app.task import Record
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Closing",
-    "DailyDay",
     "Resumable",
     "SessionRow",
     "StepRow",
@@ -170,12 +169,11 @@ _CLOSE = """UPDATE episodes SET ended_ms = ?2, outcome = ?3, steps = ?4, discove
     trajectory_hash = ?8, core_version = ?9, attestation = CASE WHEN driver = 'human' THEN ?10 END,
     attestation_reason = CASE WHEN driver = 'human' THEN ?11 END WHERE id = ?1 AND ended_ms IS NULL
     AND ?4 = (SELECT coalesce(max(step) + 1, 0) FROM steps WHERE episode_id = ?1)"""
-_ADD_ATTEMPT = "INSERT INTO daily_attempts SELECT ?1, ?2, owner_id, ?3 FROM sessions WHERE id = ?4"
 _MET = """SELECT EXISTS (SELECT 1 FROM episodes e JOIN sessions s ON s.id = e.session_id WHERE e.terrain_hash = ?
     AND s.owner_id = (SELECT owner_id FROM sessions WHERE id = ?))"""
 _LATEST = f"""SELECT {TRIAL} FROM sessions s
     JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
-    LEFT JOIN daily_attempts d ON d.episode_id = e.id
+    LEFT JOIN series_episodes x ON x.episode_id = e.id
     WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
         OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
 
@@ -779,9 +777,6 @@ class Store(Reader):
 
     def _open(self, row: Trial, met_before: bool) -> None:
         self._db.table("episodes").insert(replace(row, terrain_met_before=met_before).row())
-        if row.daily is not None:
-            attempt = (row.id, row.daily.day, row.daily.commitment, row.session_id)
-            self._conn.execute(_ADD_ATTEMPT, attempt)
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing

@@ -1,4 +1,4 @@
-"""The rows of the tables of studies as Python sees them."""
+"""The rows of the tables of series as Python sees them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,17 @@ from app.db.trial import ParticipantKind
 Stage = Literal[
     "consent", "instructions", "tutorial", "questions", "warm_up", "ranked", "debrief", "complete", "withdrawn"
 ]  # fmt: skip
+SeriesKind = Literal["study", "daily"]
 ORDER_EVENT = "order"
 """Kind of the stage event whose detail holds the `number` that fixes a participant's order of the ranked terrains."""
 
 
-class StudyRow(NamedTuple):
-    """A study that somebody has joined; `protocol` is JSON. While it is open, `closed_ms` and `secret` (hex) are None."""
+class SeriesRow(NamedTuple):
+    """A study that somebody has joined, or the terrain of a day; `protocol` is JSON.
+
+    closed_ms  from when on everything of it is public; None while a study is open
+    secret     hex; None while a study is open. That of a day is told to nobody before the day is over
+    """
 
     name: str
     protocol: str
@@ -25,6 +30,7 @@ class StudyRow(NamedTuple):
     frozen_ms: int
     closed_ms: int | None = None
     secret: str | None = None
+    kind: SeriesKind = "study"
 
 
 @dataclass(frozen=True)

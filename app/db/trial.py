@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from app.db.columns import TABLES
 from app.task import Configuration, Record, Rules, rules_of
@@ -21,12 +21,8 @@ attested    every move fits an input event of its own
 supervised  attested, and the operator had typed their code shortly before
 """
 
-
-class DailyDay(NamedTuple):
-    """The daily terrain that an episode is an attempt at: its day and the commitment to its key."""
-
-    day: str
-    commitment: str
+DAILY: Literal["daily"] = "daily"
+"""The kind of a series that is the terrain of a day, and what its name begins with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +33,7 @@ class Trial:
     driver       "human", "script" or "policy:NAME"
     owner_id     the player on whose page it ran, where that was asked for
     counts       for the figure of the playground's volunteers, where that was asked for
-    daily        of a player's attempt at a daily terrain, else None
+    series       the study or the day that it is of; "" where it is of none
     moves        made so far, and when the last one was (None without one), where that was asked for
 
     What fixes it is known from its start; from `ended_ms` to `attestation_reason` all are None while it runs.
@@ -76,7 +72,7 @@ class Trial:
     attestation_reason: str | None = None
     owner_id: str | None = field(default=None, compare=False)
     counts: bool = field(default=False, compare=False)
-    daily: DailyDay | None = None
+    series: str = ""
     moves: int = field(default=0, compare=False)
     moved_ms: int | None = field(default=None, compare=False)
     participant: str = ""
@@ -97,8 +93,6 @@ class Trial:
         given["seed"] = row["seed"]
         for name in ("seed_chosen", "assisted", "terrain_met_before", "counts"):
             given[name] = bool(row.get(name))
-        if row.get("daily_day") is not None:
-            given["daily"] = DailyDay(row["daily_day"], row["daily_commitment"])
         start = (row["start_row"], row["start_col"])
         return cls(**{**given, "config": parse_config(row["task"], row["config"]), "start": start})
 
@@ -119,7 +113,8 @@ class Trial:
     @property
     def day(self) -> str | None:
         """The day (UTC) of the daily terrain that it is an attempt at; None for another episode."""
-        return self.daily and self.daily.day
+        kind, _, rest = self.series.partition(":")
+        return rest.partition(":")[0] if kind == DAILY else None
 
     @property
     def config_hash(self) -> str:

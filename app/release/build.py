@@ -198,10 +198,10 @@ def _write_report(
 def _new_header(
     conn: sqlite3.Connection, request: ReleaseRequest
 ) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
-    found = rows(conn, "SELECT * FROM studies WHERE name = ?", request.study)
+    found = rows(conn, "SELECT * FROM series WHERE name = ?", request.study)
     if not found:
         known = (
-            ", ".join(row["name"] for row in rows(conn, "SELECT name FROM studies ORDER BY name"))
+            ", ".join(row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name"))
             or "none"
         )
         raise ReleaseError(
@@ -254,7 +254,7 @@ def _superseded(last: dict[str, Any]) -> dict[str, Any]:
 
 
 def _count_episodes(conn: sqlite3.Connection, study: str) -> int:
-    sql = """SELECT count(*) FROM episodes e JOIN study_episodes s ON s.episode_id = e.id
+    sql = """SELECT count(*) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id
         JOIN participants p ON p.id = s.participant_id WHERE p.study = ? AND e.ended_ms IS NOT NULL"""
     return int(conn.execute(sql, [study]).fetchone()[0])
 
@@ -373,11 +373,11 @@ def _policy_row(
 def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
     """Return what the datasheet says of the people in a release, as fields of its header."""
     levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
-        JOIN study_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
+        JOIN series_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
         WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
     (times,) = rows(
         conn,
-        "SELECT (SELECT frozen_ms FROM studies) AS frozen, (SELECT min(joined_ms) FROM participants) AS came",
+        "SELECT (SELECT frozen_ms FROM series) AS frozen, (SELECT min(joined_ms) FROM participants) AS came",
     )
     (left,) = rows(
         conn, "SELECT count(*) AS n FROM participants WHERE kind = 'human' AND stage = 'withdrawn'"

@@ -30,13 +30,13 @@ _PEOPLE = (
 )
 _OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
 _EPISODE_IDS = (
-    f"SELECT episode_id FROM study_episodes WHERE {_OF}"
+    f"SELECT episode_id FROM series_episodes WHERE {_OF}"
     " AND episode_id IN (SELECT id FROM episodes WHERE ended_ms > 0)"
 )
 _SELECTS = {
     "episodes": f"SELECT * FROM episodes WHERE id IN ({_EPISODE_IDS}) ORDER BY started_ms, id",
     "steps": f"SELECT * FROM steps WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, step",
-    "study_episodes": f"SELECT * FROM study_episodes WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id",
+    "series_episodes": f"SELECT * FROM series_episodes WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id",
     "input_events": f"SELECT * FROM input_events WHERE episode_id IN ({_EPISODE_IDS}) ORDER BY episode_id, number",
     "stage_events": f"SELECT * FROM stage_events WHERE {_OF} ORDER BY participant_id, number",
 }
@@ -121,8 +121,8 @@ def _rows(
         ("meta", row)
         for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
     )
-    row = rows(source, "SELECT * FROM studies WHERE name = ?", study)[0]
-    yield "studies", {**row, "closed_ms": closed[0], "secret": closed[1]}
+    row = rows(source, "SELECT * FROM series WHERE name = ?", study)[0]
+    yield "series", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = rows(source, _PEOPLE, study)
     yield from _players_and_sessions(source, study, people, pseudonyms)
     for person in people:
@@ -215,7 +215,7 @@ def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
 
 
 def _left_out(source: sqlite3.Connection, study: str) -> LeftOut:
-    sql = f"""SELECT (SELECT count(*) FROM study_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
+    sql = f"""SELECT (SELECT count(*) FROM series_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
     return LeftOut(*source.execute(sql, (study, study, study)).fetchone())
 

@@ -30,13 +30,13 @@ SELECT
   count(r.id) FILTER (WHERE i.labels <> '[]') AS ranked_labelled,
   (SELECT group_concat(label, '; ') FROM (
     SELECT DISTINCT each.value AS label
-    FROM study_episodes q JOIN input_summaries j ON j.episode_id = q.episode_id, json_each(j.labels) each
+    FROM series_episodes q JOIN input_summaries j ON j.episode_id = q.episode_id, json_each(j.labels) each
     WHERE q.participant_id = p.id AND q.phase = 'ranked' ORDER BY 1)) AS labels,
   max(i.pause_share) AS max_pause_share,
   avg(i.pause_share) AS mean_pause_share
 FROM participants p
-JOIN studies y ON y.name = p.study
-LEFT JOIN study_episodes s ON s.participant_id = p.id AND s.phase = 'ranked'
+JOIN series y ON y.name = p.study
+LEFT JOIN series_episodes s ON s.participant_id = p.id AND s.phase = 'ranked'
 LEFT JOIN episodes r ON r.id = s.episode_id
 LEFT JOIN input_summaries i ON i.episode_id = s.episode_id
 GROUP BY p.id
@@ -80,7 +80,7 @@ SELECT
   i.pause_share,
   e.trajectory_hash
 FROM episodes e
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 JOIN participants p ON p.id = s.participant_id
 JOIN input_summaries i ON i.episode_id = e.id
 ORDER BY e.started_ms, e.id;
@@ -107,7 +107,7 @@ SELECT
   t.driver
 FROM steps t
 JOIN episodes e ON e.id = t.episode_id
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 WINDOW moves AS (PARTITION BY t.episode_id ORDER BY t.step)
 ORDER BY e.started_ms, e.id, t.step;
 
@@ -126,7 +126,7 @@ SELECT
   v.server_ms
 FROM input_events v
 JOIN episodes e ON e.id = v.episode_id
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, v.number;
 
 -- table: policy_episodes
@@ -155,7 +155,7 @@ SELECT
   m.kind
 FROM move_regrets m
 JOIN episodes e ON e.id = m.episode_id
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, m.step;
 
 -- table: move_agreements
@@ -167,7 +167,7 @@ SELECT
   m.agreed
 FROM move_agreements m
 JOIN episodes e ON e.id = m.episode_id
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, m.policy;
 
 -- table: scores
@@ -191,6 +191,6 @@ SELECT
   e.score,
   CASE WHEN e.outcome IN ('explored', 'succeeded') THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99
 FROM episodes e
-JOIN study_episodes s ON s.episode_id = e.id
+JOIN series_episodes s ON s.episode_id = e.id
 JOIN participants p ON p.id = s.participant_id
 ORDER BY e.started_ms, e.id;

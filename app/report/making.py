@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from app.db.reader import Reader
-from app.db.studies import find_study, participants
+from app.db.series import find_study, participants
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves

@@ -14,7 +14,7 @@ from typing import Any
 
 from app.db.input_events import input_events
 from app.db.reader import Reader
-from app.db.studies import (
+from app.db.series import (
     count_erased,
     find_study,
     move_inputs,

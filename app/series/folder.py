@@ -22,7 +22,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
-from app.db.study_rows import StudyRow
+from app.db.study_rows import SeriesRow
 from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from app.series.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
 from app.series.protocol import (
@@ -69,11 +69,11 @@ class Study:
         """Whether people may still take part."""
         return self.closed_ms is None
 
-    def row(self) -> StudyRow:
+    def row(self) -> SeriesRow:
         """Return what the database keeps of the study."""
         secret = None if self.is_open else self.secret.hex()
         protocol = canonical(self.protocol).decode()
-        return StudyRow(
+        return SeriesRow(
             self.name,
             protocol,
             self.protocol_hash,

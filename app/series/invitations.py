@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from app.db.reader import Reader
-from app.db.studies import participants
+from app.db.series import participants
 from app.db.study_rows import participant_label
 from app.series.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
 from app.series.folder import Folder, Study

@@ -7,7 +7,7 @@ from typing import Any
 
 from app.board.session import RefusedError, StudyUnavailableError
 from app.board.sources import Sources
-from app.db.studies import StudyStore
+from app.db.series import StudyStore
 from app.db.study_rows import Participant
 from app.series.folder import Folder, Study, StudyError
 

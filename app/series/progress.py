@@ -18,7 +18,7 @@ from weakref import WeakValueDictionary
 
 from app.board.lobby import Lobby
 from app.board.session import RefusedError, Session
-from app.db.studies import StudyStore
+from app.db.series import StudyStore, add_series
 from app.db.study_rows import Participant, Stage
 from app.db.trial import Phase, Trial
 from app.series.folder import Folder, Study
@@ -238,7 +238,7 @@ class ParticipantProgress:
                 yield
                 self.study_store.add_trial(participant.id, row.id, phase, trial, terrain)
 
-            await self.lobby.begin(board, study.protocol.env_config, seed, within)
+            await self.lobby.begin(board, study.protocol.env_config, seed, within, study.name)
 
     async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
         """Abandon the running episode; RefusedError when it is not the one on screen."""
@@ -338,7 +338,7 @@ class ParticipantProgress:
 
     def _add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
-        known = self.study_store.add_study(study.row())
+        known = add_series(self.lobby.store, study.row())
         if (known.protocol_hash, known.commitment) == (study.protocol_hash, study.commitment):
             return
         _log.warning(

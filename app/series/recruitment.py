@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from app.board.attestation import SUPERVISED_FOR_MS
-from app.db.studies import StudyStore
+from app.db.series import StudyStore
 from app.db.study_rows import Participant
 from app.series.flow import MAX_NOTED, REPEATED_JOIN, Reason
 from app.series.folder import Folder, Study

@@ -1,6 +1,7 @@
-"""The terrains of a study: seeds that follow from a secret, which a commitment binds before anybody has played.
+"""The terrains of a study or a day: seeds that follow from a secret, which a commitment binds before anybody has played.
 
-Nobody can choose or foresee a seed without the secret; once `study close` has revealed it, anybody can draw them again.
+Nobody can choose or foresee a seed without the secret; once it is told, at the closing of the study or the end of the day,
+anybody can draw them again.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ TUTORIAL_SEED = 1
 
 
 def commitment(secret: bytes) -> str:
-    """Return SHA-256 (hex) of the secret: published on freezing, checked against the secret on closing."""
+    """Return SHA-256 (hex) of the secret: published before anybody plays, checked against the secret afterwards."""
     return hashlib.sha256(secret).hexdigest()
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.board.attestation import COPIED, Conditions, attest, key_map_of
-from app.board.daily import check_daily
 from app.db import checks
 from app.db.checks import (
     ChainState,
     EarlierHead,
     InputOf,
+    attempts_at,
     chain_state,
     check_chain,
     episodes_of,
@@ -32,13 +32,14 @@ from app.db.checks import (
     input_of,
     order_events,
     participants_of,
-    studies,
+    series,
 )
 from app.db.database import reading
 from app.db.resimulation import Finding
-from app.db.study_rows import StudyRow
+from app.db.study_rows import SeriesRow
 from app.jobs import Jobs, cores
 from app.series import seeds
+from app.series.daily import START_SLACK_MS, DailyTerrain
 from app.series.folder import Advance, Folder
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from app.task import rules_of
@@ -123,10 +124,10 @@ def verify_moment(
         findings += found
         advance(done, len(episodes))
     findings += checks.check_entries(conn, study)
-    findings += check_studies(conn, secrets or {}, study)
+    findings += check_series(conn, secrets or {}, study)
     findings += check_chain(conn)
     if study is None:
-        findings += [*checks.check_owners(conn), *check_daily(conn)]
+        findings += checks.check_owners(conn)
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
     return Verification(
@@ -188,56 +189,84 @@ Level = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class _Expected:
-    """What the episodes of a study are checked against; `secret` is None where it is not known."""
+    """What the episodes of a series are checked against; `secret` is None where it is not known."""
 
-    protocol: Protocol
-    protocol_hash: str
+    series: SeriesRow
+    config_hash: str
     secret: bytes | None
 
 
-def check_studies(
+def check_series(
     conn: sqlite3.Connection, secrets: Mapping[str, bytes], only: str | None = None
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the studies of a database and with what their participants were given.
+    """Yield what is wrong with the studies and daily terrains of a database, and with what people were given to play.
 
     secrets  of open studies, where they are known
     """
-    for study in studies(conn, only):
-        yield from _check_study(conn, study, secrets.get(study.name))
+    for row in series(conn, only):
+        yield from _check_series(conn, row, secrets.get(row.name))
 
 
-def _check_study(
-    conn: sqlite3.Connection, study: StudyRow, known: bytes | None
+def _check_series(
+    conn: sqlite3.Connection, row: SeriesRow, known: bytes | None
 ) -> Iterator[Finding]:
-    where = f"study {study.name}"
+    where = f"{row.kind} {row.name}"
     try:
-        data = json.loads(study.protocol)
+        data = json.loads(row.protocol)
         found = hashlib.sha256(canonical_json(data)).hexdigest()
-        protocol = parse_protocol(data)
-        secret = bytes.fromhex(study.secret) if study.secret else known
-    except (ValueError, StudyError) as error:
+        of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
+        config = of.env_config if isinstance(of, Protocol) else of.config
+        secret = bytes.fromhex(row.secret) if row.secret else known
+    except (ValueError, TypeError, KeyError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))
         return
-    if found != study.protocol_hash:
-        yield Finding(where, "protocol_hash", study.protocol_hash, found)
-    if secret is not None and seeds.commitment(secret) != study.commitment:
-        yield Finding(
-            where, "commitment", study.commitment, f"{seeds.commitment(secret)} from the secret"
-        )
-    expected = _Expected(protocol, study.protocol_hash, secret)
-    for participant in participants_of(conn, study.name):
+    if found != row.protocol_hash:
+        yield Finding(where, "protocol_hash", row.protocol_hash, found)
+    if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
+        yield Finding(where, "commitment", row.commitment, f"{bound} from the secret")
+    expected = _Expected(row, config.hash, secret)
+    if isinstance(of, Protocol):
+        yield from _check_participants(conn, of, expected)
+    else:
+        yield from _check_attempts(conn, of, expected)
+
+
+def _check_participants(
+    conn: sqlite3.Connection, protocol: Protocol, expected: _Expected
+) -> Iterator[Finding]:
+    """Yield what is wrong with the episodes of a study's participants."""
+    for participant in participants_of(conn, expected.series.name):
         episodes = episodes_of(conn, participant)
-        order = yield from _ranked_order(conn, participant, episodes, expected)
-        yield from _check_order(participant, episodes, expected, order)
+        order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
+        yield from _check_order(participant, episodes, protocol, order)
         for row in episodes:
             yield from _check_cause(row, expected)
 
 
+def _check_attempts(
+    conn: sqlite3.Connection, terrain: DailyTerrain, expected: _Expected
+) -> Iterator[Finding]:
+    """Yield what is wrong with the attempts at a day's terrain."""
+    began, ended = terrain.series.frozen_ms, terrain.ends_ms
+    for row in attempts_at(conn, terrain.series.name):
+        where = f"episode {row['id']}"
+        if row["player_id"] != row["owner_id"]:
+            yield Finding(where, "player of a daily attempt", row["player_id"], row["owner_id"])
+        if not began <= row["started_ms"] < ended + START_SLACK_MS:
+            found = f"a time on {terrain.day} (UTC)"
+            yield Finding(where, "start of a daily attempt", row["started_ms"], found)
+        yield from _check_cause(row, expected)
+
+
 def _ranked_order(
-    conn: sqlite3.Connection, participant: str, episodes: list[dict[str, Any]], expected: _Expected
+    conn: sqlite3.Connection,
+    participant: str,
+    episodes: list[dict[str, Any]],
+    protocol: Protocol,
+    expected: _Expected,
 ) -> Generator[Finding, None, list[int] | None]:
     """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
-    secret, count = expected.secret, expected.protocol.ranked
+    secret, of = expected.secret, expected.series.protocol_hash
     if not any(row["phase"] == "ranked" for row in episodes):
         return None
     kind, details = order_events(conn, participant)
@@ -251,9 +280,7 @@ def _ranked_order(
         )
         return None
     return (
-        None
-        if secret is None
-        else seeds.balanced_order(secret, expected.protocol_hash, kind, number, count)
+        None if secret is None else seeds.balanced_order(secret, of, kind, number, protocol.ranked)
     )
 
 
@@ -267,14 +294,11 @@ def _order_number(details: list[str]) -> int | None:
 
 
 def _check_order(
-    participant: str, episodes: list[dict[str, Any]], expected: _Expected, ranked: list[int] | None
+    participant: str, episodes: list[dict[str, Any]], protocol: Protocol, ranked: list[int] | None
 ) -> Iterator[Finding]:
     """Yield what is wrong with the numbers and terrains of a participant's episodes."""
     where = f"participant {participant}"
-    for phase, count in (
-        ("warm_up", expected.protocol.warm_up),
-        ("ranked", expected.protocol.ranked),
-    ):
+    for phase, count in (("warm_up", protocol.warm_up), ("ranked", protocol.ranked)):
         numbers = [row["trial"] for row in episodes if row["phase"] == phase]
         terrains = [row["terrain_index"] for row in episodes if row["phase"] == phase]
         if numbers != list(range(len(numbers))):
@@ -289,8 +313,10 @@ def _check_order(
 
 
 def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
-    """Yield what is wrong with an episode's configuration, its flags and its seed."""
-    where, config_hash = f"episode {row['id']}", expected.protocol.env_config.hash
+    """Yield what is wrong with an episode's series, its configuration, its flags and its seed."""
+    where, config_hash = f"episode {row['id']}", expected.config_hash
+    if row["series"] != expected.series.name:
+        yield Finding(where, "series", row["series"], expected.series.name)
     if row["config_hash"] != config_hash:
         yield Finding(where, "config_hash", row["config_hash"], f"{config_hash} of the protocol")
     if row["seed_chosen"] or row["assisted"]:
@@ -300,10 +326,11 @@ def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
         seed = seeds.TUTORIAL_SEED
     elif expected.secret is not None:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
-        seed = seeds.seed(expected.secret, expected.protocol_hash, label, row["terrain_index"])
+        of = expected.series.protocol_hash
+        seed = seeds.seed(expected.secret, of, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
         what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
-        yield Finding(where, what, row["seed"], f"{seed} from the study's secret")
+        yield Finding(where, what, row["seed"], f"{seed} from the secret")
 
 
 def check_attestation(

@@ -55,7 +55,7 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "player": session.row.driver_name,
         "task": describe(lobby.task),
         **lobby.task.describe(current),
-        "daily": None if current.daily is None else current.daily.day,
+        "daily": current.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "not_attested": None if finished is None else finished["attestation_reason"],
         "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
@@ -252,7 +252,7 @@ def board_router(messages: Messages) -> APIRouter:
         player_id = session.row.player_id  # None: a rival's
         instead = "POST /api/studies/{name}/next begins the next episode"
         _check_no_study(session, "its terrains are the study's", instead)
-        if session.current.daily is not None:
+        if session.current.day is not None:
             once = "this board is of a daily terrain, which is played once"
             raise HTTPException(409, f"{once}; POST /api/sessions begins another")
         with bad_input():

@@ -8,12 +8,12 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Path, Request, Response
 
-from app.board.daily import DailyPlayedError, day_before, seed_of
-from app.db.playground import DailyTerrain, attempts_of
 from app.db.reader import Reader
+from app.db.series import attempts_of
+from app.series.daily import DailyPlayedError, DailyTerrain, day_before
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.daily_results import day_end_ms, describe_attempt, people_on, streak
+from app.web.daily_results import describe_attempt, people_on, streak
 from app.web.protection import has_own_origin
 from app.web.services import Services
 
@@ -36,7 +36,7 @@ async def get_today(request: Request) -> dict[str, Any]:
     return {
         **describe_terrain(services, terrain),
         "now_ms": services.lobby.sources.clock_ms(),
-        "next_ms": day_end_ms(terrain.day),
+        "next_ms": terrain.ends_ms,
         "max_steps": terrain.config.limit,
         "attempt": describe_attempt(mine, terrain),
         "streak": streak(attempts, terrain.day),
@@ -98,15 +98,19 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
 
 
 def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any]:
-    """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over."""
+    """Return what anybody may know of a day's terrain now; `key` and `seed` are None before the day is over.
+
+    `protocol` is the canonical JSON that the seed is drawn for, beside the key.
+    """
     is_over = terrain.day < services.daily_boards.day()
     return {
         "day": terrain.day,
         "level": terrain.config.level,
         "size": [terrain.config.rows, terrain.config.cols],
-        "commitment": terrain.commitment,
-        "key": terrain.key.hex() if is_over else None,
-        "seed": seed_of(terrain.key) if is_over else None,
+        "protocol": terrain.series.protocol,
+        "commitment": terrain.series.commitment,
+        "key": terrain.series.secret if is_over else None,
+        "seed": terrain.seed if is_over else None,
     }
 
 

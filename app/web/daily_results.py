@@ -13,12 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.board.daily import day_before, day_start_ms, seed_of
-from app.db.playground import DailyTerrain, results
 from app.db.reader import Reader
-from app.db.store import DAY_MS
+from app.db.series import results
 from app.db.trial import Trial
 from app.jobs import Jobs
+from app.series.daily import DailyTerrain, day_before
 from app.task import PolicyOffer
 from app.tasks.mars.terrains import cells_of_seed
 from app.web.leaderboard.evaluations import Evaluation, PolicyEvaluations
@@ -28,11 +27,6 @@ SHOWN = 10
 WAIT_S = 3.0
 """How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
 _SLOW = ("planner", "random")
-
-
-def day_end_ms(day: str) -> int:
-    """Return when a day is over (UTC), in milliseconds since 1970."""
-    return day_start_ms(day) + DAY_MS
 
 
 def people_on(
@@ -46,8 +40,8 @@ def people_on(
     the player's own row, None where they have none.
     """
     cells, ended = (
-        cells_of_seed(terrain.config, seed_of(terrain.key)),
-        results(reader, terrain.commitment, day_end_ms(terrain.day)),
+        cells_of_seed(terrain.config, terrain.seed),
+        results(reader, terrain.series.name, terrain.ends_ms),
     )
     found = [_row(each, cells, player_id) for each in ended]
     found.sort(key=_order)
@@ -78,11 +72,11 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
         "episode": attempt.id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / cells_of_seed(terrain.config, seed_of(terrain.key))
+        "coverage": attempt.discovered / cells_of_seed(terrain.config, terrain.seed)
         if attempt.discovered is not None
         else None,
         "score": attempt.score,
-        "unranked": _why_unranked(attempt) if ended else None,
+        "unranked": _why_unranked(attempt, terrain) if ended else None,
     }
 
 
@@ -98,14 +92,14 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
     return count
 
 
-def _why_unranked(attempt: Trial) -> str | None:
+def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
     if attempt.driver != "human":
         return "a move was a script's"
     if attempt.attestation not in ("attested", "supervised"):
         return "not every move could be matched with a key press or a touch of yours"
     if attempt.moves == 0:
         return "no move was made"
-    if attempt.ended_ms is not None and attempt.ended_ms >= day_end_ms(attempt.day or ""):
+    if attempt.ended_ms is not None and attempt.ended_ms >= terrain.ends_ms:
         return "it ended after midnight UTC, when its day was over"
     return None
 
@@ -156,9 +150,7 @@ class DailyPolicies:
             for offer in self._offers
             if offer.size in (None, (terrain.config.rows, terrain.config.cols))
         ]
-        wanted = [
-            Evaluation(offer.source, terrain.config, (seed_of(terrain.key),)) for offer in offers
-        ]
+        wanted = [Evaluation(offer.source, terrain.config, (terrain.seed,)) for offer in offers]
         found = [
             _described(offer.name, state)
             for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Query, Request
@@ -29,11 +30,15 @@ Who = Literal["all", "human"]
 @contextmanager
 def _reader(request: Request) -> Iterator[Reader]:
     """Yield a read-only connection for one request: long queries run in a thread and delay no move."""
-    services = services_of(request)
-    with closing(
-        Reader.open(services.store.path, public=True, at_ms=services.lobby.sources.clock_ms())
-    ) as reader:
+    database, at_ms = _database_now(request)
+    with closing(Reader.open(database, public=True, at_ms=at_ms)) as reader:
         yield reader
+
+
+def _database_now(request: Request) -> tuple[Path, int]:
+    """Return the path of the database, and the time by the server's clock."""
+    services = services_of(request)
+    return services.store.path, services.lobby.sources.clock_ms()
 
 
 @router.get("/human-level", tags=["results"], summary="How well this playground's volunteers play")
@@ -65,10 +70,10 @@ def get_episodes(
 def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     """Return a finished episode; 404 while it runs, because its seed gives the terrain away.
 
-    One of a daily terrain is its own player's alone before the day is over.
+    404 as well for one of an open study, and for one of a daily terrain before its day is over, whoever asks.
     """
     with _reader(request) as reader:
-        found = reader.episode(episode_id, player_of(request))
+        found = reader.episode(episode_id)
     if found is None:
         raise HTTPException(
             404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
@@ -85,7 +90,7 @@ async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
     """Return how many moves the episode lost, and its biggest losses; docs/evaluation.md says what a regret is.
 
     Each loss has the map as it was known before the move, and the cells that the better move would soon have shown.
-    The answer takes a second or two the first time. 404 as for the episode itself, so nothing of an open study; 422 for a board
+    The answer takes a second or two the first time. 404 as for the episode itself; 422 for a board
     of more than 42x42 cells; 503 when too many ask.
     """
     record = await asyncio.to_thread(_public_record, request, episode_id)
@@ -108,7 +113,7 @@ async def regret_of(request: Request, record: Record) -> dict[str, Any]:
 def _public_record(request: Request, episode_id: str) -> Record:
     """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
     with _reader(request) as reader:
-        if reader.episode(episode_id, player_of(request)) is None:
+        if reader.episode(episode_id) is None:
             raise HTTPException(
                 404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
             )
@@ -122,11 +127,8 @@ async def export(
     who: Who = "all",
 ) -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count."""
-    services = services_of(request)
-    at_ms = services.lobby.sources.clock_ms()
-    return await send_made(
-        request, f"{table}.csv", write_table, services.store.path, table, who, at_ms
-    )
+    database, at_ms = _database_now(request)
+    return await send_made(request, f"{table}.csv", write_table, database, table, who, at_ms)
 
 
 @mine.get("/history", summary="My own episodes and bests")
@@ -160,8 +162,10 @@ async def export_own(request: Request, table: Literal["episodes", "steps"]) -> R
         raise HTTPException(
             404, "this browser has no player's cookie: nothing was played with it; play at / first"
         )
-    database = services_of(request).store.path
-    return await send_made(request, f"my-{table}.csv", write_own_table, database, table, player_id)
+    database, at_ms = _database_now(request)
+    return await send_made(
+        request, f"my-{table}.csv", write_own_table, database, table, player_id, at_ms
+    )
 
 
 @leaderboard.get("", summary="What people and policies are compared on")

@@ -15,7 +15,6 @@ from typing import Any
 
 from fastapi import FastAPI
 
-from app.board.daily import DailyBoards
 from app.board.lobby import Lobby
 from app.board.messages import MAX_MESSAGE_BYTES
 from app.board.ranked import PageBoards
@@ -25,9 +24,10 @@ from app.db.backup import Backups
 from app.db.checks import quick_check
 from app.db.database import StoreError, damaged
 from app.db.metrics import Metrics
+from app.db.series import StudyStore
 from app.db.store import Store
-from app.db.studies import StudyStore
 from app.jobs import Jobs
+from app.series.daily import DailyBoards
 from app.series.debrief import Debriefs
 from app.series.folder import Folder
 from app.series.participation import Participations

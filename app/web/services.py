@@ -6,13 +6,13 @@ import asyncio
 from dataclasses import dataclass
 from typing import Any
 
-from app.board.daily import DailyBoards
 from app.board.lobby import Lobby
 from app.board.ranked import PageBoards
 from app.board.sources import PlayerTokens
 from app.board.spectators import Spectators
 from app.db.store import Store
 from app.jobs import Jobs
+from app.series.daily import DailyBoards
 from app.series.debrief import Debriefs
 from app.series.progress import ParticipantProgress
 from app.web.daily_results import DailyPolicies

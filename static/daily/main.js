@@ -154,7 +154,7 @@ function paintResults({ day, attempt, people, policies }) {
   put(by("end-title"), capital(resultText(task, attempt)));
   put(by("end-rank"), rankText(attempt, people, policies));
   area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href);
-  by("replay").setAttribute("href", `replay/${encodeURIComponent(attempt.episode)}`);
+  by("replay").setAttribute("href", `watch/${encodeURIComponent(attempt.episode)}`);
   const marks = policies.flatMap(({ name, moves }) => (moves === null ? [] : [{ name, moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));

@@ -85,7 +85,7 @@ def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
     lake.stop()
     assert me.errors == []
     with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
-        sql = "SELECT phase, attestation, task FROM episodes e JOIN study_episodes s ON s.episode_id = e.id"
+        sql = "SELECT phase, attestation, task FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
         found = conn.execute(sql).fetchall()
     ranked = [each for each in found if each[0] == "ranked"]
     assert ranked == [("ranked", "attested", LAKE)] * 2

@@ -334,7 +334,7 @@ def check_database(tmp_path, first, second):
     """Everything a report needs was kept: one human, no terrain twice, every key that drove."""
     assert rows(tmp_path, "select kind, stage from participants") == [("human", "complete")]
     assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
-    sql = "select phase, trial from study_episodes join episodes on id = episode_id where driver = 'human' order by number"
+    sql = "select phase, trial from series_episodes join episodes on id = episode_id where driver = 'human' order by number"
     assert rows(tmp_path, sql) == [("tutorial", 0), ("warm_up", 0), ("ranked", 0), ("ranked", 1)]
     by_key = "select step from steps where episode_id = ? and input = 'key'"
     shown = "kind, code, repeat, trusted, client_ms, step, round_trip_ms"

@@ -36,9 +36,15 @@ def resumable(store: Store, now_ms: int) -> list[Resumable]:
 
 
 def open_episode(
-    store: Store, session: str, seed: int, config: EnvConfig = SMALL, number: int = 0, **rest
+    store: Store,
+    session: str,
+    seed: int,
+    config: EnvConfig = SMALL,
+    number: int = 0,
+    after=lambda row: None,
+    **rest,
 ):
-    """Return the row of a new open episode and the episode itself."""
+    """Return the row of a new open episode and the episode itself; `after` is called with the row in the same transaction."""
     episode = Episode.begin(config, seed=seed)
     given = {
         "seed_chosen": False,
@@ -52,7 +58,9 @@ def open_episode(
         config=config, seed=seed,
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
     )  # fmt: skip
-    store.open_episode(row)
+    with store.transaction():
+        store.open_episode(row)
+        after(row)
     return row, episode
 
 

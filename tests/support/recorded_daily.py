@@ -1,8 +1,8 @@
 """Daily attempts put into a store as the server does it."""
 
-from app.board.daily import day_start_ms, seed_of, terrain_of_day
-from app.db.playground import daily_secret, keep_terrain
-from app.db.store import DailyDay, Store
+from app.db.series import add_attempt, add_series, daily_secret
+from app.db.store import Store
+from app.series.daily import DailyTerrain, day_start_ms
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 
@@ -15,21 +15,20 @@ AFTER_MS = day_start_ms(DAY) + 86_400_000
 
 def small_terrain(store: Store, day: str = DAY):
     """Keep and return the terrain that a day has in this store, on a small board."""
-    terrain = terrain_of_day(daily_secret(store), day, "mars", CONFIG)
-    keep_terrain(store, terrain)
+    terrain = DailyTerrain.drawn(daily_secret(store), day, "mars", CONFIG)
+    add_series(store, terrain.series)
     return terrain
 
 
 def play_daily(store: Store, player: str = "ada", day: str = DAY, **rest):
     """Return the row of a player's finished attempt at a day's terrain."""
     terrain = small_terrain(store, day)
-    daily = DailyDay(day, terrain.commitment)
+    series, began = terrain.series.name, day_start_ms(day) + 5
+    rest = {"config": CONFIG, "series": series, "started_ms": began, **rest}
     return play(
         store,
-        seed_of(terrain.key),
+        terrain.seed,
         player,
-        config=CONFIG,
-        daily=daily,
-        started_ms=day_start_ms(day) + 5,
+        after=lambda row: add_attempt(store, series, player, row.id),
         **rest,
     )

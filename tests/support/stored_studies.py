@@ -7,9 +7,9 @@ import json
 import random
 
 from app.db import chain
+from app.db.series import StudyStore, add_series
 from app.db.store import SessionRow, StepRow, Store, Trial
-from app.db.studies import StudyStore
-from app.db.study_rows import Participant
+from app.db.study_rows import Participant, SeriesRow
 from app.series.folder import Folder
 from app.series.protocol import canonical, default_protocol
 from app.series.seeds import TUTORIAL_SEED
@@ -55,8 +55,7 @@ class StudyRecorder:
         protocol = canonical(study.protocol).decode()
         revealed = None if study.is_open else study.secret.hex()
         values = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
-        if self.insert("studies", study.name, protocol, *values):
-            chain.append(self.conn, "study", study.name)
+        add_series(self.store, SeriesRow(study.name, protocol, *values))
 
     def insert(self, table, *values):
         return self.conn.execute(
@@ -141,7 +140,7 @@ class StudyRecorder:
                 started_ms=self.tick(),
             )
         )  # fmt: skip
-        self.insert("study_episodes", ident, participant, phase, trial, terrain)
+        self.insert("series_episodes", ident, study.name, participant, None, phase, trial, terrain)
         self._events(ident, 0, 0)
         self.tick()
         for action in self._actions(episode, how):

@@ -222,8 +222,8 @@ def _note_in_database(found: Any, database: Path) -> None:
     """Note the end in the database; where a server has it open, that server does so."""
     if not database.exists():
         return
+    from app.db.series import StudyStore
     from app.db.store import Store, StoreError
-    from app.db.studies import StudyStore
 
     try:
         store = Store(database)

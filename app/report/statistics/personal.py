@@ -16,7 +16,7 @@ def describe_own(trial: Trial) -> dict[str, Any]:
     config = trial.config
     return {
         "episode": trial.id,
-        "kind": "daily" if trial.daily else "ranked" if trial.counts else "practice",
+        "kind": "daily" if trial.day else "ranked" if trial.counts else "practice",
         "day": trial.day,
         "level": config.level,
         "rows": config.rows,

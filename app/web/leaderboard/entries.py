@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from app.db.reader import Reader
-from app.db.studies import closed_studies, count_participants
+from app.db.series import closed_studies, count_participants
 from app.db.trial import Trial
 from app.jobs import Jobs, Progress
 from app.report.moves.likeness import human_likeness

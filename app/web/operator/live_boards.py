@@ -8,7 +8,7 @@ from typing import Any
 
 from app.board.lobby import Lobby
 from app.board.session import Session
-from app.db.studies import StudyStore
+from app.db.series import StudyStore
 from app.db.study_rows import Participant, participant_label
 from app.db.trial import Trial
 

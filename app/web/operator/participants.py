@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, get_args
 
-from app.db import studies
+from app.db import series
 from app.db.reader import Reader
 from app.db.study_rows import Stage, participant_label
 from app.db.trial import Trial
@@ -46,18 +46,18 @@ def list_participants(
     is_open  whether the study is: of people then only counts are listed, neither means nor outcomes
     """
     trials = defaultdict[str, list[Trial]](list)
-    for trial in studies.trial_activity(reader, study):
+    for trial in series.trial_activity(reader, study):
         trials[trial.participant].append(trial)
-    events = studies.event_summaries(reader, study)
+    events = series.event_summaries(reader, study)
     left = {
         event.participant_id: json.loads(event.detail).get("from")
-        for event in studies.withdrawals(reader, study)
+        for event in series.withdrawals(reader, study)
     }
     signs = defaultdict(list)
-    for event in studies.stage_events(reader, study, ("joined", REPEATED_JOIN)):
+    for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     found = []
-    for person in studies.participants(reader, study):
+    for person in series.participants(reader, study):
         own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
         acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
         last_ms = max(person.joined_ms, seen["last_ms"], *acted)

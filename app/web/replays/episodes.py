@@ -26,7 +26,7 @@ class NoCourseError(UnknownReplayError):
 
 @dataclass(frozen=True)
 class Asker:
-    """Who asks for a replay, and when: before a day is over, its daily episodes are their own players' alone.
+    """Who asks for a replay, and when.
 
     player_id  None for a stranger
     at_ms      milliseconds since 1970; None for now
@@ -65,12 +65,12 @@ def courses_of(episode: ShownEpisode) -> Any:
 def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:
     """Return an ended episode by its id; UnknownReplayError for every other id, so that nothing is told of what is secret.
 
-    Secret are a running episode, one of an open study, a policy's that ended before its player's on the same terrain, and
-    another player's of a daily terrain before its day is over.
+    Secret are a running episode, one of a study that is open or of a day that is not over, and a policy's that ended before its
+    player's on the same terrain.
     """
     opened = Reader.open(database, public=True, at_ms=asker.at_ms)
     with closing(opened) as reader, reader.snapshot():
-        found = reader.episode(episode_id, asker.player_id)
+        found = reader.episode(episode_id)
         if found is None:
             raise UnknownReplayError(
                 f"no finished episode {episode_id!r} that can be replayed: check the link"

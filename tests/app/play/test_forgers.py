@@ -186,7 +186,7 @@ def test_no_forger_in_a_study_enters_any_human_figure(server, tmp_path, times):
     path = tmp_path / "playground.db"
     with closing(sqlite3.connect(path)) as db:
         (copied,) = db.execute(
-            "SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 0"
+            "SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = 0"
         ).fetchone()
     names = times * [*forgers(presses_of(path, copied))]
     for forger in times * [*forgers(presses_of(path, copied)).values()]:

@@ -26,7 +26,7 @@ TABLES = (
     "steps",
     "input_events",
     "participants",
-    "daily_attempts",
+    "series_episodes",
 )
 
 

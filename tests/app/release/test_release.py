@@ -264,14 +264,14 @@ def test_openssl_alone_can_check_the_signature(made):
 
 
 ORDERS = {
-    "studies": "name",
+    "series": "name",
     "participants": "joined_ms",
     "players": "created_ms",
     "sessions": "created_ms",
     "episodes": "started_ms",
     "steps": "episode_id, step",
     "stage_events": "at_ms",
-    "study_episodes": "episode_id",
+    "series_episodes": "episode_id",
     "input_events": "episode_id, number",
 }
 
@@ -465,7 +465,7 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
     recorder.close()
     built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
     assert built.header.rows["episodes"] == 18
-    assert {row[0] for row in table(copy / "new/study.sqlite", "studies", "name")} == {"dunes"}
+    assert {row[0] for row in table(copy / "new/study.sqlite", "series", "name")} == {"dunes"}
     assert len(table(copy / "new/study.sqlite", "sessions", "id")) == 3
 
 

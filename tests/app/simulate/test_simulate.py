@@ -70,7 +70,7 @@ def check_database(path, study, moves, kills):
     assert {kind for _, kind, _ in people} == {"script"}
     assert rows(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
     for person, _, stage in people:
-        sql = """SELECT t.phase, t.trial, t.terrain, e.seed, e.outcome FROM study_episodes t
+        sql = """SELECT t.phase, t.trial, t.terrain, e.seed, e.outcome FROM series_episodes t
             JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY t.phase, t.trial"""
         played = {
             phase: list(group)

@@ -15,8 +15,8 @@ from app.db.chain import Thing
 from app.db.erasure import forget
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.merging import merge
+from app.db.series import StudyStore
 from app.db.store import Closing, Store
-from app.db.studies import StudyStore
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST
 from app.series.verification import verify_database
@@ -203,11 +203,11 @@ def test_a_head_is_sha256_over_the_head_before_and_the_entry(copy):
 
 
 def test_nothing_in_the_chain_says_who_or_when_but_for_the_day(copy):
-    for table in ("players", "sessions", "participants", "episodes", "studies"):
+    for table in ("players", "sessions", "participants", "episodes", "series"):
         ids = {
             ident
             for (ident,) in ask(
-                copy[0], f"SELECT {'name' if table == 'studies' else 'id'} FROM {table}"
+                copy[0], f"SELECT {'name' if table == 'series' else 'id'} FROM {table}"
             )
         }
         assert not any(
@@ -272,14 +272,14 @@ def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgott
     person, *_ = play_study(path, study)
     conn = sqlite3.connect(path, isolation_level=None)
     (ident,) = conn.execute(
-        "SELECT min(episode_id) FROM study_episodes WHERE participant_id = ?", [person]
+        "SELECT min(episode_id) FROM series_episodes WHERE participant_id = ?", [person]
     ).fetchone()
     conn.execute("UPDATE steps SET key_up_ms = 1 WHERE episode_id = ?", [ident])
     conn.execute("UPDATE participants SET completed_ms = 1 WHERE id = ?", [person])
     conn.close()
     forget(path, person)
     found = {finding.where for finding in verify_database(path).findings}
-    (now,) = ask(path, "SELECT participant_id FROM study_episodes WHERE episode_id = ?", ident)
+    (now,) = ask(path, "SELECT participant_id FROM series_episodes WHERE episode_id = ?", ident)
     assert found == {f"episode {ident}", f"participant {now[0]}"}
 
 
@@ -298,7 +298,7 @@ def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgott
             "UPDATE sessions SET control = 'cookie' WHERE id = (SELECT min(id) FROM sessions)",
             "session",
         ),
-        ("UPDATE studies SET frozen_ms = 5", "study"),
+        ("UPDATE series SET frozen_ms = 5", "series"),
         ("DELETE FROM chain_salts WHERE id = (SELECT min(id) FROM episodes)", "episode"),
     ],
 )

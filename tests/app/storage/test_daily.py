@@ -5,20 +5,15 @@ from contextlib import closing
 
 import pytest
 
-from app.board.daily import commitment_of
 from app.db.erasure import forget
 from app.db.export import export_table
 from app.db.merging import MergeError, merge
-from app.db.playground import (
-    attempts_of,
-    daily_secret,
-    find_attempt,
-    find_terrain,
-    keep_terrain,
-)
 from app.db.reader import Reader
+from app.db.series import add_series, attempts_of, daily_secret
 from app.db.store import Store, StoreError
 from app.report.statistics.human_level import human_level
+from app.series.daily import terrain_on
+from app.series.seeds import commitment
 from app.series.verification import verify_database
 from tests.support.recorded import play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
@@ -40,18 +35,18 @@ def change(path, *statements):
 def test_the_secret_and_the_terrain_of_a_day_stay_as_they_were_made(store):
     assert daily_secret(store) == daily_secret(store)
     terrain = small_terrain(store)
-    keep_terrain(store, terrain)
-    assert find_terrain(store, DAY) == terrain
-    assert find_terrain(store, "2026-11-23") is None
-    assert terrain.commitment == commitment_of(terrain.key)
-    assert terrain.key.hex() not in repr(terrain)
+    assert add_series(store, terrain.series) == terrain.series
+    assert terrain_on(store, DAY) == terrain
+    assert terrain_on(store, "2026-11-23") is None
+    assert terrain.series.commitment == commitment(bytes.fromhex(terrain.series.secret))
+    assert terrain.series.secret not in repr(terrain)
 
 
 def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
     row = play_daily(store)
-    attempt = find_attempt(store, "ada", DAY)
+    (attempt,) = attempts_of(store, "ada")
     assert (attempt.id, attempt.outcome, attempt.moves) == (row.id, "abandoned", 2)
-    assert store.find_episode(row.id).episode.daily == row.daily
+    assert store.find_episode(row.id).episode.series == row.series
     with pytest.raises(StoreError, match="did not take the write"):
         play_daily(store)
     assert play_daily(store, "bob").terrain == row.terrain
@@ -60,7 +55,7 @@ def test_a_player_has_one_attempt_a_day_and_everybody_the_same_terrain(store):
     assert verify_database(store.path).findings == ()
 
 
-def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_players_own(store):
+def test_a_daily_episode_is_public_once_its_day_is_over_and_nobodys_before_that(store):
     daily, ranked = play_daily(store).id, play(store, seed=7).id
     for at_ms, shown in (
         (DURING_MS, {ranked}),
@@ -72,13 +67,12 @@ def test_a_daily_episode_is_public_once_its_day_is_over_and_before_that_its_play
             assert {row["id"] for row in reader.finished()} == shown
             assert (reader.count(), len(reader.totals())) == (len(shown), len(shown))
             assert (reader.episode(daily) is None) == (daily not in shown)
-            assert reader.episode(daily, viewer="bob") == reader.episode(daily)
-            assert reader.episode(daily, viewer="ada")["daily"] == DAY
             assert reader.episode(ranked)["daily"] is None
-        for public in (True, False):
-            text = b"".join(export_table(store, "episodes", public=public, at_ms=at_ms)).decode()
-            assert (daily in text, ranked in text) == (daily in shown, True)
-            assert (f",{DAY},true\n" in text) == (daily in shown)
+            assert [row.id for row in reader.played_by("ada")] == [ranked, daily]
+            assert {row["id"] for row in reader.finished(player="ada")} == shown
+        text = b"".join(export_table(store, "episodes", public=True, at_ms=at_ms)).decode()
+        assert (daily in text, ranked in text) == (daily in shown, True)
+        assert (f",{DAY},true\n" in text) == (daily in shown)
 
 
 def test_a_daily_episode_enters_no_human_figure(store):
@@ -93,23 +87,17 @@ def test_a_daily_episode_enters_no_human_figure(store):
 
 OTHER_KEY = "00" * 32
 HARMS = [
+    (f"UPDATE series SET secret = '{OTHER_KEY}'", {"commitment", "seed", "digest"}),
     (
-        "UPDATE daily_terrains SET key = '" + OTHER_KEY + "'",
-        {"commitment", "seed of a daily attempt", "digest"},
+        "UPDATE series SET protocol = replace(protocol, '13', '14')",
+        {"protocol_hash", "config_hash", "digest"},
     ),
-    (
-        "UPDATE daily_terrains SET config = replace(config, '13', '14')",
-        {"config of a daily attempt", "digest"},
-    ),
-    ("UPDATE daily_terrains SET day = '2026-11-21'", {"day of a daily attempt", "digest"}),
-    (
-        "UPDATE daily_attempts SET day = '2026-11-20'",
-        {"day of a daily attempt", "start of a daily attempt", "digest"},
-    ),
-    ("UPDATE daily_attempts SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
-    ("DELETE FROM daily_attempts", {"digest"}),
-    ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted of a daily attempt", "digest"}),
-    ("DELETE FROM daily_terrains", {"keys", "digest"}),
+    ("UPDATE series SET protocol = 'null'", {"protocol or secret", "digest"}),
+    ("UPDATE series SET closed_ms = 1", {"start of a daily attempt", "digest"}),
+    ("UPDATE series_episodes SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
+    ("DELETE FROM series_episodes", {"digest"}),
+    ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted", "digest"}),
+    ("DELETE FROM series", {"keys", "digest"}),
 ]
 
 
@@ -119,7 +107,11 @@ def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, found)
     store.add_player("bob", 1)
     change(store.path, "PRAGMA foreign_keys = OFF", harm)
     findings = verify_database(store.path).findings
-    assert {"digest" if "digest" in each.what else each.what for each in findings} == found
+    named = {
+        next((name for name in ("digest", "seed of") if name in each.what), each.what)
+        for each in findings
+    }
+    assert {name.removesuffix(" of") for name in named} == found
 
 
 def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
@@ -127,13 +119,11 @@ def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
         with closing(Store(tmp_path / name)) as store:
             play_daily(store, player)
     counts, _ = merge([tmp_path / "a.db", tmp_path / "b.db", tmp_path / "a.db"], tmp_path / "c.db")
-    assert (
-        counts.added["daily_attempts"],
-        counts.equal["daily_attempts"],
-        counts.added["daily_terrains"],
-    ) == (2, 1, 2)
+    assert (counts.added["series_episodes"], counts.equal["series_episodes"]) == (2, 1)
+    with closing(Store(tmp_path / "c.db")) as store:
+        assert len(store.query("SELECT name FROM series")) == 2
     assert verify_database(tmp_path / "c.db").findings == ()
-    change(tmp_path / "b.db", "DELETE FROM daily_attempts")
+    change(tmp_path / "b.db", "DELETE FROM series_episodes")
     with pytest.raises(MergeError, match="has other rows"):
         merge([tmp_path / "c.db", tmp_path / "b.db"], tmp_path / "d.db")
 
@@ -149,6 +139,7 @@ def test_whoever_is_forgotten_leaves_no_daily_attempt(tmp_path):
         assert mine.config != CONFIG
     assert forget(tmp_path / "play.db", people[0]).episodes == 7
     with closing(Store(tmp_path / "play.db")) as store:
-        assert store.query("SELECT episode_id FROM daily_attempts") == [{"episode_id": theirs.id}]
-        assert find_terrain(store, DAY) is not None
+        left = store.query("SELECT episode_id FROM series_episodes WHERE player_id IS NOT NULL")
+        assert left == [{"episode_id": theirs.id}]
+        assert terrain_on(store, DAY) is not None
     assert verify_database(tmp_path / "play.db").findings == ()

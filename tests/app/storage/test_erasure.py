@@ -193,7 +193,7 @@ def _empty(path, *more):
         "participants",
         "sessions",
         "players",
-        "studies",
+        "series",
         "releases",
     )
     for table in (
@@ -201,7 +201,7 @@ def _empty(path, *more):
         "chain_salts",
         "input_events",
         "steps",
-        "study_episodes",
+        "series_episodes",
         "episodes",
         *people,
         *more,

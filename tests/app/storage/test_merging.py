@@ -61,7 +61,7 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
         "participants",
         "identities",
         "input_events",
-        "studies",
+        "series",
     ):
         assert sorted(ask(tmp_path / "c.db", f"SELECT * FROM {table}")) == sorted(
             ask(tmp_path / "d.db", f"SELECT * FROM {table}")
@@ -77,10 +77,10 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
         ),
         ("UPDATE participants SET stage = 'ranked'", "the table participants has id"),
         (
-            "UPDATE studies SET protocol_hash = 'x'",
+            "UPDATE series SET protocol_hash = 'x'",
             "another protocol_hash.*two studies of one name",
         ),
-        ("UPDATE studies SET secret = '00'", "another secret"),
+        ("UPDATE series SET secret = '00'", "another secret"),
     ],
 )
 def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
@@ -121,7 +121,7 @@ def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
         tmp_path / "b.db", Folder(tmp_path / "studies").close(study.name), ("human",), first=1
     )
     merge([tmp_path / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
-    ((closed_ms, secret),) = ask(tmp_path / "c.db", "SELECT closed_ms, secret FROM studies")
+    ((closed_ms, secret),) = ask(tmp_path / "c.db", "SELECT closed_ms, secret FROM series")
     assert closed_ms
     assert secret == study.secret.hex()
     assert verify_database(tmp_path / "c.db").findings == ()

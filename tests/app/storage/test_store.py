@@ -272,15 +272,15 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
     )
     play = {"meta", "players", "sessions", "episodes", "steps"}
     studies = {
-        "studies",
+        "series",
         "participants",
         "identities",
         "stage_events",
-        "study_episodes",
+        "series_episodes",
         "input_events",
         "forgotten",
     }
-    assert set(sql) == play | studies | {"daily_terrains", "daily_attempts"} | {
+    assert set(sql) == play | studies | {
         "chain",
         "chain_salts",
         "releases",

@@ -124,7 +124,7 @@ def check_rows(server, study):
     assert participant["completed_ms"] >= participant["consent_ms"] >= participant["joined_ms"]
     trials = rows(
         server,
-        "SELECT * FROM study_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number",
+        "SELECT * FROM series_episodes t JOIN episodes e ON e.id = t.episode_id ORDER BY e.number",
     )
     own = study.balanced_order("human", 0)
     assert [(each["phase"], each["trial"], each["terrain"]) for each in trials] == [
@@ -309,7 +309,7 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     assert person.me()["note"].startswith("This study has been closed")
     assert done.me()["debrief"]["completion_code"]
     done.call("advance", {"from": "debrief"})
-    assert rows(server, "SELECT secret FROM studies") == [{"secret": study.secret.hex()}]
+    assert rows(server, "SELECT secret FROM series") == [{"secret": study.secret.hex()}]
     (
         tmp_path / "studies" / "small" / "closed.json"
     ).unlink()  # its terrains are public: there is no way back
@@ -407,7 +407,7 @@ def test_a_scripts_step_in_a_persons_episode_is_a_deviation_on_record(server):
     person.play(moves=1)
     (row,) = rows(
         server,
-        "SELECT e.driver FROM episodes e JOIN study_episodes t ON t.episode_id = e.id WHERE t.phase = 'warm_up'",
+        "SELECT e.driver FROM episodes e JOIN series_episodes t ON t.episode_id = e.id WHERE t.phase = 'warm_up'",
     )
     assert row["driver"] == "script"
     noted = rows(server, "SELECT detail FROM stage_events WHERE kind = 'deviation'")
@@ -415,7 +415,7 @@ def test_a_scripts_step_in_a_persons_episode_is_a_deviation_on_record(server):
     assert rows(server, "SELECT kind FROM participants") == [{"kind": "human"}]
 
 
-def test_study_episodes_never_enter_the_playgrounds_own_human_level(server, tmp_path):
+def test_series_episodes_never_enter_the_playgrounds_own_human_level(server, tmp_path):
     person = Person(server)
     person.to_warm_up()
     person.play_on()

@@ -19,7 +19,7 @@ def ask(path, sql):
 
 
 ORDERS = """SELECT p.kind, json_extract(v.detail, '$.number'), (SELECT json_group_array(terrain) FROM
-    (SELECT terrain FROM study_episodes WHERE participant_id = p.id AND phase = 'ranked' ORDER BY trial))
+    (SELECT terrain FROM series_episodes WHERE participant_id = p.id AND phase = 'ranked' ORDER BY trial))
     FROM participants p JOIN stage_events v ON v.participant_id = p.id AND v.kind = 'order' ORDER BY p.joined_ms, p.id"""
 
 

@@ -92,7 +92,7 @@ def test_two_tabs_that_ask_for_the_next_episode_at_once_get_the_same_one(server)
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.json()["about"]["frame"]["episode"] for answer in answers}) == 1
     assert rows(
-        server.services.store.path, "SELECT count(*) FROM study_episodes WHERE phase = 'warm_up'"
+        server.services.store.path, "SELECT count(*) FROM series_episodes WHERE phase = 'warm_up'"
     ) == [(1,)]
 
 
@@ -172,11 +172,11 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
     assert person.where["stage"] == "debrief"
     trials = rows(
         path,
-        "SELECT phase, trial FROM study_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial",
+        "SELECT phase, trial FROM series_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial",
     )
     assert trials == [("ranked", 0), ("ranked", 1), ("ranked", 2), ("warm_up", 0), ("warm_up", 1)]
     assert rows(
-        path, "SELECT count(DISTINCT terrain) FROM study_episodes WHERE phase = 'ranked'"
+        path, "SELECT count(DISTINCT terrain) FROM series_episodes WHERE phase = 'ranked'"
     ) == [(3,)]
     assert rows(path, "SELECT count(*) FROM episodes") == [(6,)]
     assert len(person.where["debrief"]["completion_code"]) == 8

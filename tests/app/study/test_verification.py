@@ -55,16 +55,16 @@ def changed(value):
     return value + 1_000_003
 
 
-OF_TRIAL = "SELECT t.* FROM {} t JOIN study_episodes x ON t.{} = x.episode_id WHERE x.phase = 'ranked' AND x.trial = 1 LIMIT 1"
+OF_TRIAL = "SELECT t.* FROM {} t JOIN series_episodes x ON t.{} = x.episode_id WHERE x.phase = 'ranked' AND x.trial = 1 LIMIT 1"
 ONE_ROW = {
     "episodes": OF_TRIAL.format("episodes", "id"),
     **{
         table: OF_TRIAL.format(table, "episode_id")
-        for table in ("steps", "study_episodes", "input_events")
+        for table in ("steps", "series_episodes", "input_events")
     },
     **{
         table: f"SELECT * FROM {table} LIMIT 1"
-        for table in ("participants", "stage_events", "identities", "studies")
+        for table in ("participants", "stage_events", "identities", "series")
     },
     **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("players", "sessions")},
     **{table: f"SELECT * FROM {table} WHERE number = 7" for table in ("chain", "chain_salts")},
@@ -106,8 +106,8 @@ def test_a_change_to_any_stored_field_is_found(copy, table, column):
          "SELECT min(id) FROM participants"),
         ("identities", "DELETE FROM identities WHERE participant_id = (SELECT min(id) FROM participants)",
          "SELECT min(id) FROM participants"),
-        ("studies", "UPDATE studies SET frozen_ms = frozen_ms + 1", "SELECT name FROM studies"),
-        ("studies", "UPDATE studies SET closed_ms = closed_ms + 1", "SELECT name FROM studies"),
+        ("series", "UPDATE series SET frozen_ms = frozen_ms + 1", "SELECT name FROM series"),
+        ("series", "UPDATE series SET closed_ms = closed_ms + 1", "SELECT name FROM series"),
         ("input_events", "UPDATE input_events SET code = 'KeyQ' WHERE episode_id = (SELECT min(id) FROM episodes)",
          "SELECT min(id) FROM episodes"),
     ],
@@ -147,7 +147,7 @@ def remove_participant(conn, person):
     session, player = conn.execute(
         "SELECT session_id, player_id FROM participants WHERE id = ?", [person]
     ).fetchone()
-    for table in ("steps", "input_events", "study_episodes"):
+    for table in ("steps", "input_events", "series_episodes"):
         conn.execute(
             f"DELETE FROM {table} WHERE episode_id IN (SELECT id FROM episodes WHERE session_id = ?)",
             [session],
@@ -233,14 +233,14 @@ def test_an_earlier_head_says_what_was_changed_since(copy, played):
         "DELETE FROM input_events",
         "DELETE FROM steps WHERE step = (SELECT max(step) FROM steps)",
         "DELETE FROM stage_events WHERE number = 2",
-        "DELETE FROM study_episodes WHERE phase = 'tutorial'",
+        "DELETE FROM series_episodes WHERE phase = 'tutorial'",
         "DELETE FROM chain_salts WHERE kind = 'episode'",
         "DELETE FROM episodes WHERE outcome = 'out_of_bounds'",
         "INSERT INTO input_events SELECT episode_id, 5000, kind, code, repeat, trusted, client_ms, step, round_trip_ms, "
         "server_ms FROM input_events WHERE number = 0",
         "UPDATE episodes SET ended_ms = NULL, outcome = NULL, trajectory_hash = NULL WHERE outcome = 'out_of_bounds'",
-        "UPDATE studies SET secret = CASE WHEN secret LIKE '0%' THEN '1' ELSE '0' END || substr(secret, 2)",
-        "UPDATE studies SET protocol = replace(protocol, 'dunes', 'duned')",
+        "UPDATE series SET secret = CASE WHEN secret LIKE '0%' THEN '1' ELSE '0' END || substr(secret, 2)",
+        "UPDATE series SET protocol = replace(protocol, 'dunes', 'duned')",
     ],
 )
 def test_what_was_taken_away_or_added_is_found(copy, harm):
@@ -253,7 +253,7 @@ def test_what_was_taken_away_or_added_is_found(copy, harm):
 def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
     conn, path = copy
     (ident,) = conn.execute(
-        "SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = 2 LIMIT 1"
+        "SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = 2 LIMIT 1"
     ).fetchone()
     (right,) = conn.execute(
         "SELECT reward FROM steps WHERE episode_id = ? AND step = 3", [ident]
@@ -263,7 +263,7 @@ def test_a_forged_reward_is_named_with_what_is_stored_and_what_is_right(copy):
     assert f"episode {ident}: reward of step 3 is 99.5, found {right!r}" in said
 
 
-RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND trial = {})"
+RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = {})"
 
 
 @pytest.mark.parametrize(
@@ -295,12 +295,12 @@ RANKED = "(SELECT episode_id FROM study_episodes WHERE phase = 'ranked' AND tria
             "seed_chosen, assisted",
         ),
         (
-            "UPDATE study_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
+            "UPDATE series_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
             "order of ranked terrains",
         ),
-        ("UPDATE study_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
-        ("UPDATE study_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
-        ("DELETE FROM study_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
+        ("UPDATE series_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
+        ("UPDATE series_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
+        ("DELETE FROM series_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
         (
             f"UPDATE episodes SET attestation = 'supervised' WHERE id IN {RANKED.format(1)}",
             "attestation",
@@ -354,7 +354,7 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
         burst(40),
         ["kind", "code", "repeat", "trusted", "client_ms", "step", "round_trip_ms", "server_ms"],
     )
-    (ident,) = conn.execute("SELECT episode_id FROM study_episodes").fetchone()
+    (ident,) = conn.execute("SELECT episode_id FROM series_episodes").fetchone()
     conn.execute("DELETE FROM input_events WHERE episode_id = ?", [ident])
     conn.execute("UPDATE episodes SET ended_ms = ? WHERE id = ?", [STARTED + 3_600_000, ident])
     rows = [
@@ -376,7 +376,7 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
         True,
         False,
     )
-    conn.execute("DELETE FROM study_episodes WHERE episode_id = ?", [ident])
+    conn.execute("DELETE FROM series_episodes WHERE episode_id = ?", [ident])
     assert (is_right("attested"), is_right(*of_a_study), is_right("unattested", "slow")) == (
         True,
         False,
@@ -424,15 +424,16 @@ def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_pa
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 
-@pytest.mark.parametrize("table", ["participants", "sessions", "studies", "episodes", "players"])
+@pytest.mark.parametrize("table", ["participants", "sessions", "series", "episodes", "players"])
 def test_rows_that_belong_to_nothing_are_counted_by_table(copy, table):
     conn, path = copy
     conn.execute("PRAGMA foreign_keys = OFF")
     conn.execute(f"DELETE FROM {table}")
-    keys = """SELECT DISTINCT m.name FROM sqlite_master m JOIN pragma_foreign_key_list(m.name) k WHERE k."table" = ?"""
-    pointing = [name for (name,) in conn.execute(keys, [table]).fetchall()]
+    keys = """SELECT m.name, k."from" FROM sqlite_master m JOIN pragma_foreign_key_list(m.name) k WHERE k."table" = ?"""
     left = {
-        f"table {name}" for name in pointing if conn.execute(f"SELECT 1 FROM {name}").fetchone()
+        f"table {name}"
+        for name, column in conn.execute(keys, [table]).fetchall()
+        if conn.execute(f"SELECT 1 FROM {name} WHERE {column} IS NOT NULL").fetchone()
     }
     assert left
     assert left <= {finding.where for finding in verify_database(path).findings}

@@ -64,7 +64,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     (group,) = report["groups"]
     with closing(sqlite3.connect(database[1])) as conn:
         scores = conn.execute(
-            "SELECT avg(score) FROM episodes e JOIN study_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'"
+            "SELECT avg(score) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'"
         ).fetchone()
     figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
     assert figure["score"]["mean"] == pytest.approx(scores[0])

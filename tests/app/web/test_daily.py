@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from app.board.daily import DailyBoards, DailyPlayedError, day_start_ms, seed_of
 from app.board.lobby import Lobby
 from app.board.ranked import PageBoards
 from app.board.session import Move
 from app.board.sources import Sources
-from app.db.playground import find_attempt, find_terrain
 from app.db.reader import utc_day
+from app.db.series import attempts_of
 from app.db.store import DAY_MS, Store
+from app.series.daily import DailyBoards, DailyPlayedError, day_start_ms, terrain_on
 from app.series.verification import verify_database
 from app.tasks.mars.messages import NewSession
 from app.tasks.mars.policies import PolicyCatalogue
@@ -47,9 +47,9 @@ def begin(page, status=(200, 201)):
     return answer.json()
 
 
-def hidden_from(client, about, terrain):
-    """Ask every route about an episode; return whatever tells of it or of its terrain."""
-    episode, seed = about["frame"]["episode"], seed_of(terrain.key)
+def told(client, about, terrain, is_own=False):
+    """Ask every route about an episode; return what tells of it or of its terrain; its own player may know the first."""
+    episode, seed = about["frame"]["episode"], terrain.seed
     tables = ["episodes.csv", "steps.csv"]
     exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
     of_episode = ("", "/regret", "/replay", "/ghost?policy=frontier-cost")
@@ -63,15 +63,16 @@ def hidden_from(client, about, terrain):
         *exports,
     ]  # fmt: skip
     secrets = {
-        "seed": str(seed), "key": terrain.key.hex(), "terrain": about["terrain"], "day": f'"daily":"{terrain.day}"',
+        "seed": str(seed), "key": terrain.series.secret, "terrain": about["terrain"],
+        "day": "" if is_own else f'"daily":"{terrain.day}"',
     }  # fmt: skip
     ids, found = rf'"(?:episode|session)": ?"({episode}|{about["session"]})', []
     for route in routes:
         text = client.get(route).text
         for asked in (route, episode + "' ", repr(about["session"])):
             text = text.replace(asked, "")
-        found += [(route, name) for name, secret in secrets.items() if secret in text]
-        found += [(route, each) for each in re.findall(ids, text)]
+        found += [(route, name) for name, secret in secrets.items() if secret and secret in text]
+        found += [] if is_own else [(route, each) for each in re.findall(ids, text)]
     return found
 
 
@@ -79,7 +80,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     page, other = at_noon(server).page(), server.page()
     about = begin(page)
     day, services = about["daily"], server.services
-    terrain = find_terrain(services.store, day)
+    terrain = terrain_on(services.store, day)
     about["terrain"] = services.store.find_episode(about["frame"]["episode"]).episode.terrain.hex()
     assert (about["counts"], about["size"], day) == (False, [7, 9], utc_day(server.clock.now_ms()))
     assert page.get("/api/daily").json()["attempt"]["state"] == "open"
@@ -93,13 +94,15 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     with server.socket("", other, path=watcher) as socket:
         assert "no episode" in socket.receive("error")["detail"]
     for client in (server.client(), other):
-        assert hidden_from(client, about, terrain) == []
+        assert told(client, about, terrain) == []
         refused = client.get(f"/api/daily/{day}/results")
         assert (refused.status_code, "your own attempt" in refused.text) == (403, True)
-    own = page.get(f"/api/episodes/{frame['episode']}").json()
-    assert (own["daily"], own["counts"], own["attestation"]) == (day, False, "attested")
-    for path in (f"/api/episodes/{frame['episode']}/replay", f"/api/watch/{frame['episode']}"):
-        assert page.get(path).status_code == 200
+    assert told(page, about, terrain, is_own=True) == []
+    beside = {"player": "frontier-cost", "replays": about["session"]}
+    assert page.post("/api/sessions", json=beside).status_code == 422
+    watched = page.get(f"/api/watch/{frame['episode']}")
+    assert (watched.status_code, watched.json()["frame"]["step"]) == (200, frame["step"])
+    assert page.get(f"/watch/{frame['episode']}", follow_redirects=False).status_code == 200
     assert "terrain" not in page.get("/api/me/session").text
     shown = page.get(f"/api/daily/{day}/results").json()
     moves = frame["step"]
@@ -116,17 +119,20 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
     assert (own_row["kind"], own_row["day"], own_row["moves"]) == ("daily", day, moves)
     theirs = server.client().get("/api/me/history").json()
     assert theirs == {"total": 0, "episodes": [], "bests": []}
-    assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 1
+    assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 0
     assert server.client().get("/api/me/export/episodes.csv").status_code == 404
 
     server.clock.skipped_ms += DAY_MS
     stranger, tomorrow = server.client(), utc_day(server.clock.now_ms())
-    assert stranger.get(f"/api/episodes/{frame['episode']}").json()["daily"] == day
+    own = stranger.get(f"/api/episodes/{frame['episode']}").json()
+    assert (own["daily"], own["counts"], own["attestation"]) == (day, False, "attested")
+    assert page.get("/api/me/export/episodes.csv").text.count(frame["episode"]) == 1
     assert frame["episode"] in stranger.get("/api/export/episodes.csv").text
     assert frame["episode"] not in stranger.get("/api/export/episodes.csv?who=human").text
     assert stranger.get("/api/human-level").json()["figures"] == []
     revealed = stranger.get(f"/api/daily/{day}").json()
-    opened = {"key": terrain.key.hex(), "seed": own["seed"], "commitment": terrain.commitment}
+    series = terrain.series
+    opened = {"key": series.secret, "seed": own["seed"], "commitment": series.commitment}
     assert opened.items() <= revealed.items()
     assert stranger.get("/api/daily").json()["yesterday"] == revealed
     table = stranger.get(f"/api/daily/{day}/results").json()["people"]["table"]
@@ -139,7 +145,7 @@ def test_a_daily_episode_is_its_players_alone_until_the_day_is_over(server, smal
 
 def test_nobody_can_practise_todays_terrain_by_its_seed(server, small):
     page, script = at_noon(server).page(), server.client()
-    seed = seed_of(server.on_loop(server.services.daily_boards.today()).key)
+    seed = server.on_loop(server.services.daily_boards.today()).seed
     about = begin(page)
     for client in (page, script, server.page()):
         for body in ({}, {"player": "frontier-cost"}, {"rival": "frontier-cost"}):
@@ -195,7 +201,7 @@ def test_other_boards_leave_an_attempt_alone_and_half_an_hour_without_a_move_aba
 
     with closing(Store(tmp_path / "play.db")) as store:
         asyncio.run(scenario(store))
-        assert find_attempt(store, "me", "2026-11-22").outcome == "abandoned"
+        assert [each.outcome for each in attempts_of(store, "me")] == ["abandoned"]
 
 
 def _stays(played, action):
@@ -208,9 +214,13 @@ def _stays(played, action):
 
 def test_the_recipe_in_the_documents_draws_the_terrain_that_was_played(server):
     about = begin(at_noon(server).page())
-    terrain = find_terrain(server.services.store, about["daily"])
+    terrain = terrain_on(server.services.store, about["daily"])
     (recipe,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)
-    names = {"key": terrain.key.hex(), "commitment": terrain.commitment}
+    names = {
+        "key": terrain.series.secret,
+        "commitment": terrain.series.commitment,
+        "protocol": terrain.series.protocol,
+    }
     exec(recipe, names)
     played = server.services.store.find_episode(about["frame"]["episode"]).episode
     assert (names["seed"], played.config) == (played.seed, EnvConfig.of("random", 21))

@@ -122,7 +122,7 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
         assert answers(client, board, REPLAYS[1:]) == files, name
 
 
-def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_player(
+def test_what_is_public_is_shown_by_each_of_them_and_no_daily_episode_to_its_own_player(
     serve, tmp_path, secret, command
 ):
     server = serve()
@@ -139,4 +139,5 @@ def test_what_is_public_is_shown_by_each_of_them_and_a_daily_episode_to_its_own_
         assert "player" not in str(headers), path
     own = server.client(cookies={PLAYER_COOKIE: server.services.player_tokens.sign("ada")})
     for path in REPLAYS:
-        assert own.get(path.format(secret["daily"])).status_code == 200, path
+        assert own.get(path.format(secret["daily"])).status_code == 404, path
+    assert own.get(f"/watch/{secret['daily']}").status_code == 200

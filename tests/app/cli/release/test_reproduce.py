@@ -149,7 +149,7 @@ def forged(bundle, tmp_path):
     shutil.copytree(bundle[0], out)
     conn = sqlite3.connect(out / "study.sqlite")
     changed = conn.execute("""UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
-        JOIN study_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)""")
+        JOIN series_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)""")
     assert changed.rowcount == 1
     conn.commit()
     conn.close()

@@ -1,4 +1,4 @@
-"""Studies in the database: written by a server, and read for reports, releases, the leaderboard and the operator.
+"""Series in the database, studies and daily terrains: written by a server, and read for reports, releases and the leaderboard.
 
 `StudyStore` works on the store's connection and in its transactions: `app.db.store` stays the one writer. Whatever changes
 a participant or a study appends an entry to the chain in the same transaction (`app.db.chain`). The functions take an open
@@ -8,6 +8,7 @@ reader, and none of them reads identities.
 from __future__ import annotations
 
 import json
+import secrets
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,25 +18,37 @@ from app.db import chain
 from app.db.columns import TABLES
 from app.db.database import rows
 from app.db.erasure import ARRIVALS, ERASED, invitation_hash
-from app.db.reader import JOINED, TRIAL, Reader
+from app.db.playground import MOVES
+from app.db.reader import PERSONS, TRIAL, Reader
 from app.db.store import Store
-from app.db.study_rows import ORDER_EVENT, Participant, Stage, StageEventRow, StudyRow
-from app.db.trial import Phase, Trial
+from app.db.study_rows import ORDER_EVENT, Participant, SeriesRow, Stage, StageEventRow
+from app.db.trial import DAILY, Phase, Trial
 
 STUDY_TRIAL = f"{TRIAL}, x.participant_id AS participant, p.kind, x.phase, x.trial, x.terrain AS terrain_index"
 """What `Trial.of` takes of a study's episode (SQL)."""
-STUDY_JOINED = f"""FROM study_episodes x JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
-    {JOINED}"""
+STUDY_JOINED = """FROM series_episodes x JOIN participants p ON p.id = x.participant_id JOIN episodes e ON e.id = x.episode_id
+    JOIN sessions s ON s.id = e.session_id"""
 _TRIALS = f"SELECT {STUDY_TRIAL} {STUDY_JOINED} WHERE x.participant_id = ? ORDER BY e.number"
 _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0), ?2, ?3, ?4
     FROM stage_events WHERE participant_id = ?1"""
 _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
 _NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
     JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
-_IS_OPEN = "SELECT 1 FROM studies WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
-_NOTE_CLOSED = "UPDATE studies SET closed_ms = ?, secret = ? WHERE name = ?"
-_PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM study_episodes t
+_IS_OPEN = "SELECT 1 FROM series WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
+_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ? WHERE name = ?"
+_PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM series_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
+
+
+def add_series(store: Store, series: SeriesRow) -> SeriesRow:
+    """Add a series unless one of its name is there; return the one that is there now."""
+    with store.transaction():
+        conn, insert = store.connection, TABLES["series"].insert(how="INSERT OR IGNORE")
+        if conn.execute(insert, series).rowcount:
+            chain.append(conn, "series", series.name)
+        return SeriesRow(
+            *conn.execute("SELECT * FROM series WHERE name = ?", [series.name]).fetchone()
+        )
 
 
 class StudyStore:
@@ -49,38 +62,19 @@ class StudyStore:
     def _conn(self) -> sqlite3.Connection:
         return self._store.connection
 
-    def add_study(self, study: StudyRow) -> StudyRow:
-        """Add a study, open, unless one of its name is there; return the one that is there now."""
-        values = (
-            study.name,
-            study.protocol,
-            study.protocol_hash,
-            study.commitment,
-            study.frozen_ms,
-        )
-        with self._store.transaction():
-            if self._conn.execute(
-                "INSERT OR IGNORE INTO studies VALUES (?, ?, ?, ?, ?, NULL, NULL)", values
-            ).rowcount:
-                chain.append(self._conn, "study", study.name)
-            return StudyRow(
-                *self._conn.execute("SELECT * FROM studies WHERE name = ?", [study.name]).fetchone()
-            )
-
-    def note_closed(self, study: StudyRow) -> None:
+    def note_closed(self, study: SeriesRow) -> None:
         """Write the end and the secret of a closed study, if anybody had joined it; an open study changes nothing."""
         if study.closed_ms is None:
             return
         with self._store.transaction():
             if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
-                with chain.changing(self._conn, "study", study.name):
+                with chain.changing(self._conn, "series", study.name):
                     self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
-        found = self._conn.execute(
-            "SELECT 1 FROM studies WHERE name = ? AND closed_ms IS NOT NULL", [name]
-        ).fetchone()
+        sql = "SELECT 1 FROM series WHERE name = ? AND closed_ms IS NOT NULL"
+        found = self._conn.execute(sql, [name]).fetchone()
         return found is not None
 
     def open_names(self) -> list[str]:
@@ -88,7 +82,7 @@ class StudyStore:
         return [
             row[0]
             for row in self._conn.execute(
-                "SELECT name FROM studies WHERE closed_ms IS NULL"
+                "SELECT name FROM series WHERE closed_ms IS NULL"
             ).fetchall()
         ]
 
@@ -222,8 +216,8 @@ class StudyStore:
     ) -> None:
         """Add an episode as the participant's trial; call it in the transaction that opens the episode."""
         with self._store.transaction():
-            values = (episode_id, participant_id, phase, trial, terrain)
-            self._conn.execute("INSERT INTO study_episodes VALUES (?, ?, ?, ?, ?)", values)
+            sql = "INSERT INTO series_episodes SELECT ?, study, id, NULL, ?, ?, ? FROM participants WHERE id = ?"
+            self._conn.execute(sql, (episode_id, phase, trial, terrain, participant_id))
 
     def order_number(self, participant: Participant, at_ms: int) -> int:
         """Return the place (from 0) among those of a kind who begin ranked terrains; it is fixed when first asked for.
@@ -247,7 +241,7 @@ class StudyStore:
 
     def has_trial(self, participant_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of the participant's."""
-        sql = "SELECT 1 FROM study_episodes WHERE episode_id = ? AND participant_id = ?"
+        sql = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id = ?"
         return self._conn.execute(sql, (episode_id, participant_id)).fetchone() is not None
 
     def phase_and_stage(self, episode_id: str) -> tuple[Phase, Stage] | None:
@@ -287,23 +281,27 @@ _EVENT_SUMMARY = """SELECT v.participant_id, max(v.at_ms) AS last_ms, sum(v.kind
     FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ? GROUP BY v.participant_id"""
 _WITHDRAWALS = """SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id
     WHERE p.study = ? AND v.kind = 'withdrawn'"""
-_CLOSED = "SELECT * FROM studies WHERE closed_ms IS NOT NULL AND secret IS NOT NULL ORDER BY closed_ms DESC"
+_CLOSED = """SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NOT NULL AND secret IS NOT NULL
+    ORDER BY closed_ms DESC"""
 
 
-def find_study(reader: Reader, name: str) -> StudyRow | None:
+def find_study(reader: Reader, name: str) -> SeriesRow | None:
     """Return a study; None when nobody has joined one of this name."""
-    found = reader.query("SELECT * FROM studies WHERE name = ?", [name])
-    return StudyRow(**found[0]) if found else None
+    found = reader.query("SELECT * FROM series WHERE name = ?", [name])
+    return SeriesRow(**found[0]) if found else None
 
 
 def study_names(reader: Reader) -> list[str]:
     """Return the names of all studies that somebody has joined, sorted."""
-    return [row["name"] for row in reader.query("SELECT name FROM studies ORDER BY name")]
+    return [
+        row["name"]
+        for row in reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
+    ]
 
 
-def closed_studies(reader: Reader) -> list[StudyRow]:
+def closed_studies(reader: Reader) -> list[SeriesRow]:
     """Return the studies that are closed and whose secret is known, the latest first."""
-    return [StudyRow(**row) for row in reader.query(_CLOSED)]
+    return [SeriesRow(**row) for row in reader.query(_CLOSED)]
 
 
 def participants(reader: Reader, study: str) -> list[Participant]:
@@ -368,3 +366,48 @@ def event_summaries(reader: Reader, study: str) -> dict[str, Row]:
 def withdrawals(reader: Reader, study: str) -> list[StageEventRow]:
     """Return the stage events by which participants of a study withdrew."""
     return [StageEventRow(**row) for row in reader.query(_WITHDRAWALS, [study])]
+
+
+_SECRET = "daily_secret"
+"""The row of the table `meta` with the secret that the keys of this database's days follow from."""
+_DAY = """SELECT y.* FROM series y WHERE y.name GLOB ?1
+    ORDER BY (SELECT count(*) FROM series_episodes x WHERE x.series = y.name) DESC, y.commitment LIMIT 1"""
+_ATTEMPTS = f"""SELECT {TRIAL}, {MOVES} FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+    JOIN sessions s ON s.id = e.session_id WHERE x.player_id = ? ORDER BY x.series DESC"""
+_RESULTS = f"""SELECT e.id AS episode_id, x.player_id, e.outcome, e.steps, e.discovered, e.score, e.ended_ms
+    FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+    WHERE x.series = ?1 AND {PERSONS} AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
+
+
+def daily_secret(store: Store) -> bytes:
+    """Return the secret that the keys of this database's days follow from: made once, kept in the database."""
+    with store.transaction():
+        values = (_SECRET, secrets.token_hex(32))
+        store.connection.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", values)
+    (row,) = store.query("SELECT value FROM meta WHERE name = ?", [_SECRET])
+    return bytes.fromhex(row["value"])
+
+
+def find_day(reader: Reader, day: str) -> SeriesRow | None:
+    """Return the series of a day, the most played of them in a merged database; None where there was none on that day."""
+    found = reader.query(_DAY, [f"{DAILY}:{day}:*"])
+    return SeriesRow(**found[0]) if found else None
+
+
+def add_attempt(store: Store, series: str, player_id: str, episode_id: str) -> None:
+    """Add an episode, in the transaction that opens it, as a player's attempt at a day's terrain; StoreError for a second."""
+    with store.transaction():
+        values = (episode_id, series, player_id)
+        store.connection.execute(
+            "INSERT INTO series_episodes VALUES (?, ?, NULL, ?, 'ranked', 0, 0)", values
+        )
+
+
+def attempts_of(reader: Reader, player_id: str) -> list[Trial]:
+    """Return all daily attempts of a player with the moves made, the newest day first."""
+    return [Trial.of(row) for row in reader.query(_ATTEMPTS, [player_id])]
+
+
+def results(reader: Reader, series: str, before_ms: int) -> list[dict[str, Any]]:
+    """Return people's attempts at a day's terrain that ended before a time, in the order of their ends."""
+    return reader.query(_RESULTS, [series, before_ms])
