@@ -2,7 +2,7 @@
 
 import gc
 
-pytest_plugins = ["tests.support.servers", "tests.support.forked_server"]
+pytest_plugins = ["tests.support.servers", "tests.support.forked_server", "tests.support.nginx"]
 
 gc.disable()  # the libraries that the tests import make half a million objects, and none of them is garbage
 

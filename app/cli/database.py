@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -18,11 +18,23 @@ if TYPE_CHECKING:
     from app.db.reader import Who
     from app.series.verification import Verification
 
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def database_option(what: str) -> Callable[[F], F]:
+    """Return the option --database; the command is given a path, that of the settings where none is named."""
+
+    def path(ctx: click.Context, param: click.Parameter, given: Path | None) -> Path:
+        return given or settings_of().database
+
+    return click.option("--database", type=PATH, help=what, callback=path)
+
+
+SERVERS = "The database that the server records in, if it is not the default one."
+
 
 @click.command(short_help="Write what was played as CSV.")
-@click.option(
-    "--database", type=PATH, help="The database to read; a running server may go on writing."
-)
+@database_option("The database to read; a running server may go on writing.")
 @click.option(
     "--out",
     type=PATH,
@@ -30,13 +42,9 @@ if TYPE_CHECKING:
     help="Folder for episodes.csv and steps.csv; made when absent.",
 )
 @click.option(
-    "--who",
-    type=click.Choice(["all", "human"]),
-    default="all",
-    show_default=True,
-    help="human: the counted ones.",
-)
-def export(database: Path | None, out: Path, who: Who) -> None:
+    "--who", type=click.Choice(["all", "human"]), default="all", show_default=True, help="human: the counted ones.",
+)  # fmt: skip
+def export(database: Path, out: Path, who: Who) -> None:
     """Write every finished episode, and every step of it, as two tables.
 
     Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
@@ -50,9 +58,8 @@ def export(database: Path | None, out: Path, who: Who) -> None:
     """
     from app.db.export import export_to
 
-    path = database or settings_of().database
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
-        summary = export_to(path, out, who, advance)
+        summary = export_to(database, out, who, advance)
     click.echo(summary)
 
 
@@ -154,9 +161,8 @@ def _of_database(
     earlier = None if head is None else _earlier_head(head)
     with progress("verifying (the rules are compiled first)") as advance:
         result = verify_database(path, advance, known, head=earlier)
-    return replace(result, findings=(*result.findings, *check_policy_files(folder, known))), str(
-        path
-    )
+    findings = (*result.findings, *check_policy_files(folder, known))
+    return replace(result, findings=findings), str(path)
 
 
 def _earlier_head(given: str) -> str:
@@ -193,30 +199,21 @@ def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verificat
 
 
 def _sentence(result: Verification, about: str) -> str:
-    rate = (
-        f", {result.episodes / result.seconds:,.0f} episodes/s"
-        if result.seconds > 0 and result.episodes
-        else ""
-    )
-    still_open = (
-        f"; {result.still_open} unfinished ones were not simulated" if result.still_open else ""
-    )
-    verdict = (
-        f"{result.failed} of its parts DIFFER from what was recorded"
-        if result.findings
-        else "all as recorded"
-    )
-    return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{still_open}"
+    verdict, rate, rest = "all as recorded", "", ""
+    if result.findings:
+        verdict = f"{result.failed} of its parts DIFFER from what was recorded"
+    if result.seconds > 0 and result.episodes:
+        rate = f", {result.episodes / result.seconds:,.0f} episodes/s"
+    if result.still_open:
+        rest = f"; {result.still_open} unfinished ones were not simulated"
+    return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{rest}"
 
 
 def _chain_lines(result: Verification) -> Iterator[str]:
     """Yield what the chain is, and what came after the earlier head that was asked for."""
     if result.chain is not None and result.chain.entries:
-        forgotten = (
-            f", {result.chain.forgotten} of them of forgotten people"
-            if result.chain.forgotten
-            else ""
-        )
+        gone = result.chain.forgotten
+        forgotten = f", {gone} of them of forgotten people" if gone else ""
         yield f"chain: {result.chain.entries:,} entries{forgotten}; head {result.chain.head}"
     if (since := result.since) is not None:
         day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
@@ -225,18 +222,13 @@ def _chain_lines(result: Verification) -> Iterator[str]:
 
 
 def _counted(counts: Mapping[str, int]) -> str:
-    return (
-        ", ".join(f"{count:,} of kind {kind}" for kind, count in sorted(counts.items()))
-        or "nothing"
-    )
+    return ", ".join(f"{counts[kind]:,} of kind {kind}" for kind in sorted(counts)) or "nothing"
 
 
 @click.command(short_help="Copy the database while people play.")
 @click.argument("file", type=PATH)
-@click.option(
-    "--database", type=PATH, help="The database to copy; a running server may go on writing."
-)
-def backup(file: Path, database: Path | None) -> None:
+@database_option("The database to copy; a running server may go on writing.")
+def backup(file: Path, database: Path) -> None:
     """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
 
     FILE is there when the copy is whole, and not before: Ctrl-C leaves nothing. A server makes backups by itself with
@@ -249,17 +241,16 @@ def backup(file: Path, database: Path | None) -> None:
     """
     from app.db.backup import back_up
 
-    path = database or settings_of().database
     with failures("cannot read the database"), progress("copying") as advance:
-        size = back_up(path, file, advance)
+        size = back_up(database, file, advance)
     click.echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
 
 
 @click.command(short_help="Put a backup in the place of the database.")
 @click.argument("backup", type=PATH)
-@click.option("--database", type=PATH, help="The database whose place it takes.")
+@database_option("The database whose place it takes.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-def restore(backup: Path, database: Path | None, yes: bool) -> None:
+def restore(backup: Path, database: Path, yes: bool) -> None:
     """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
 
     What stood there stays beside it as NAME.before-TIME, so nothing is deleted. Stop the server first: while one runs,
@@ -272,13 +263,12 @@ def restore(backup: Path, database: Path | None, yes: bool) -> None:
     """
     from app.db.backup import restore as put_back
 
-    path = database or settings_of().database
-    if path.exists() and not yes:
-        click.confirm(f"Put {backup} in the place of {path}?", abort=True, err=True)
+    if database.exists() and not yes:
+        click.confirm(f"Put {backup} in the place of {database}?", abort=True, err=True)
     with failures("cannot read the database"), progress("copying") as advance:
-        kept = put_back(backup, path, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
+        kept = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
     before = "" if kept is None else f"; what stood there is {kept}"
-    click.echo(f"restored {path} from {backup}, verified{before}")
+    click.echo(f"restored {database} from {backup}, verified{before}")
 
 
 @click.command(short_help="Join the databases of several servers.")
@@ -308,11 +298,8 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 
     with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
         counts, twice = merging.merge(databases, out, advance)
-    alike = (
-        f", {counts.equal['episodes']:,} of them in more than one"
-        if counts.equal["episodes"]
-        else ""
-    )
+    equal = counts.equal["episodes"]
+    alike = f", {equal:,} of them in more than one" if equal else ""
     left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
     people, episodes = counts.added["participants"], counts.added["episodes"]
     click.echo(
@@ -328,9 +315,9 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 @click.command(short_help="Erase a participant.")
 @click.argument("participant")
 @click.option("--study", help="The study, where an outside id took part in several.")
-@click.option("--database", type=PATH, help="The database to erase them from.")
+@database_option("The database to erase them from.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-def forget(participant: str, study: str | None, database: Path | None, yes: bool) -> None:
+def forget(participant: str, study: str | None, database: Path, yes: bool) -> None:
     """Erase a participant, named by their id, the label their page shows or the outside id of their link, for good.
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
@@ -348,35 +335,22 @@ def forget(participant: str, study: str | None, database: Path | None, yes: bool
     from app.db import erasure
     from app.report.moves.regret import forget_regrets
 
-    path = database or settings_of().database
-    with failures(f"cannot write {path}"):
-        found = erasure.find_participant(path, participant, study)
+    with failures(f"cannot write {database}"):
+        found = erasure.find_participant(database, participant, study)
         if not yes:
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
-            click.confirm(f"Erase {what} from {path} for good?", abort=True, err=True)
-        done = erasure.forget(path, participant, study)
-        forget_regrets(path)
-    kept = (
-        ", and the episodes of the study stay without a person, as its protocol says"
-        if done.keeps
-        else ""
-    )
-    click.echo(
-        f"erased from {path}: one participant of {done.study}, {done.episodes} episodes{kept}"
-    )
+            click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
+        done = erasure.forget(database, participant, study)
+        forget_regrets(database)
+    kept = ", and the episodes of the study stay without a person, as its protocol says"
+    erased = f"one participant of {done.study}, {done.episodes} episodes"
+    click.echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
         click.echo(
             f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
             f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
         )
-
-
-DATABASE = click.option(
-    "--database",
-    type=PATH,
-    help="The database that the server records in, if it is not the default one.",
-)
 
 
 @click.group(short_help="Let operators log in at /admin by name.")
@@ -397,45 +371,43 @@ def operator() -> None:
 
 @operator.command(short_help="Add an operator.")
 @click.argument("name")
-@DATABASE
-def add(name: str, database: Path | None) -> None:
+@database_option(SERVERS)
+def add(name: str, database: Path) -> None:
     """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
     from app.db.operators import add_operator
 
-    path = database or settings_of().database
     if sys.stdin.isatty():
         password = click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True)
     else:
         password = sys.stdin.readline().rstrip("\n")
     with failures("cannot read the database"):
-        add_operator(path, name, password)
+        add_operator(database, name, password)
     click.echo(
-        f"{name} may log in at /admin of the server that records in {path}; one without that page needs a new start"
+        f"{name} may log in at /admin of the server that records in {database}; one without that page needs a new start"
     )
 
 
 @operator.command("list", short_help="List the operators.")
-@DATABASE
-def list_(database: Path | None) -> None:
+@database_option(SERVERS)
+def list_(database: Path) -> None:
     """List the operators: by name, and since when."""
     from app.db.operators import list_operators
 
     with failures("cannot read the database"):
-        found = list_operators(database or settings_of().database)
+        found = list_operators(database)
     rows = [(each.name, _time(each.created_ms)) for each in found]
     print_table("Operators", ("name", "since (UTC)"), rows)
 
 
 @operator.command(short_help="Remove an operator.")
 @click.argument("name")
-@DATABASE
-def remove(name: str, database: Path | None) -> None:
+@database_option(SERVERS)
+def remove(name: str, database: Path) -> None:
     """Remove an operator; what they did stays in the log."""
     from app.db.operators import remove_operator
 
-    path = database or settings_of().database
     with failures("cannot read the database"):
-        remove_operator(path, name)
+        remove_operator(database, name)
     click.echo(f"{name} cannot log in any more")
 
 
@@ -443,23 +415,17 @@ def remove(name: str, database: Path | None) -> None:
 @click.option(
     "--count", type=click.IntRange(1), default=100, show_default=True, help="Actions to print."
 )
-@DATABASE
-def log(count: int, database: Path | None) -> None:
+@database_option(SERVERS)
+def log(count: int, database: Path) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""
     from app.db.operators import read_actions
 
     with failures("cannot read the database"):
-        found = read_actions(database or settings_of().database, count)
+        found = read_actions(database, count)
     rows = [
-        (
-            _time(each["at_ms"]),
-            each["operator"],
-            each["action"],
-            each["study"] or "",
-            str(each["status"] or "not ended"),
-        )
+        (_time(each["at_ms"]), each["operator"], each["action"], each["study"] or "", str(each["status"] or "not ended"))
         for each in found
-    ]
+    ]  # fmt: skip
     print_table("What operators did", ("time (UTC)", "operator", "action", "study", "status"), rows)
 
 

@@ -33,7 +33,7 @@ async def close(websocket: WebSocket, code: int, reason: str) -> None:
 
 def player_of(connection: HTTPConnection) -> str | None:
     """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
-    return services_of(connection).player_tokens.read(cookies.player_token(connection))
+    return services_of(connection).player_tokens.read(cookies.PLAYER.token(connection))
 
 
 def asker_of(connection: HTTPConnection) -> Asker:
@@ -48,18 +48,16 @@ def owner_of(connection: HTTPConnection) -> str:
 
 def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:
     """Set the player's cookie."""
-    cookies.set_player_token(
-        response, connection, services_of(connection).player_tokens.sign(player_id)
-    )
+    token = services_of(connection).player_tokens.sign(player_id)
+    cookies.PLAYER.set(response, connection, token)
 
 
 async def is_operator(connection: HTTPConnection) -> bool:
     """Return whether the operator asks; False on a server without an operator's page."""
     admin = services_of(connection).admin
-    return (
-        admin is not None
-        and await admin.login.operator_of(cookies.admin_token(connection)) is not None
-    )
+    if admin is None:
+        return False
+    return await admin.login.operator_of(cookies.ADMIN.token(connection)) is not None
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:
@@ -77,9 +75,9 @@ def may_control(connection: HTTPConnection, session: Session) -> bool:
 async def visible_session(connection: HTTPConnection, session_id: str) -> Session:
     """Return the session that is asked for; UnknownSessionError when there is none that the asker may see."""
     session = await services_of(connection).lobby.get(session_id)
-    if may_control(connection, session) or await is_operator(connection):
-        return session
-    raise UnknownSessionError(session_id)
+    if not (may_control(connection, session) or await is_operator(connection)):
+        raise UnknownSessionError(session_id)
+    return session
 
 
 async def controlled_session(connection: HTTPConnection, session_id: str) -> Session:

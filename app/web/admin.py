@@ -7,43 +7,33 @@ so, and browsers send the cookie from nowhere else.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
-from collections.abc import AsyncGenerator, Callable, Coroutine
-from contextlib import closing
+from collections.abc import Callable, Coroutine
+from contextlib import aclosing, closing
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import (
-    APIRouter,
-    Depends,
-    HTTPException,
-    Request,
-    Response,
-    WebSocket,
-    WebSocketDisconnect,
-)
-from fastapi.exceptions import RequestValidationError
+from fastapi import APIRouter, Depends, HTTPException, Request, Response, WebSocket
 from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from pydantic import Field
 
-from app.board.lobby import UnknownSessionError
-from app.board.messages import Message, encode_error
+from app.board.messages import Message
+from app.board.session import Session
 from app.db.reader import Reader
 from app.series.closing import close_study as close_study_of
-from app.series.folder import Study
 from app.series.invitations import MAX_INVITATIONS, token_of
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
 from app.web.access import close, is_operator, services_of
+from app.web.errors import status_of
 from app.web.operator import live_boards, participants
 from app.web.operator.exports import ExportError, ExportKind
 from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from app.web.operator.participants import recruiting
 from app.web.operator.services import AdminServices
 from app.web.protection import client_address, has_own_origin
-from app.web.sockets import UNKNOWN_SESSION
+from app.web.sockets import ignore_all, send_while, serve_session
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
@@ -109,28 +99,26 @@ def _admin_of(connection: Request | WebSocket) -> AdminServices:
     return admin
 
 
-def _study(admin: AdminServices, name: str) -> Study:
-    """Return a frozen study; HTTPException 404 or 409 with what is wrong with it."""
-    try:
-        return admin.progress.folder.study(name)
-    except (UnknownStudyError, DraftStudyError) as error:
-        raise HTTPException(404, str(error)) from error
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
-
-
 Operator = Annotated[AdminServices, Depends(check_operator)]
 
 
 class LoggedRoute(APIRoute):
     """A route that logs what an operator asks for, before it is done: every change, and every file that is taken.
 
-    The login logs itself, since only it knows who came.
+    The login logs itself, since only it knows who came. What is wrong with a study is told as it is.
     """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler with its entry in the log around it."""
-        handler = super().get_route_handler()
+        handle = super().get_route_handler()
+
+        async def handler(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except (StudyError, ExportError) as error:
+                is_none = isinstance(error, (UnknownStudyError, DraftStudyError))
+                raise HTTPException(404 if is_none else 409, str(error)) from error
+
         if self.name == "login" or (
             (self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"
         ):
@@ -138,21 +126,16 @@ class LoggedRoute(APIRoute):
 
         async def logged(request: Request) -> Response:
             admin = _admin_of(request)
-            who = await admin.login.operator_of(cookies.admin_token(request))
+            who = await admin.login.operator_of(cookies.ADMIN.token(request))
             if who is None:
                 return await handler(request)
-            number, status = (
-                await admin.actions.begin(who, self.name, request.path_params.get("name")),
-                500,
-            )
+            number = await admin.actions.begin(who, self.name, request.path_params.get("name"))
+            status = 500
             try:
                 response = await handler(request)
                 status = response.status_code
-            except HTTPException as error:
-                status = error.status_code
-                raise
-            except RequestValidationError:
-                status = 422
+            except Exception as error:
+                status = status_of(error)
                 raise
             finally:
                 await admin.actions.end(number, status)
@@ -175,15 +158,15 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
-    cookies.set_admin_token(response, request, token)
+    cookies.ADMIN.set(response, request, token)
     return {"in": True}
 
 
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
     """Log out: revoke the token and delete the cookie."""
-    await _admin_of(request).login.revoke(cookies.admin_token(request))
-    cookies.delete_admin_token(response, request)
+    await _admin_of(request).login.revoke(cookies.ADMIN.token(request))
+    cookies.ADMIN.set(response, request, "")
     return {"in": False}
 
 
@@ -196,7 +179,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
         "studies": await asyncio.to_thread(admin.studies),
         "boards": await live_boards.list_boards(lobby, admin.progress.study_store),
         "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
-        "operator": await admin.login.operator_of(cookies.admin_token(request)),
+        "operator": await admin.login.operator_of(cookies.ADMIN.token(request)),
         "actions": await admin.actions.newest(),
         "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
@@ -206,7 +189,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
 @router.get("/api/admin/studies/{name}")
 async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     """Return a study as it stands: participants, figure, labels, exports."""
-    found = _study(admin, name)
+    found = admin.progress.folder.study(name)
     store, now = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
 
     def read() -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -214,19 +197,13 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
             how = recruiting(reader, admin.progress.recruitment.invitations, found, now)
             return participants.list_participants(reader, name, now, found.is_open), how
 
-    try:
-        present, how = await asyncio.to_thread(read)
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
-    protocol = found.protocol
+    present, how = await asyncio.to_thread(read)
+    protocol, shown = found.protocol, ("frozen_ms", "closed_ms", "protocol_hash", "commitment")
     return {
         "name": name,
         "title": protocol.title,
         "status": "open" if found.is_open else "closed",
-        "frozen_ms": found.frozen_ms,
-        "closed_ms": found.closed_ms,
-        "protocol_hash": found.protocol_hash,
-        "commitment": found.commitment,
+        **{each: getattr(found, each) for each in shown},
         "level": protocol.env_config.level,
         "where": protocol.rules.where(protocol.env_config),
         "max_steps": protocol.env_config.limit,
@@ -249,13 +226,10 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
         raise HTTPException(
             422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
         )
-    _study(admin, name)
-    try:
-        store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
-        close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)
-        closed = await store.read(close)
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.progress.folder.study(name)
+    store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
+    close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)
+    closed = await store.read(close)
     await admin.progress.note_if_closed(closed)
     await asyncio.to_thread(admin.figures.forget, name)
     return {"closed_ms": closed.closed_ms}
@@ -264,13 +238,9 @@ async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str
 @router.post("/api/admin/studies/{name}/invitations", status_code=201)
 async def issue_invitations(admin: Operator, name: str, wanted: NewInvitations) -> dict[str, Any]:
     """Issue invitations and return their tokens."""
-    found = _study(admin, name)
-    try:
-        issued = await asyncio.to_thread(
-            admin.progress.recruitment.invitations.issue, name, wanted.count
-        )
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    found = admin.progress.folder.study(name)
+    issue = admin.progress.recruitment.invitations.issue
+    issued = await asyncio.to_thread(issue, name, wanted.count)
     return {"tokens": [token_of(found, each.id) for each in issued]}
 
 
@@ -279,13 +249,9 @@ async def revoke_invitations(
     admin: Operator, name: str, given: RevokedInvitations
 ) -> dict[str, Any]:
     """Take invitations back; whoever has agreed with one goes on."""
-    _study(admin, name)
-    try:
-        revoked = await asyncio.to_thread(
-            admin.progress.recruitment.invitations.revoke, name, given.ids
-        )
-    except StudyError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.progress.folder.study(name)
+    revoke = admin.progress.recruitment.invitations.revoke
+    revoked = await asyncio.to_thread(revoke, name, given.ids)
     return {"revoked": [each.id for each in revoked]}
 
 
@@ -294,13 +260,10 @@ async def begin_export(
     admin: Operator, name: str, what: ExportKind, wanted: ReleaseOptions | None = None
 ) -> dict[str, Any]:
     """Begin to make the report or the release; a release needs a closed study."""
-    found = _study(admin, name)
+    found = admin.progress.folder.study(name)
     if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
-    try:
-        admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
-    except ExportError as error:
-        raise HTTPException(409, str(error)) from error
+    admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())
     return admin.exports.state(name)
 
 
@@ -331,27 +294,16 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     if not await is_operator(websocket):
         await close(websocket, NOT_LOGGED_IN, "log in at /admin first")
         return
-    await websocket.accept()
-    with contextlib.suppress(WebSocketDisconnect):
-        try:
-            session = await services_of(websocket).lobby.get(session_id)
-        except UnknownSessionError as error:
-            await websocket.send_text(encode_error(str(error)))
-            await close(websocket, UNKNOWN_SESSION, "unknown session")
-            return
-        sender = asyncio.create_task(_send(websocket, live_boards.board_messages(session)))
-        try:
-            while (await websocket.receive())["type"] != "websocket.disconnect":
-                pass
-        finally:
-            sender.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sender
+
+    async def watch(session: Session) -> None:
+        await send_while(ignore_all(websocket), _send(websocket, session))
+
+    await serve_session(websocket, services_of(websocket).lobby.get(session_id), watch)
 
 
-async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:
-    """Send each message for as long as the operator is logged in."""
-    async with contextlib.aclosing(messages):
+async def _send(websocket: WebSocket, session: Session) -> None:
+    """Send each message of a board for as long as the operator is logged in."""
+    async with aclosing(live_boards.board_messages(session)) as messages:
         async for message in messages:
             if not await is_operator(websocket):
                 await close(websocket, NOT_LOGGED_IN, "logged out")

@@ -2,19 +2,13 @@
 
 import asyncio
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
 from typing import Annotated, Any
 
 from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from app.board.lobby import Lobby
-from app.board.messages import (
-    Act,
-    ChangePace,
-    Pace,
-)
+from app.board.messages import Act, ChangePace, Pace
 from app.board.session import SCRIPT, RefusedError, Session
 from app.task import Messages, describe
 from app.web.access import (
@@ -25,6 +19,7 @@ from app.web.access import (
     services_of,
     visible_session,
 )
+from app.web.errors import bad_input
 from app.web.protection import has_own_origin
 from app.web.sockets import as_move
 
@@ -44,15 +39,6 @@ def _json(text: str, status: int = 200) -> Response:
     )
 
 
-@contextmanager
-def _bad_input() -> Iterator[None]:
-    """Answer ValueError with 422: an unknown policy, say, or a level without a solvable terrain."""
-    try:
-        yield
-    except ValueError as error:
-        raise HTTPException(422, str(error)) from error
-
-
 def _check_no_study(session: Session, what: str, instead: str) -> None:
     """Raise HTTPException 409, saying what to do instead, for a participant's board: a study has its own calls."""
     if session.participation is not None:
@@ -62,6 +48,7 @@ def _check_no_study(session: Session, what: str, instead: str) -> None:
 async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     """Return what a page needs to show a session: its driver, its configuration, its frame and its rival's."""
     rival, current, store = lobby.rival_of(session), session.current, lobby.store
+    pace = None if rival is None or rival.pace is None else rival.pace.model_dump()
     finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
     told = (
         None if session.participation is not None else finished
@@ -70,21 +57,17 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
         "session": session.id,
         "player": session.row.driver_name,
         "task": describe(lobby.task),
-        **lobby.task.describe(session.current),
-        "daily": session.current.day,
+        **lobby.task.describe(current),
+        "daily": current.day,
         "counts": session.counts if finished is None else bool(finished["counts"]),
         "attestation": told and told["attestation"],
         "not_attested": told and told["attestation_reason"],
         "watch": None if session.participation is not None else lobby.watch_ids.of(session.id),
         "frame": json.loads(session.frame),
-        "rival": rival
-        and {
-            "session": rival.id,
-            "policy": rival.row.driver_name,
-            "pace": rival.pace and rival.pace.model_dump(),
-            "frame": json.loads(rival.frame),
+        "rival": rival and {
+            "session": rival.id, "policy": rival.row.driver_name, "pace": pace, "frame": json.loads(rival.frame),
         },
-    }
+    }  # fmt: skip
 
 
 @router.get("/health", tags=["server"], summary="Is the server well?")
@@ -94,18 +77,14 @@ async def health(request: Request) -> dict[str, Any]:
     Like /healthz it says that the server is alive, with what a page shows; /readyz says whether moves are recorded. `status`
     is "failing", with the reason under `detail`, while the database is not where it was opened.
     """
-    store = services_of(request).store
-    known = {
-        "core_version": _lobby(request).task.version,
-        "sessions": len(_lobby(request)),
+    lobby, store = _lobby(request), services_of(request).store
+    fault = store.fault
+    return {
+        **({"status": "ok"} if fault is None else {"status": "failing", "detail": fault}),
+        "core_version": lobby.task.version,
+        "sessions": len(lobby),
         "database": store.path.name,
     }
-    fault = store.fault
-    return (
-        {"status": "ok", **known}
-        if fault is None
-        else {"status": "failing", "detail": fault, **known}
-    )
 
 
 @probes.get("/healthz", summary="Is the server alive?")
@@ -149,10 +128,8 @@ async def maps(request: Request) -> list[dict[str, Any]]:
 )
 async def policies(request: Request) -> list[dict[str, str]]:
     """List the policies; each name can be given as `player` or as `rival`."""
-    return [
-        {"name": offer.name, "summary": offer.summary}
-        for offer in _lobby(request).task.policies.offers()
-    ]
+    offers = _lobby(request).task.policies.offers()
+    return [{"name": offer.name, "summary": offer.summary} for offer in offers]
 
 
 @router.get("/me/session", tags=["play"], summary="The board that my page goes on with")
@@ -167,11 +144,8 @@ async def get_my_session(
     player_id = player_of(request)
     if player_id is None:
         return None
-    page_boards = services_of(request).page_boards
-    link = watch or episode
-    found = await (
-        page_boards.with_link(player_id, link) if link else page_boards.newest(player_id)
-    )
+    boards, link = services_of(request).page_boards, watch or episode
+    found = await (boards.with_link(player_id, link) if link else boards.newest(player_id))
     return None if found is None else await session_summary(_lobby(request), found)
 
 
@@ -187,7 +161,7 @@ async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> 
     """Set exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only) where a policy drives."""
     session = await controlled_session(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
-    with _bad_input():
+    with bad_input():
         return await _lobby(request).change_pace(session, wanted)
 
 
@@ -196,6 +170,7 @@ def board_router(messages: Messages) -> APIRouter:
     """Return the calls in which a task's own messages stand: what begins a board or an episode, and its frames and paths."""
     router = APIRouter(prefix="/api")
     frame: dict[int | str, dict[str, Any]] = {200: {"model": messages.frame}}
+    path: dict[int | str, dict[str, Any]] = {200: {"model": messages.history}}
     stale = 'not the current frame: `{"detail", "frame"}`, and nothing has changed'
     act_answers = {**frame, 409: {"description": stale}}
 
@@ -217,7 +192,7 @@ def board_router(messages: Messages) -> APIRouter:
         """
         wanted = wanted or messages.board()
         player_id = player_of(request) or _lobby(request).sources.player_id()
-        with _bad_input():
+        with bad_input():
             terrain = _lobby(request).task.first(wanted)
             await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
             if wanted.replays is not None:
@@ -238,15 +213,11 @@ def board_router(messages: Messages) -> APIRouter:
         return _json((await visible_session(request, session_id)).frame)
 
     @router.get(
-        "/sessions/{session_id}/history",
-        tags=["play"],
-        summary="The path so far",
-        responses={200: {"model": messages.history}},
+        "/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses=path
     )
     async def get_history(request: Request, session_id: str) -> Response:
         """Return the position and the number of discovered cells after each step, the start first."""
-        session = await visible_session(request, session_id)
-        return _json(session.history())
+        return _json((await visible_session(request, session_id)).history())
 
     @router.post(
         "/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=act_answers
@@ -259,7 +230,7 @@ def board_router(messages: Messages) -> APIRouter:
         session = await controlled_session(request, session_id)
         _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
         try:
-            with _bad_input():
+            with bad_input():
                 move = as_move(wanted, session.task, SCRIPT)
             await session.act(move)
         except RefusedError as refusal:
@@ -267,11 +238,8 @@ def board_router(messages: Messages) -> APIRouter:
         return _json(session.frame)
 
     @router.post(
-        "/sessions/{session_id}/episodes",
-        status_code=201,
-        tags=["play"],
-        summary="Begin the next episode",
-    )
+        "/sessions/{session_id}/episodes", status_code=201, tags=["play"], summary="Begin the next episode",
+    )  # fmt: skip
     async def create_episode(
         request: Request,
         session_id: str,
@@ -282,41 +250,27 @@ def board_router(messages: Messages) -> APIRouter:
         On a board of the page, a ranked terrain that waits for its first move is not exchanged: the answer is then the board on
         which it waits, or a new board, with a `session` of its own.
         """
-        lobby, page_boards, wanted = (
-            _lobby(request),
-            services_of(request).page_boards,
-            wanted or messages.episode(),
-        )
+        lobby, boards = _lobby(request), services_of(request).page_boards
+        wanted = wanted or messages.episode()
         session = await controlled_session(request, session_id)
-        _check_no_study(
-            session,
-            "its terrains are the study's",
-            "POST /api/studies/{name}/next begins the next episode",
-        )
+        player_id = session.row.player_id  # None: a rival's
+        instead = "POST /api/studies/{name}/next begins the next episode"
+        _check_no_study(session, "its terrains are the study's", instead)
         if session.current.day is not None:
-            raise HTTPException(
-                409,
-                "this board is of a daily terrain, which is played once; POST /api/sessions begins another",
-            )
-        with _bad_input():
+            once = "this board is of a daily terrain, which is played once"
+            raise HTTPException(409, f"{once}; POST /api/sessions begins another")
+        with bad_input():
             terrain = lobby.task.next(session.current, wanted)
             await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
             if session.row.control == "cookie":
-                session, _ = await page_boards.begin_next(session, wanted)
-            elif (
-                has_own_origin(request)
-                and is_owner(request, session)
-                and session.row.player_id is not None
-            ):
+                session, _ = await boards.begin_next(session, wanted)
+            elif has_own_origin(request) and is_owner(request, session) and player_id is not None:
                 rival = lobby.rival_of(session)
-                drivers = {
-                    "player": session.row.driver_name,
-                    "rival": None if rival is None else rival.row.driver_name,
-                }
-                session, _ = await page_boards.begin(
-                    lobby.task.wanted_again(terrain.config, wanted, **drivers),
-                    session.row.player_id,
-                )
+                again = lobby.task.wanted_again(
+                    terrain.config, wanted, player=session.row.driver_name,
+                    rival=None if rival is None else rival.row.driver_name,
+                )  # fmt: skip
+                session, _ = await boards.begin(again, player_id)
             else:
                 await lobby.restart(session, wanted)
         return await session_summary(lobby, session)

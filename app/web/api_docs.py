@@ -42,17 +42,11 @@ SHOWN_MODELS = ("Frame", "History", "Pace")
 def render_docs(schema: dict[str, Any]) -> str:
     """Return the HTML document of an OpenAPI schema."""
     models = schema["components"]["schemas"]
+    shown = {name: models[name] for name in SHOWN_MODELS}
     page: str = _TEMPLATE.render(
-        root="",
-        info=schema["info"],
-        example=EXAMPLE,
-        socket=SOCKET,
-        groups=_groups(schema["paths"], models),
-        models=[
-            (name, models[name].get("description", ""), _fields(models[name]))
-            for name in SHOWN_MODELS
-        ],
-    )
+        root="", info=schema["info"], example=EXAMPLE, socket=SOCKET, groups=_groups(schema["paths"], models),
+        models=[(name, each.get("description", ""), _fields(each)) for name, each in shown.items()],
+    )  # fmt: skip
     return page
 
 
@@ -63,34 +57,22 @@ def _groups(
     groups: dict[str, list[dict[str, Any]]] = {}
     for path, verbs in paths.items():
         for verb, call in verbs.items():
-            heading = call["tags"][0].capitalize()
-            groups.setdefault(heading, []).append(
-                {
-                    "verb": verb.upper(),
-                    "path": path,
-                    "summary": call.get("summary", ""),
-                    "description": call.get("description", ""),
-                    "tables": _tables(call, models),
-                }
-            )
+            said = {name: call.get(name, "") for name in ("summary", "description")}
+            shown = {"verb": verb.upper(), "path": path, **said, "tables": _tables(call, models)}
+            groups.setdefault(call["tags"][0].capitalize(), []).append(shown)
     return list(groups.items())
 
 
 def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str, dict[str, Any]]]]:
     """Return the tables of a call's inputs: its query parameters, then the fields of its body."""
-    query = [
-        (each["name"], each["schema"])
-        for each in call.get("parameters", [])
-        if each["in"] == "query"
+    given = [each for each in call.get("parameters", []) if each["in"] == "query"]
+    content = call.get("requestBody", {}).get("content", {})
+    body = content.get("application/json", {}).get("schema", {})
+    named = [each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each]
+    fields = _fields(models[named[0].rsplit("/", 1)[1]]) if named else []
+    return [
+        table for table in ([(each["name"], each["schema"]) for each in given], fields) if table
     ]
-    body = (
-        call.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema", {})
-    )
-    reference = next(
-        (each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each), None
-    )
-    fields = [] if reference is None else _fields(models[reference.rsplit("/", 1)[1]])
-    return [table for table in (query, fields) if table]
 
 
 def _fields(model: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:

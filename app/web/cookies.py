@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
@@ -10,47 +13,27 @@ from app.web.protection import is_secure
 
 PLAYER_COOKIE = "mars_player"
 ADMIN_COOKIE = "mars_admin"
-_TWO_YEARS_S = 2 * 365 * 24 * 3600
 
 
-def player_token(connection: HTTPConnection) -> str:
-    """Return the value of the player's cookie; "" without one."""
-    return connection.cookies.get(PLAYER_COOKIE, "")
+@dataclass(frozen=True)
+class Cookie:
+    """A cookie that lasts some seconds; other sites' pages send it with links to us ("lax"), or never ("strict")."""
+
+    name: str
+    lasts_s: int
+    samesite: Literal["lax", "strict"]
+
+    def token(self, connection: HTTPConnection) -> str:
+        """Return the cookie's value; "" without one."""
+        return connection.cookies.get(self.name, "")
+
+    def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
+        """Set the cookie, Secure when the page came by TLS; an empty token deletes it."""
+        response.set_cookie(
+            self.name, token, max_age=self.lasts_s if token else 0, httponly=True,
+            samesite=self.samesite, secure=is_secure(connection),
+        )  # fmt: skip
 
 
-def set_player_token(response: Response, connection: HTTPConnection, token: str) -> None:
-    """Set the player's cookie, which other sites' pages send only with links to us; Secure when the page came by TLS."""
-    response.set_cookie(
-        PLAYER_COOKIE,
-        token,
-        max_age=_TWO_YEARS_S,
-        path="/",
-        httponly=True,
-        samesite="lax",
-        secure=is_secure(connection),
-    )
-
-
-def admin_token(connection: HTTPConnection) -> str:
-    """Return the value of the operator's cookie; "" without one."""
-    return connection.cookies.get(ADMIN_COOKIE, "")
-
-
-def set_admin_token(response: Response, connection: HTTPConnection, token: str) -> None:
-    """Set the operator's cookie, which only our own pages send; Secure when the page came by TLS."""
-    response.set_cookie(
-        ADMIN_COOKIE,
-        token,
-        max_age=TOKEN_S,
-        path="/",
-        httponly=True,
-        samesite="strict",
-        secure=is_secure(connection),
-    )
-
-
-def delete_admin_token(response: Response, connection: HTTPConnection) -> None:
-    """Delete the operator's cookie."""
-    response.delete_cookie(
-        ADMIN_COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection)
-    )
+PLAYER = Cookie(PLAYER_COOKIE, 2 * 365 * 24 * 3600, "lax")
+ADMIN = Cookie(ADMIN_COOKIE, TOKEN_S, "strict")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -13,10 +14,19 @@ from starlette.exceptions import HTTPException
 
 from app.board.lobby import UnknownSessionError
 from app.board.messages import NO_BODY, describe_errors
+from app.board.spectators import UnwatchableError
 from app.db.store import StoreError
 from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
 from app.web.protection.headers import headers_of
+from app.web.replays.episodes import UnknownReplayError
+from app.web.replays.files import VideoMissingError
 from app.web.templates import environment, path_of, root_of
+
+STATUSES: dict[type[Exception], int] = {
+    UnknownSessionError: 404, UnwatchableError: 404, UnknownReplayError: 404, VideoMissingError: 404,
+    RequestValidationError: 422, StoreError: 503, JobError: 503, JobsFullError: 503, sqlite3.DatabaseError: 503,
+}  # fmt: skip
+"""Errors that may leave a handler as they are. A study's are none of them: their text may name files of the server."""
 
 TITLES = {
     400: "This server does not go by that name",
@@ -39,9 +49,9 @@ _PAGE = environment.get_template("error_page.html")
 
 def add_error_handlers(app: FastAPI) -> None:
     """Answer the errors of handlers and of the router in this server's own words."""
+    for kind in STATUSES:
+        app.add_exception_handler(kind, _answer_error)
     app.add_exception_handler(HTTPException, _answer_http_error)
-    app.add_exception_handler(UnknownSessionError, _answer_with(404))
-    app.add_exception_handler(StoreError, _answer_with(503))
     app.add_exception_handler(JobsFullError, _answer_undone)
     app.add_exception_handler(JobError, _answer_undone)
     app.add_exception_handler(sqlite3.DatabaseError, _answer_database_error)
@@ -49,11 +59,26 @@ def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _answer_failure)
 
 
+def status_of(error: Exception) -> int:
+    """Return the status with which an error is answered; 500 for one that nobody foresaw."""
+    if isinstance(error, HTTPException):
+        return error.status_code
+    return next((STATUSES[kind] for kind in type(error).__mro__ if kind in STATUSES), 500)
+
+
+@contextmanager
+def bad_input() -> Iterator[None]:
+    """Answer ValueError with 422: an unknown policy, say, or a level without a solvable terrain."""
+    try:
+        yield
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from error
+
+
 def wants_page(request: Request) -> bool:
     """Return whether a browser asks for a page to show: it names HTML, as it does not for `fetch`, and the API has no pages."""
-    return "text/html" in request.headers.get("accept", "") and not path_of(request).startswith(
-        "/api/"
-    )
+    is_call = path_of(request).startswith("/api/")
+    return "text/html" in request.headers.get("accept", "") and not is_call
 
 
 def answer(
@@ -62,24 +87,14 @@ def answer(
     """Return the answer for a status: a page for a browser, else {"detail": ...}."""
     if not wants_page(request):
         return JSONResponse({"detail": detail}, status, headers)
-    title = TITLES.get(status, "That did not work")
-    return HTMLResponse(
-        _PAGE.render(
-            root=root_of(request), status=status, title=title, detail=_sentence(str(detail))
-        ),
-        status,
-        headers,
-    )
+    title, text = TITLES.get(status, "That did not work"), str(detail)
+    sentence = text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
+    shown = _PAGE.render(root=root_of(request), status=status, title=title, detail=sentence)
+    return HTMLResponse(shown, status, headers)
 
 
-def _sentence(text: str) -> str:
-    """Return an error's text as a sentence."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
-
-
-def _answer_with(status: int) -> Callable[[Request, Exception], Response]:
-    """Return a handler that answers the error's text with a status."""
-    return lambda request, error: answer(request, status, str(error))
+def _answer_error(request: Request, error: Exception) -> Response:
+    return answer(request, status_of(error), str(error))
 
 
 def _answer_undone(request: Request, error: Exception) -> Response:
@@ -101,12 +116,8 @@ def _answer_database_error(request: Request, error: Exception) -> Response:
 
 def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
-    return answer(
-        request,
-        500,
-        FAILED,
-        {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")},
-    )
+    headers = {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")}
+    return answer(request, 500, FAILED, headers)
 
 
 def _answer_http_error(request: Request, error: Exception) -> Response:

@@ -26,10 +26,9 @@ class _SafeFormatter(JsonFormatter):
 
     def process_log_record(self, log_data: dict[str, object]) -> dict[str, object]:
         """Mask what a library wrote in words; the other fields are ours."""
-        return {
-            name: mask(str(value)) if name in ("message", "error") else value
-            for name, value in log_data.items()
-        }
+        for name in log_data.keys() & {"message", "error"}:
+            log_data[name] = mask(str(log_data[name]))
+        return log_data
 
     def formatException(self, ei: object) -> str:  # noqa: N802 - the name of the standard library
         """Return the class of an exception and the places that it passed, innermost last."""

@@ -20,8 +20,11 @@ from app.web import api_docs
 from app.web.protection import NO_CACHE, page_policy
 from app.web.templates import environment, root_of
 
-ADMIN_CSP = page_policy(framed="'none'")
-"""The operator's page stands in no frame: nobody can be made to press a button that they do not see."""
+PAGES = {
+    "/": "play", "/study": "studies", "/study/{name}": "study", "/leaderboard": "leaderboard",
+    "/about": "about", "/daily": "daily", "/me": "me",
+}  # fmt: skip
+"""The folders of `static/` whose pages are served, by their addresses."""
 
 router = APIRouter(include_in_schema=False)
 admin_router = APIRouter(include_in_schema=False)
@@ -40,9 +43,8 @@ class PageFiles(StaticFiles):
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a file, 304 where the browser has this version, or a part of one."""
-        if path.startswith(
-            ".."
-        ):  # out of the folder and in again, a file would go by any number of names and be kept under each
+        # out of the folder and in again, a file would go by any number of names and be kept under each
+        if path.startswith(".."):
             raise HTTPException(404)
         headers = Headers(scope=scope)
         kept = self._kept.get(path)
@@ -95,61 +97,26 @@ def _version(found: stat_result) -> tuple[int, int, int]:
 static_files = PageFiles(directory=STATIC)
 
 
-def page(request: Request, name: str, headers: dict[str, str] | None = None) -> Response:
+def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
     text = environment.get_template(f"{name}/index.html").render(root=root_of(request))
-    return HTMLResponse(text, headers=NO_CACHE if headers is None else headers)
+    return HTMLResponse(text, headers=headers)
 
 
-@router.get("/")
-async def play_page(request: Request) -> Response:
-    """Serve the page to play on."""
-    return page(request, "play")
+def _serve(router: APIRouter, path: str, folder: str, headers: dict[str, str]) -> None:
+    async def serve(request: Request) -> Response:
+        return page(request, folder, headers)
+
+    router.add_api_route(path, serve, methods=["GET"], name=f"{folder}_page")
 
 
-@router.get("/study/{name}")
-async def study_page(request: Request, name: str) -> Response:
-    """Serve a study's page, which says so itself when there is no such study."""
-    return page(request, "study")
-
-
-@router.get("/leaderboard")
-async def leaderboard_page(request: Request) -> Response:
-    """Serve the leaderboard."""
-    return page(request, "leaderboard")
-
-
-@router.get("/about")
-async def about_page(request: Request) -> Response:
-    """Serve the page about the rules, the policies, the paper and what is stored."""
-    return page(request, "about")
-
-
-@router.get("/study")
-async def studies_page(request: Request) -> Response:
-    """Serve the page about studies, which lists those that anybody may join."""
-    return page(request, "studies")
-
-
-@router.get("/daily")
-async def daily_page(request: Request) -> Response:
-    """Serve the page of today's terrain."""
-    return page(request, "daily")
-
-
-@router.get("/me")
-async def me_page(request: Request) -> Response:
-    """Serve the page of one's own episodes."""
-    return page(request, "me")
+for _path, _folder in PAGES.items():
+    _serve(router, _path, _folder, NO_CACHE)
+_serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(framed="'none'")})
+# it stands in no frame: nobody can be made to press a button that they do not see
 
 
 @router.get("/docs")
 async def docs_page(request: Request) -> Response:
     """Serve the documentation of the API."""
     return HTMLResponse(api_docs.render_docs(request.app.openapi()), headers=NO_CACHE)
-
-
-@admin_router.get("/admin")
-async def admin_page(request: Request) -> Response:
-    """Serve the operator's page."""
-    return page(request, "admin", {"Content-Security-Policy": ADMIN_CSP})

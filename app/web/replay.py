@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated, Any, cast
 from urllib.parse import quote
 
@@ -12,26 +10,16 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from app.db.playground import watchable_session
 from app.web.access import asker_of, owner_of, services_of
+from app.web.errors import bad_input
 from app.web.protection import SHARED, is_secure
 from app.web.replays.episodes import NoCourseError, UnknownReplayError
-from app.web.replays.files import MEDIA_TYPES, Format, VideoMissingError, offered
-from app.web.replays.page import Addresses, render
+from app.web.replays.files import MEDIA_TYPES, Format, offered
+from app.web.replays.page import render
 
 router = APIRouter()
 PolicyName = Annotated[str, Query(max_length=200)]
 NO_GHOST = "none"
 """The name of a ghost that says that no policy is to be shown."""
-
-
-@contextmanager
-def _replay_errors() -> Iterator[None]:
-    """Answer 404 for what has no replay, 422 for what cannot be worked out."""
-    try:
-        yield
-    except (UnknownReplayError, VideoMissingError) as error:
-        raise HTTPException(404, str(error)) from error
-    except ValueError as error:
-        raise HTTPException(422, str(error)) from error
 
 
 @router.get(
@@ -41,7 +29,7 @@ def _replay_errors() -> Iterator[None]:
 )
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
-    with _replay_errors():
+    with bad_input():
         return (await services_of(request).replays.replay(episode_id, asker_of(request))).document()
 
 
@@ -55,7 +43,7 @@ async def get_ghost(
 ) -> dict[str, Any]:
     """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
     asker, replays = asker_of(request), services_of(request).replays
-    with _replay_errors():
+    with bad_input():
         chosen = policy or (await replays.replay(episode_id, asker)).preferred
         if chosen is None:
             raise HTTPException(
@@ -79,15 +67,10 @@ async def replay_file(
     404 as for the episode, and for an MP4 where the server cannot make one.
     """
     asker, replays = asker_of(request), services_of(request).replays
-    with _replay_errors():
+    with bad_input():
         chosen = ghost or (await replays.replay(episode_id, asker)).preferred
-        content = await replays.file(
-            episode_id,
-            form,
-            None if chosen == NO_GHOST or form == "png" else chosen,
-            asker,
-            owner_of(request),
-        )
+        beside = None if chosen == NO_GHOST or form == "png" else chosen
+        content = await replays.file(episode_id, form, beside, asker, owner_of(request))
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
     headers = {
@@ -102,22 +85,19 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     """Serve the page of a replay; where the episode of somebody on the playground still runs, lead to its live view."""
     asker = asker_of(request)
     try:
-        with _replay_errors():
+        with bad_input():
             replay = await services_of(request).replays.replay(episode_id, asker)
-    except HTTPException as error:
-        if isinstance(error.__cause__, NoCourseError):
-            return RedirectResponse(f"../watch/{episode_id}", 303)
+    except UnknownReplayError as error:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
         watchable = await store.read(
             lambda: watchable_session(store, episode_id, now, asker.player_id)
         )
-        if error.status_code == 404 and watchable is not None and not watchable[1]:
+        if isinstance(error, NoCourseError) or (watchable is not None and not watchable[1]):
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
-    page = absolute_address(request)
     return HTMLResponse(
-        render(replay.document(), replay.course, offered(), Addresses(page, f"{page}.png"))
+        render(replay.document(), replay.course, offered(), absolute_address(request))
     )
 
 

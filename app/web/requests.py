@@ -66,13 +66,8 @@ class ObservedRequests:
             self._metrics.count_refusal(f"socket_{status}")
 
     def _write(self, scope: Scope, status: int, seconds: float) -> None:
-        route = scope["noted"].get("route", "none")
-        what = {
-            "method": scope.get("method", "WEBSOCKET"),
-            "route": route,
-            "status": status,
-            "ms": round(seconds * 1000, 3),
-        }
+        method, route = scope.get("method", "WEBSOCKET"), scope["noted"].get("route", "none")
+        what = {"method": method, "route": route, "status": status, "ms": round(seconds * 1000, 3)}
         _log.info("request", extra=what)
 
 

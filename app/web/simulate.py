@@ -122,15 +122,8 @@ class Socket:
         kind = "keydown" if input == "key" else "touchdown"
         event = {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now}
         event |= {"step": frame["step"], **changes}
-        events = [*self._released, event]
-        self.send(
-            {
-                "kind": "events",
-                "batch": secrets.token_hex(8),
-                "episode": frame["episode"],
-                "events": events,
-            }
-        )
+        batch = {"batch": secrets.token_hex(8), "episode": frame["episode"]}
+        self.send({"kind": "events", **batch, "events": [*self._released, event]})
         self.clock.wait(self._tempo.randint(40, 80))
         up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
         self._released = [{**event, **up}]
@@ -190,14 +183,12 @@ class Participant:
         path = f"{str(url).rstrip('/')}/ws/sessions/{self.where['session']}"
         names = ("Cookie", "X-Mars-Token")
         sent = self.client.build_request("GET", "/").headers
-        with connect(
-            path,
-            origin=sent.get("Origin"),
-            additional_headers={name: sent[name] for name in names if name in sent},
-            proxy=None,
-            open_timeout=ANSWER_TIMEOUT_S,
-            close_timeout=1.0,
-        ) as connection:
+        headers = {name: sent[name] for name in names if name in sent}
+        opened = connect(
+            path, origin=sent.get("Origin"), additional_headers=headers, proxy=None,
+            open_timeout=ANSWER_TIMEOUT_S, close_timeout=1.0,
+        )  # fmt: skip
+        with opened as connection:
             yield Socket(connection, self._clock, self._tempo)
 
     def play(self, moves: int | None = None, **act: Any) -> list[Frame]:
@@ -297,13 +288,8 @@ def open_client(plan: Plan) -> httpx.Client:
     headers = {"Origin": f"{base.scheme}://{base.netloc.decode()}"}
     if plan.token is not None:
         headers["X-Mars-Token"] = plan.token
-    return httpx.Client(
-        base_url=base,
-        timeout=ANSWER_TIMEOUT_S,
-        trust_env=False,
-        verify=_certificates(),
-        headers=headers,
-    )
+    options: dict[str, Any] = {"trust_env": False, "verify": _certificates(), "headers": headers}
+    return httpx.Client(base_url=base, timeout=ANSWER_TIMEOUT_S, **options)
 
 
 def fetch_study(plan: Plan) -> dict[str, Any]:
@@ -352,10 +338,8 @@ def _take_part(
     policy = NoisyPolicy(plan.policy, plan.noise, radius, dice.getrandbits(31))
     leaves_at = dice.randrange(study["ranked"]) if dice.random() < plan.leaving else None
     withdraws = dice.random() < 0.5
-    join = {
-        "outside_ids": {"PROLIFIC_PID": outside_id},
-        "script": f"{plan.policy}, {plan.noise:.0%} random moves",
-    }
+    script = f"{plan.policy}, {plan.noise:.0%} random moves"
+    join = {"outside_ids": {"PROLIFIC_PID": outside_id}, "script": script}
     with open_client(plan) as client:
         clock.wait(JOIN_EVERY_MS * outcome.number)
         participant = Participant(client, plan.study, policy, clock, dice.getrandbits(31))

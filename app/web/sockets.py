@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
@@ -36,18 +38,43 @@ UNKNOWN_SESSION = 4404
 router = APIRouter()
 
 
-@router.websocket("/ws/sessions/{session_id}")
-async def play_socket(websocket: WebSocket, session_id: str) -> None:
-    """Serve one play socket until it leaves."""
+async def serve_session(
+    websocket: WebSocket, asked: Awaitable[Session], serve: Callable[[Session], Awaitable[None]]
+) -> None:
+    """Accept a socket and serve the session that it asks for; where there is none, say so and close the socket."""
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await visible_session(websocket, session_id)
+            session = await asked
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await close(websocket, UNKNOWN_SESSION, "unknown session")
             return
-        await PlaySocket(websocket, session).serve()
+        await serve(session)
+
+
+async def ignore_all(websocket: WebSocket) -> None:
+    """Receive until the client leaves, and do nothing about it."""
+    while (await websocket.receive())["type"] != "websocket.disconnect":
+        pass
+
+
+async def send_while(receiving: Awaitable[None], sending: Coroutine[Any, Any, None]) -> None:
+    """Send for as long as messages are received."""
+    sender = asyncio.create_task(sending)
+    try:
+        await receiving
+    finally:
+        sender.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sender
+
+
+@router.websocket("/ws/sessions/{session_id}")
+async def play_socket(websocket: WebSocket, session_id: str) -> None:
+    """Serve one play socket until it leaves."""
+    asked = visible_session(websocket, session_id)
+    await serve_session(websocket, asked, lambda session: PlaySocket(websocket, session).serve())
 
 
 class PlaySocket:
@@ -55,24 +82,18 @@ class PlaySocket:
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
-        self._is_owner, self._is_page = (
-            is_owner(websocket, session),
-            has_own_origin(websocket) is True,
-        )
         self._may_control = may_control(websocket, session)
+        self._is_owner = is_owner(websocket, session)
+        self._is_page = has_own_origin(websocket) is True
         self._keeping: asyncio.Task[None] | None = None
         """What tells that the newest input events are kept."""
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
-        sender = asyncio.create_task(self._send_newest())
         try:
             # in a task of its own, so that a message wakes the receiver alone and not all that surrounds this call
-            await asyncio.create_task(self._receive())
+            await send_while(asyncio.create_task(self._receive()), self._send_newest())
         finally:
-            sender.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sender
             if self._keeping is not None:
                 await self._keeping
 
@@ -89,17 +110,13 @@ class PlaySocket:
                 if session.current.id != episode:
                     episode = session.current.id
                     await send(session.history())
-                if session.thought != thought:
-                    thought = session.thought
-                    if thought:
-                        await send(thought)
+                if session.thought != thought and (thought := session.thought):
+                    await send(thought)
                 if session.pace != pace and session.pace is not None:
                     pace = session.pace
                     await send(pace.model_dump_json())
-                if session.fault != fault:
-                    fault = session.fault
-                    if fault is not None:
-                        await send(encode_error(fault))
+                if session.fault != fault and (fault := session.fault) is not None:
+                    await send(encode_error(fault))
 
     async def _receive(self) -> None:
         while True:
@@ -115,10 +132,7 @@ class PlaySocket:
             else:
                 answer = await self._answer(text)
             if answer is not None:
-                with contextlib.suppress(
-                    WebSocketDisconnect, RuntimeError
-                ):  # whoever has gone: what they had sent counts still
-                    await self._websocket.send_text(answer)
+                await self._tell(answer)
 
     async def _answer(self, text: str) -> str | None:
         """Return the answer to a message; None for an act that was made, since its frame is the answer, and for events.
@@ -137,9 +151,8 @@ class PlaySocket:
                 return None
             if isinstance(message, Act):
                 self._check_control()
-                await session.act(
-                    as_move(message, session.task, self._driver(message)), self._notice
-                )
+                move = as_move(message, session.task, self._driver(message))
+                await session.act(move, lambda text: self._tell(encode_error(text)))
                 return None
             if isinstance(message, ExpectedRequest):
                 return session.expected()
@@ -163,17 +176,13 @@ class PlaySocket:
         )
         return HUMAN if is_human else SCRIPT
 
-    async def _notice(self, text: str) -> None:
-        """Send a sentence to whoever is still there."""
+    async def _tell(self, message: str) -> None:
+        """Send a message to whoever is still there; of whoever has gone, what they had sent counts still."""
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            await self._websocket.send_text(encode_error(text))
+            await self._websocket.send_text(message)
 
     async def _tell_kept(self, events: Events) -> None:
-        kept = await self._keep(events)
-        with contextlib.suppress(
-            WebSocketDisconnect, RuntimeError
-        ):  # whoever has gone: their events count still
-            await self._websocket.send_text(kept.model_dump_json())
+        await self._tell((await self._keep(events)).model_dump_json())
 
     async def _keep(self, events: Events) -> Kept:
         """Store input events and return how many are kept: all, none for a reason, or none for now."""
@@ -202,13 +211,5 @@ def as_move(act: Act, task: Task, driver: str) -> Move:
     """Return the move of a task that a message asks for, made by `driver`; BadMessageError where it is none."""
     if act.action not in task.actions:
         raise no_action(task.actions, act.action)
-    return Move(
-        episode=act.episode,
-        step=act.step,
-        action=task.actions.index(act.action),
-        driver=driver,
-        input=act.input,
-        key_down_ms=act.key_down_ms,
-        key_up_ms=act.key_up_ms,
-        client_ms=act.client_ms,
-    )
+    told = act.model_dump(exclude={"kind", "action"})
+    return Move(**told, action=task.actions.index(act.action), driver=driver)

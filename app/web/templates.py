@@ -10,12 +10,9 @@ from starlette.requests import HTTPConnection
 from app import STATIC
 
 environment = Environment(
-    loader=FileSystemLoader([Path(__file__).parent, STATIC]),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+    loader=FileSystemLoader([Path(__file__).parent, STATIC]), autoescape=True,
+    undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+)  # fmt: skip
 
 
 def root_of(connection: HTTPConnection) -> str:
@@ -26,6 +23,5 @@ def root_of(connection: HTTPConnection) -> str:
 def path_of(connection: HTTPConnection) -> str:
     """Return the path that was asked for, below the app's own prefix."""
     scope = connection.scope
-    return str(scope["path"]).removeprefix(
-        str(scope.get("app_root_path", scope.get("root_path", "")))
-    )
+    prefix = scope.get("app_root_path", scope.get("root_path", ""))
+    return str(scope["path"]).removeprefix(str(prefix))

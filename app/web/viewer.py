@@ -50,11 +50,10 @@ def client_response(request: Request, page: Any, cache_control: str) -> Response
     }
     if request.headers.get("if-none-match") == page.etag:
         return Response(status_code=304, headers=headers)
+    content = page.html
     if "gzip" in request.headers.get("accept-encoding", ""):
-        return Response(
-            page.zipped, media_type="text/html", headers={**headers, "Content-Encoding": "gzip"}
-        )
-    return Response(page.html, media_type="text/html", headers=headers)
+        content, headers["Content-Encoding"] = page.zipped, "gzip"
+    return Response(content, media_type="text/html", headers=headers)
 
 
 @router.websocket("/viewer/{session_id}")

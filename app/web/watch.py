@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import AsyncGenerator
 from typing import Any
 
-from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from app.board.messages import encode_error
 from app.board.spectators import UnwatchableError
 from app.web.access import asker_of, close, player_of, services_of
 from app.web.pages import page
-from app.web.sockets import UNKNOWN_SESSION
+from app.web.sockets import UNKNOWN_SESSION, ignore_all, send_while
 
 router = APIRouter()
 
@@ -28,10 +27,7 @@ async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
     `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
     only by its own player before the day is over.
     """
-    try:
-        return await services_of(request).spectators.describe(watch_id, player_of(request))
-    except UnwatchableError as error:
-        raise HTTPException(404, str(error)) from error
+    return await services_of(request).spectators.describe(watch_id, player_of(request))
 
 
 @router.get("/watch/{watch_id}", include_in_schema=False)
@@ -43,10 +39,7 @@ async def watch_page(request: Request, watch_id: str) -> Response:
     services, asker = services_of(request), asker_of(request)
     if await services.replays.has(watch_id, asker):
         return RedirectResponse(f"../replay/{watch_id}", 303)
-    try:
-        await services.spectators.shown(watch_id, asker.player_id)
-    except UnwatchableError as error:
-        raise HTTPException(404, str(error)) from error
+    await services.spectators.shown(watch_id, asker.player_id)
     return page(request, "watch")
 
 
@@ -54,16 +47,8 @@ async def watch_page(request: Request, watch_id: str) -> Response:
 async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
     """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
     await websocket.accept()
-    sender = asyncio.create_task(
-        _send(websocket, services_of(websocket).spectators.messages(watch_id, player_of(websocket)))
-    )
-    try:
-        while (await websocket.receive())["type"] != "websocket.disconnect":
-            pass
-    finally:
-        sender.cancel()
-        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-            await sender
+    messages = services_of(websocket).spectators.messages(watch_id, player_of(websocket))
+    await send_while(ignore_all(websocket), _send(websocket, messages))
 
 
 async def _send(websocket: WebSocket, messages: AsyncGenerator[str, None]) -> None:

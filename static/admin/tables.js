@@ -7,11 +7,8 @@ import { ago, endings, flags, place, size, stageName } from "./words.js";
 export function paintStages(table, stages) {
   const most = Math.max(1, ...stages.map(({ human, script }) => human + script));
   table.tBodies[0].replaceChildren(...stages.map(({ stage, human, script }) => {
-    const track = create("div", [human, script].map((count) => {
-      const bar = create("i");
-      bar.style.width = `${(100 * count) / most}%`;
-      return bar;
-    }), { class: "track" });
+    const bars = [human, script].map((count) => create("i", [], { style: `width: ${(100 * count) / most}%` }));
+    const track = create("div", bars, { class: "track" });
     const cells = [create("th", stageName(stage), { scope: "row" }), create("td", track), create("td", String(human), { class: "number" }), create("td", String(script), { class: "number" })];
     return create("tr", cells, { "data-testid": `stage-${stage}`, "data-empty": String(human + script === 0) });
   }));
@@ -34,14 +31,10 @@ function measure(name, value, text, low, high) {
   const interval = value.low === null || value.high === null ? "no interval yet" : `${text(value.low)} to ${text(value.high)}`;
   const span = create("div", [], { class: "span", "aria-hidden": "true" });
   if (value.low !== null && value.high !== null) {
-    const spread = create("i");
-    spread.style.left = `${place(value.low, low, high)}%`;
-    spread.style.width = `${place(value.high, low, high) - place(value.low, low, high)}%`;
-    span.append(spread);
+    const [from, to] = [place(value.low, low, high), place(value.high, low, high)];
+    span.append(create("i", [], { style: `left: ${from}%; width: ${to - from}%` }));
   }
-  const dot = create("b");
-  dot.style.left = `${place(value.mean, low, high)}%`;
-  span.append(dot);
+  span.append(create("b", [], { style: `left: ${place(value.mean, low, high)}%` }));
   return create("div", [create("dl", [create("dt", name), create("dd", [text(value.mean), create("small", interval)])]), span], { class: "measure" });
 }
 
@@ -56,9 +49,7 @@ export function paintPeople(table, task, study) {
       create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
     return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
-  if (rows.length === 0) {
-    rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "8" })));
-  }
+  if (rows.length === 0) rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "8" })));
   table.tBodies[0].replaceChildren(...rows);
 }
 

@@ -15,9 +15,7 @@ export function axisEnd(steps) {
 }
 
 /** @param {number} end @returns the distance between the labels of the step axis: at most eight of them */
-export function tickStep(end) {
-  return [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
-}
+export const tickStep = (end) => [10, 20, 50, 100, 200, 500, 1000, 2000, 5000].find((step) => end / step <= 8) ?? 10000;
 
 /** @param {number} low @param {number} high @returns at most six round numbers that span low..high */
 export function ticks(low, high) {

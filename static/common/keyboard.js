@@ -18,9 +18,7 @@ export function ownsKeys(element) {
 }
 
 /** @param {globalThis.Event} event @returns the element at which an event started, also inside a shadow tree */
-export function keyOrigin(event) {
-  return /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
-}
+export const keyOrigin = (event) => /** @type {HTMLElement | null} */ (event.composedPath?.()[0] ?? event.target);
 
 /** A browser's time of an event that is older than this is not believed: some count from the start of the machine. */
 const OLDEST_MS = 10_000;

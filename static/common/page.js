@@ -9,6 +9,9 @@ export function by(id, kind = /** @type {new () => T} */ (/** @type {unknown} */
   return found;
 }
 
+/** @param {string} selector @param {ParentNode} [root] @returns what it finds there, in the page's order */
+export const all = (selector, root = document) => /** @type {HTMLElement[]} */ ([...root.querySelectorAll(selector)]);
+
 /** Return a new element.
  * @template {keyof HTMLElementTagNameMap} K @param {K} kind @param {string | Node | (string | Node)[]} [content]
  * @param {Record<string, string>} [attributes] @returns {HTMLElementTagNameMap[K]} */
@@ -89,10 +92,7 @@ export function createRepaint(paint) {
 
 /** Return the elements of a place by their `data-part`.
  * @param {ParentNode} root @returns {Record<string, HTMLElement>} */
-export function partsOf(root) {
-  const found = /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-part]"));
-  return Object.fromEntries(Array.from(found, (each) => [each.dataset.part, each]));
-}
+export const partsOf = (root) => Object.fromEntries(all("[data-part]", root).map((each) => [each.dataset.part, each]));
 
 /** Return the room of elements in CSS pixels, without asking for a layout at each repaint.
  * @param {() => void} onChange another size */

@@ -15,9 +15,7 @@ export function begun(last, speed) {
 }
 
 /** @param {Playback} playback @returns the number of moves after which the boards are shown */
-export function stepOf({ at, hovered, isPlaying }) {
-  return hovered !== null && !isPlaying ? hovered : Math.floor(at + 1e-9);
-}
+export const stepOf = ({ at, hovered, isPlaying }) => hovered !== null && !isPlaying ? hovered : Math.floor(at + 1e-9);
 
 /** @param {Playback} playback @param {number} step @returns {Playback} the replay at another move, not playing */
 export function movedTo(playback, step) {

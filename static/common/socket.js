@@ -6,9 +6,7 @@ import { askHistory, parse } from "./messages.js";
 const ANSWER_MS = 1500;
 
 /** @param {number} attempt counted from 0 @returns the wait before attempt k, in ms: 250, 500, ... at most 5,000 */
-export function backoff_ms(attempt) {
-  return Math.min(5000, 250 * 2 ** attempt);
-}
+export const backoff_ms = (attempt) => Math.min(5000, 250 * 2 ** attempt);
 
 /** Follow a session until `close`.
  *   onLink       "open" once joined, "lost" the moment it breaks

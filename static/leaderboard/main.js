@@ -1,6 +1,6 @@
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { request } from "../common/api.js";
-import { create, by } from "../common/page.js";
+import { all, by, create, reader } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
@@ -65,13 +65,11 @@ function schedule(ms) {
 
 function paint() {
   boardSelect.value = state.board;
-  for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
-    button.setAttribute("aria-pressed", String(button.dataset.measure === state.measure));
-  }
+  for (const button of all("[data-measure]")) button.setAttribute("aria-pressed", String(button.dataset.measure === state.measure));
   const { detail, measure } = state;
   if (!detail || detail.board.id !== state.board) return;
-  const style = getComputedStyle(document.documentElement);
-  const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: style.getPropertyValue(row.colour).trim() }));
+  const read = reader(document.documentElement);
+  const rows = standing.rows(detail, measure).map((row) => ({ ...row, colour: read(row.colour) }));
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(task, detail);
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
@@ -107,15 +105,11 @@ function paintVisits(rows) {
   const note = by("visits-note");
   note.textContent = maps.length ? "Visits of a cell in a mean episode, all on one scale (square root): 0" : "No figures yet.";
   if (!maps.length) return;
-  const key = create("span", [], { class: "scale-key" });
-  key.style.background = GRADIENT;
-  note.append(key, `${topOf(maps).toFixed(1)} and more. Every episode begins in the north-west corner.`);
+  note.append(create("span", [], { class: "scale-key", style: `background: ${GRADIENT}` }), `${topOf(maps).toFixed(1)} and more. Every episode begins in the north-west corner.`);
 }
 
 boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, detail: null }); load(); });
-for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-measure]"))) {
-  button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
-}
+for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
 new ResizeObserver(() => paint()).observe(by("coverage"));
 load();

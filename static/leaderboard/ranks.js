@@ -2,18 +2,17 @@
 import { paintChart, paintLegend } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
+import { many } from "../common/words.js";
 import { coverageEnd, curveText, intervalText, shown, source } from "./standing.js";
 
 /** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
  * @param {Leaderboard.Row[]} rows @param {Leaderboard.Scale} scale @param {Leaderboard.Measure} measure */
 export function paintRanks(table, marks, rows, scale, measure) {
   const percent = (/** @type {number} */ share) => `${100 * share}%`;
+  const left = (/** @type {number} */ value) => `left: ${percent(placeOf(scale, value) ?? 0)}`;
   const gap = breakOf(scale);
-  marks.replaceChildren(...[...scale.ticks, ...scale.farTicks].map((tick) => {
-    const mark = create("i", tickText(tick), { class: scale.farTicks.includes(tick) ? "far" : "" });
-    mark.style.left = percent(placeOf(scale, tick) ?? 0);
-    return mark;
-  }));
+  marks.replaceChildren(...[...scale.ticks, ...scale.farTicks].map((tick) =>
+    create("i", tickText(tick), { class: scale.farTicks.includes(tick) ? "far" : "", style: left(tick) })));
   const hasLikeness = rows.some(({ policy }) => typeof policy?.human_likeness === "number");
   const head = table.tHead?.querySelector("[data-testid=likeness-head]");
   if (head) /** @type {HTMLElement} */ (head).hidden = !hasLikeness;
@@ -22,40 +21,30 @@ export function paintRanks(table, marks, rows, scale, measure) {
     const summary = row.policy?.summary ? [create("small", row.policy.summary, { class: "wide", title: row.policy.summary })] : [];
     const head = create("th", [create("i", [], { class: "swatch" }), row.name, ...summary], { scope: "row" });
     const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
-    const line = create("tr", [head, ...cells], { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}` });
-    line.style.setProperty("--mine", row.colour);
-    return line;
+    return create("tr", [head, ...cells],
+      { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}`, style: `--mine: ${row.colour}` });
   }));
 
   /** @param {Leaderboard.Row} row @param {Interval} value */
   function standing(row, value) {
-    const place = create("div", [], { "aria-hidden": "true" });
-    place.append(...scale.ticks.map((tick) => placed("gridline", tick)));
-    if (gap) {
-      const strip = create("i", [], { class: "break" });
-      Object.assign(strip.style, { left: percent(gap.from), width: percent(gap.to - gap.from) });
-      place.append(strip);
-    }
-    if (human !== undefined) place.append(placed("human", human));
+    const place = create("div", scale.ticks.map((tick) => mark("gridline", left(tick))), { "aria-hidden": "true" });
+    if (gap) place.append(mark("break", `left: ${percent(gap.from)}; width: ${percent(gap.to - gap.from)}`));
+    if (human !== undefined) place.append(mark("human", left(human)));
     if (value.low !== null && value.high !== null) {
-      const spread = placed("spread", value.low);
-      spread.style.width = percent((placeOf(scale, value.high) ?? 1) - (placeOf(scale, value.low) ?? 0));
-      place.append(spread);
+      const width = percent((placeOf(scale, value.high) ?? 1) - (placeOf(scale, value.low) ?? 0));
+      place.append(mark("spread", `${left(value.low)}; width: ${width}`));
     }
-    place.append(placed("dot", value.mean));
+    place.append(mark("dot", left(value.mean)));
     const completed = `${Math.round(100 * (row.figure?.completed ?? 0))} %`;
     const wide = { class: "number wide" };
     return [create("td", place, { class: "scale" }), create("td", shown(value.mean, measure), { class: "number" }),
       create("td", intervalText(value, measure), wide), create("td", completed, wide),
       ...(hasLikeness ? [create("td", likenessText(row.policy?.human_likeness), wide)] : []), create("td", source(row), wide)];
   }
-  /** @param {string} name @param {number} value */
-  function placed(name, value) {
-    const mark = create("i", [], { class: name });
-    mark.style.left = percent(placeOf(scale, value) ?? 0);
-    return mark;
-  }
 }
+
+/** @param {string} name @param {string} style where it stands */
+const mark = (name, style) => create("i", [], { class: name, style });
 
 /** @param {Leaderboard.BoardListing} board @returns the row of people where nobody has played: it invites */
 export function invitation({ study }) {
@@ -64,27 +53,21 @@ export function invitation({ study }) {
     ? create("span", "Nobody finished this study.")
     : create("span", ["Nobody has played this ranked yet. ", create("a", "Be the first", { href: "./", "data-testid": "be-the-first" })]);
   const cell = create("td", create("div", line, { class: "idle" }), { colspan: "6" });
-  const row = create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
-  return row;
+  return create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
 }
 
 /** @param {number | null | undefined} share @returns a share of people's moves as text, a dash where it is not known */
-function likenessText(share) {
-  return typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
-}
+const likenessText = (share) => typeof share === "number" ? `${Math.round(100 * share)} %` : "\u2013";
 
 /** @param {Leaderboard.Row} row @param {number} columns @returns the row of a policy without a figure: how far it is */
 function missing({ policy }, columns) {
-  const cell = document.createElement("td");
-  cell.colSpan = columns;
   const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {
     const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policy.name}` });
     line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
   } else line.append("waiting to be evaluated");
-  cell.append(line);
-  return cell;
+  return create("td", line, { colspan: String(columns) });
 }
 
 /** Shares of the width that the far piece and the break before it take. */
@@ -134,9 +117,7 @@ export function placeOf({ near, far }, value) {
 
 /** Return the strip in which the axis is broken, as shares of the width; null where it is whole.
  * @param {Leaderboard.Scale} scale */
-export function breakOf({ near, far }) {
-  return far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
-}
+export const breakOf = ({ near, far }) => far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
 
 const EDGES = { left: 44, right: 12, top: 10, bottom: 40 };
 const dashes = (/** @type {string} */ dash) => (dash ? dash.split(" ").map(Number) : []);
@@ -161,13 +142,11 @@ export function paintCoverage({ chart, legend, note }, { chart: { goal, axis }, 
   note.textContent = drawn.length ? text : "";
 }
 
-const people = (/** @type {number} */ count) => (count === 1 ? "1 player" : `${count} players`);
-
 /** @param {Leaderboard.Trial[]} trials @returns what the points rest on */
 export function footing(trials) {
   const [first, last] = [trials[0], trials[trials.length - 1]];
   const few = last.players < first.players ? ": the later points rest on fewer people" : "";
-  return `${people(first.players)} in the first episode, ${people(last.players)} in episode ${last.trial}${few}. `
+  return `${many(first.players, "player")} in the first episode, ${many(last.players, "player")} in episode ${last.trial}${few}. `
     + "Bars are 95 % intervals; a single player has none. Policies do not learn here.";
 }
 
@@ -197,7 +176,7 @@ export function paintTrials({ chart, legend, note }, trials, rows, measure) {
     y: { low: least, high: most, ticks: ticks(least, most), text: tickText },
   });
   const label = trials.map((trial) =>
-    `Episode ${trial.trial}: ${shown(trial[measure].mean, measure)}, ${people(trial.players)}`);
+    `Episode ${trial.trial}: ${shown(trial[measure].mean, measure)}, ${many(trial.players, "player")}`);
   chart.setAttribute("aria-label", label.join("; "));
   note.textContent = footing(trials);
 }
@@ -229,24 +208,14 @@ export const GRADIENT = `linear-gradient(90deg, ${STOPS.map((stop) => `rgb(${sto
 /** @param {HTMLElement} place @param {{name: string, colour: string, visits: number[][]}[]} maps */
 export function paintMaps(place, maps) {
   const top = topOf(maps);
-  place.replaceChildren(...maps.map(({ name, colour, visits }) => {
-    const figure = document.createElement("figure");
-    const caption = document.createElement("figcaption");
-    const swatch = Object.assign(document.createElement("i"), { className: "swatch" });
-    swatch.style.setProperty("--mine", colour);
-    caption.append(swatch, name);
-    figure.append(painted(name, visits, top), caption);
-    return figure;
-  }));
+  place.replaceChildren(...maps.map(({ name, colour, visits }) =>
+    create("figure", [painted(name, visits, top), create("figcaption", [mark("swatch", `--mine: ${colour}`), name])])));
 }
 
 /** @param {string} name @param {number[][]} visits @param {number} top */
 function painted(name, visits, top) {
-  const canvas = document.createElement("canvas");
-  canvas.width = visits[0].length;
-  canvas.height = visits.length;
-  canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `Visits of ${name}: ${inWords(visits)}`);
+  const canvas = create("canvas", [], { role: "img", "aria-label": `Visits of ${name}: ${inWords(visits)}`,
+    width: String(visits[0].length), height: String(visits.length) });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const image = context.createImageData(canvas.width, canvas.height);
   visits.flat().forEach((value, k) => image.data.set([...heat(Math.sqrt(value / top)), 255], 4 * k));

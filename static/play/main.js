@@ -2,7 +2,7 @@
 import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
 import { apply, ghostOf, initialState } from "../common/game_state.js";
-import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, paintNotices, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { notCounted, score } from "../common/words.js";
@@ -260,9 +260,7 @@ function onEnter() {
 const restore = (board) => { if (board) sessions.resume(board); };
 
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
-for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
-  button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
-}
+for (const button of all("button[data-mode]")) button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
 startDialog("terrain");
 const help = startDialog("help");
 document.addEventListener("keydown", (event) => {

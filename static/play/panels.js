@@ -1,5 +1,5 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
-import { by, paintLink, put } from "../common/page.js";
+import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
 import { score, signed } from "../common/words.js";
 
@@ -33,13 +33,13 @@ export function createPanel(root, template, elsewhere = []) {
   const role = /** @type {Role} */ (root.dataset.role);
   /** @type {Record<string, HTMLElement>} */
   const part = {};
-  const found = [root, ...elsewhere].flatMap((place) => [place, ...place.querySelectorAll("[data-part]")]);
-  for (const element of /** @type {HTMLElement[]} */ (found.filter((each) => each.hasAttribute("data-part")))) {
+  const found = [root, ...elsewhere].flatMap((place) => [place, ...all("[data-part]", place)]);
+  for (const element of found.filter((each) => each.hasAttribute("data-part"))) {
     const name = element.dataset.part ?? "";
     part[name] = element;
     element.dataset.testid = `${name}-${role}`;
   }
-  for (const button of /** @type {NodeListOf<HTMLElement>} */ (root.querySelectorAll("[data-pace]"))) button.dataset.testid = `pace-${button.dataset.pace}-${role}`;
+  for (const button of all("[data-pace]", root)) button.dataset.testid = `pace-${button.dataset.pace}-${role}`;
   if (role === "player") {
     part.end.dataset.testid = "end-card";
     part.next.dataset.testid = "next-terrain";
@@ -86,7 +86,7 @@ export function paintPace({ part }, board, mayFollow) {
   const pace = board?.pace;
   part.pace.hidden = !pace;
   if (!pace) return;
-  for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (part.pace.querySelectorAll("[data-pace]"))) {
+  for (const button of all("[data-pace]", part.pace)) {
     if (button.dataset.pace !== "step") button.setAttribute("aria-pressed", String(button.dataset.pace === pace.mode));
     if (button.dataset.pace === "follow") button.hidden = !mayFollow;
   }
@@ -120,9 +120,7 @@ export function startPace(bar, ask) {
  * @param {GameState} state @param {string} rival the policy that will play after a ranked episode */
 export function paintBar(state, rival) {
   const { task, player } = state;
-  for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("button[data-mode]"))) {
-    button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
-  }
+  for (const button of all("button[data-mode]")) button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
   const badge = by("badge");
   badge.dataset.counts = String(state.counts);
   put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
@@ -160,7 +158,7 @@ export function hasTwoBoards({ mode, player, rival }, isFirstVisit) {
 /** Let the buttons of a small screen choose what is on it: the player's board, the policy's, or both maps with the chart.
  * @returns {(name: string) => void} shows one of them */
 export function startTabs() {
-  const buttons = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("[data-show]")]);
+  const buttons = all("[data-show]");
   /** @param {string} name */
   function show(name) {
     document.body.dataset.tab = name;

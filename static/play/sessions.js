@@ -18,9 +18,7 @@ export function sessionWish(mode, wish) {
 
 /** Return the id that an address lets anybody watch, if any: a board's or an episode's.
  * @param {string} hash */
-export function watchedInHash(hash) {
-  return /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
-}
+export const watchedInHash = (hash) => /^#watch=([\w-]{4,64})$/.exec(hash)?.[1] ?? null;
 
 /** Ask until the server answers: never a new board for want of an answer, which would abandon a ranked episode that waits.
  * @template T @param {() => Promise<T>} ask @param {(error: ApiError) => void} onFailure before it is asked again */

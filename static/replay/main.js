@@ -1,7 +1,7 @@
 // Wires the page of a replay: keys, scrubber and clock -> playback -> one scheduled repaint. It runs on the server's page and in one file.
 import { ApiError, request } from "../common/api.js";
 import { paintLegend } from "../common/chart.js";
-import { boardColours, by, chartColours, copyOnClick, create, createRepaint, createSizes, partsOf, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, copyOnClick, create, createRepaint, createSizes, partsOf, put } from "../common/page.js";
 import { ownsKeys } from "../common/keyboard.js";
 import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
 import { loadTask, paintNumbers, showTask } from "../common/task.js";
@@ -118,9 +118,7 @@ select.value = chosen ?? "";
 select.addEventListener("change", () => choose(select.value || null));
 speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));
 speed.addEventListener("change", () => player.show({ ...player.playback, speed: Number(speed.value) }));
-for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-key]"))) {
-  button.addEventListener("click", () => player.press(button.dataset.key ?? ""));
-}
+for (const button of all("[data-key]")) button.addEventListener("click", () => player.press(button.dataset.key ?? ""));
 window.addEventListener("keydown", (event) => {
   const target = /** @type {HTMLElement | null} */ (event.target);
   if (event.ctrlKey || event.metaKey || event.altKey || (target !== scrubber && ownsKeys(target))) return;
@@ -128,10 +126,10 @@ window.addEventListener("keydown", (event) => {
   if (player.press(event.key, event.shiftKey)) event.preventDefault();
 });
 startScrubber(scrubber, { last: () => player.playback.last, onMove: player.goTo, onHover: player.hover });
-for (const button of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-tab]"))) {
+for (const button of all("[data-tab]")) {
   button.addEventListener("click", () => {
     document.body.dataset.tab = button.dataset.tab;
-    for (const each of document.querySelectorAll("[data-tab][aria-pressed]")) each.setAttribute("aria-pressed", String(each === button));
+    for (const each of all("[data-tab][aria-pressed]")) each.setAttribute("aria-pressed", String(each === button));
     repaint();
   });
 }

@@ -2,9 +2,7 @@
 import { request, withTask } from "../common/api.js";
 
 /** @param {string} pathname @returns the study's name in the page's address */
-export function studyName(pathname) {
-  return decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
-}
+export const studyName = (pathname) => decodeURIComponent(/\/study\/([^/]*)\/?$/.exec(pathname)?.[1] ?? "");
 
 /** Return the ids that another site put into the address: each name once, no empty ones; the server knows which it wants.
  * @param {string} search */

@@ -2,7 +2,7 @@
 import { startBoards } from "../common/socket.js";
 import { actionOf, startControls } from "../common/keyboard.js";
 import { createTelemetry, onScreen } from "../common/telemetry.js";
-import { createRepaint, by, paintLink, paintNotices } from "../common/page.js";
+import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { keyName, showTask } from "../common/task.js";
 import { announce, idle, isDialogOpen, keep, onEnter, pause, recordPauses } from "./actions.js";
@@ -37,8 +37,7 @@ const settingsSync = createSettingsSync({ save(signal) {
   return study.settings({ modality, palette, keys }, signal);
 } });
 const look = () => {
-  const style = getComputedStyle(document.documentElement);
-  const read = (/** @type {string} */ colour) => style.getPropertyValue(colour).trim();
+  const read = reader(document.documentElement);
   const { palette } = settings.get();
   return { palette, inks: PALETTES[palette].inks, accent: read("--accent"), rival: read("--rival"), font: read("--figures") };
 };

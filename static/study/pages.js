@@ -1,6 +1,6 @@
 // The screens that are read: consent, instructions, questions, ready, break, the end; and the dialogs. Filled from the state, touched
 // only where it changed.
-import { by, create, put } from "../common/page.js";
+import { all, by, create, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
 import { dispatch, go, state, study } from "./store.js";
@@ -9,7 +9,7 @@ import * as words from "./words.js";
 /** @param {string[]} lines */
 const paragraphs = (lines) => lines.map((text) => create("p", text));
 
-const sections = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("main > [data-screen]"));
+const sections = all("main > [data-screen]");
 /** @type {string | null} */
 let shownScreen = null;
 
@@ -21,7 +21,7 @@ function show(screen) {
   shownScreen = screen;
   document.body.dataset.screen = screen;
   for (const section of sections) section.hidden = section.dataset.screen !== screen;
-  const current = [...sections].find((section) => section.dataset.screen === screen);
+  const current = sections.find((section) => section.dataset.screen === screen);
   const target = screen === "play" ? by("field") : current?.querySelector("h1");
   if (!isFirst || screen === "play") target?.focus({ preventScroll: true });
   scrollTo(0, 0);
@@ -36,9 +36,7 @@ function paintConsent({ title, consent, invited }) {
 /** Put the numbers of the protocol into the page's own sentences.
  * @param {Study.Participant} participant */
 function paintRules({ rules }) {
-  for (const place of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-rule]"))) {
-    put(place, rules[place.dataset.rule ?? ""] ?? "");
-  }
+  for (const place of all("[data-rule]")) put(place, rules[place.dataset.rule ?? ""] ?? "");
 }
 /** @param {Study.Participant} participant */
 function paintReady(participant) {
@@ -105,8 +103,7 @@ function item({ question, choices }, number) {
   const labels = choices.map((choice, value) =>
     create("label", [create("input", [], { type: "radio", name: `q${number}`, value: String(value) }), choice]));
   const verdict = create("p", [], { class: "verdict", id: `verdict-${number}`, hidden: "" });
-  const field = create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
-  return field;
+  return create("fieldset", [create("legend", `${number + 1}. ${question}`), ...labels, verdict], { "data-testid": `question-${number}` });
 }
 /** @param {number} number @returns {number} -1 while nothing is chosen */
 const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.querySelector(`[name=q${number}]:checked`))?.value ?? -1);
@@ -197,5 +194,5 @@ supervise.addEventListener("close", () => {
 
 /** @param {Study.Participant} participant */
 function paintSupervision(participant) {
-  for (const line of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-supervised]"))) put(line, words.supervisedLine(participant.supervised_until_ms, Date.now()));
+  for (const line of all("[data-supervised]")) put(line, words.supervisedLine(participant.supervised_until_ms, Date.now()));
 }

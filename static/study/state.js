@@ -39,9 +39,7 @@ const FOLLOWS = { tutorial: "tutorial", warm_up: "ranked", ranked: "debrief" };
 /** Return whether an episode that has ended still belongs on the screen: it is of this stage, or was the last of the
  * one before.
  * @param {Study.Participant} participant */
-function endsHere({ stage, phase }) {
-  return phase !== null && (stage === phase || stage === FOLLOWS[phase]);
-}
+const endsHere = ({ stage, phase }) => phase !== null && (stage === phase || stage === FOLLOWS[phase]);
 
 /** Return the screen of a state: the participant's stage, or the board that belongs to it.
  * @param {Study.State} state @returns {Study.Screen} */
@@ -56,9 +54,7 @@ export function screenOf({ participant, game, passed, problem, looksBack }) {
 }
 
 /** @param {Study.State} state @returns whether the board waits for a move */
-export function isDriving(state) {
-  return screenOf(state) === "play" && state.game.player?.frame.outcome === null;
-}
+export const isDriving = (state) => screenOf(state) === "play" && state.game.player?.frame.outcome === null;
 
 /** @param {Study.State} state @returns whether the server's answer knows the end of the episode on the board */
 export function knowsTheEnd({ participant, game }) {

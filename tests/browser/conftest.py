@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from app.web.simulate import occupancy_codes
-from tests.support.browser import KEY_OF, QUIET, SOFTWARE_3D, Hand, chromium_path
-from tests.support.servers import PATIENCE_S, eventually
+from tests.support.browser import QUIET, SOFTWARE_3D, Player, chromium_path
+from tests.support.servers import PATIENCE_S
 
 
 def pytest_collection_modifyitems(items):
@@ -14,10 +13,8 @@ def pytest_collection_modifyitems(items):
         if "browser" in Path(item.fspath).parts:
             item.add_marker(pytest.mark.browser)
             if chromium_path() is None:
-                why = (
-                    "NO CHROMIUM: install it (`apt-get install chromium-headless-shell` or `chromium`) to run the browser "
-                    "tests"
-                )
+                packages = "`apt-get install chromium-headless-shell` or `chromium`"
+                why = f"NO CHROMIUM: install it ({packages}) to run the browser tests"
                 item.add_marker(pytest.mark.skip(reason=why))
 
 
@@ -64,90 +61,13 @@ def open_browser():
     """`open_browser(flags)` is Chromium without any profile; every profile that a test opens is closed at its end."""
 
     def start(flags=()):
-        return BROWSERS.start(
-            (*QUIET, *(flags if "--disable-3d-apis" in flags else [*SOFTWARE_3D, *flags]))
-        )
+        drawing = () if "--disable-3d-apis" in flags else SOFTWARE_3D
+        return BROWSERS.start((*QUIET, *drawing, *flags))
 
     yield start
     for browser in BROWSERS.started.values():
         for profile in list(browser.contexts):
             profile.close()
-
-
-class Player:
-    """A person at the page: presses keys, looks at boards."""
-
-    def __init__(self, page, url):
-        self.page, self.url, self.hand = page, url, Hand()
-        self.errors = []
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-
-    def goto(self, watch=None):
-        self.page.goto(self.url + ("/" if watch is None else f"/#watch={watch}"))
-        self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
-        return self
-
-    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
-        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
-
-    def state(self, path="player.frame"):
-        return self.page.evaluate(f"() => window.mars.state.{path}")
-
-    def open_session(self, **wish):
-        """Open a session of one's own (the page's cookie) and return what the server says of it."""
-        origin = "/".join(self.url.split("/")[:3])
-        answer = self.page.request.post(
-            f"{self.url}/api/sessions", data=wish, headers={"Origin": origin}
-        )
-        assert answer.status in (200, 201), answer.text()
-        return answer.json()
-
-    def begin(self, **wish):
-        """Open a session of one's own and look at it."""
-        about = self.open_session(**wish)
-        self.page.goto("about:blank")
-        self.goto(about["watch"])
-        return about
-
-    def press(self, action, wait=True):
-        self.wait(
-            "window.mars.state.link === 'open'"
-        )  # a page that is starved of time may call its server lost
-        step = self.state()["step"]
-        self.hand.press(self.page.keyboard, KEY_OF[action])
-        if wait:
-            self.wait(f"window.mars.state.player.frame.step > {step}")
-
-    def explore(self, policy, until):
-        """Drive as a policy would, key by key, until `until(frame)`."""
-        policy.reset(0)
-        while not until(frame := self.state()):
-            self.press(("north", "east", "south", "west")[policy.act(occupancy_codes(frame))])
-        return frame
-
-    def picture(self, test_id):
-        """The pixels of an element as they are on screen."""
-        return self.page.get_by_test_id(test_id).screenshot()
-
-    def still(self, test_id, looks=4):
-        """The pixels of an element once they have stayed the same for some looks in a row."""
-        seen = []
-
-        def is_still():
-            self.page.wait_for_timeout(100)
-            seen.append(self.picture(test_id))
-            return len(seen) >= looks and len(set(seen[-looks:])) == 1
-
-        eventually(is_still, 60)
-        return seen[-1]
-
-    def changes(self, test_id, before):
-        """Wait until the pixels of an element are others than those before."""
-        eventually(lambda: self.picture(test_id) != before)
-
-    def shows(self, test_id, text):
-        """Wait until an element says just that: the page paints in the frame after its state has changed."""
-        eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)
 
 
 @pytest.fixture
@@ -158,9 +78,8 @@ def player(open_browser):
         browser = open_browser(flags)
         profile = browser.new_context(viewport={"width": width, "height": height}, **context)
         if not is_new:
-            profile.add_init_script(
-                'if (location.protocol.startsWith("http")) localStorage.setItem("mars.visited", "yes")'
-            )
+            visited = 'localStorage.setItem("mars.visited", "yes")'
+            profile.add_init_script(f'if (location.protocol.startsWith("http")) {visited}')
         profile.set_default_timeout(1000 * PATIENCE_S)
         return Player(profile.new_page(), server if isinstance(server, str) else server.url)
 

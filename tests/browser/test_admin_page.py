@@ -6,7 +6,7 @@ import pytest
 
 from app.tasks.mars.policies import PolicyCatalogue
 from app.web.leaderboard import entries
-from tests.support.browser import NO_3D, keep_picture, violations
+from tests.support.browser import NO_3D, judged
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -14,7 +14,6 @@ PASSWORD = "red-planet-4"
 IDLE_WORK_MS = 600_000
 """Reports and evaluations have the lowest priority: while other jobs run they take their time."""
 pytestmark = pytest.mark.timeout(1500)
-SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
 COUNT = "[data-testid=stage-{}] td:nth-child(3)"
 
 
@@ -28,28 +27,13 @@ class QuickPolicies(PolicyCatalogue):
 @pytest.fixture
 def quick(monkeypatch):
     """Boards of three terrains: the server evaluates in seconds."""
-    monkeypatch.setattr(
-        entries,
-        "held_out_seeds",
-        lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3)),
-    )
+    few = tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + 3))
+    monkeypatch.setattr(entries, "held_out_seeds", lambda config: few)
 
 
-@pytest.fixture
-def look():
-    """`look(page, name)` at both sizes: nothing that axe finds, nothing wider than the screen; a picture is kept."""
-
-    def at(page, name):
-        for size, (width, height) in SIZES.items():
-            page.set_viewport_size({"width": width, "height": height})
-            assert violations(page) == [], f"{name}, {size}"
-            assert page.evaluate("() => document.documentElement.scrollWidth") <= width, (
-                f"{name} is wider than a {size}"
-            )
-            keep_picture(page, f"{name}-{size}", full_page=True)
-        page.set_viewport_size({"width": 1440, "height": 900})
-
-    return at
+def look(page, name):
+    """Judge a screen at both sizes: nothing that axe finds, nothing wider than the screen."""
+    assert judged(page, name, full_page=True) == []
 
 
 def until(page, claim):
@@ -57,7 +41,7 @@ def until(page, claim):
 
 
 def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
-    serve, player, look, tmp_path, monkeypatch
+    serve, player, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
     study = freeze(tmp_path / "studies", size=(7, 9), title="Dunes of the south")
@@ -101,10 +85,8 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     driving.start()
     try:
         board.wait_for(state="visible", timeout=IDLE_WORK_MS)
-        until(
-            page,
-            f"/[1-4] moves/.test(document.querySelector('[data-testid=live-{person.where['participant']}]').innerText)",
-        )
+        shown = f"document.querySelector('[data-testid=live-{person.where['participant']}]')"
+        until(page, f"/[1-4] moves/.test({shown}.innerText)")
         assert "Warm-up 1" in board.inner_text()
         assert page.evaluate("() => document.querySelector('.boards canvas').width") > 60
         look(page, "admin-live")
@@ -118,10 +100,8 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     until(page, f"document.querySelector('{COUNT.format('debrief')}').textContent === '1'")
     row = page.get_by_test_id(f"person-{person.where['participant']}")
     assert "3 of 3" in row.inner_text()
-    until(
-        page,
-        "document.getElementById('figure').textContent.startsWith('No figure is shown until the study is closed: 1 of 2')",
-    )
+    said = "No figure is shown until the study is closed: 1 of 2"
+    until(page, f"document.getElementById('figure').textContent.startsWith('{said}')")
     assert page.locator("#figure .measure").count() == 0
     look(page, "admin-debrief")
 
@@ -163,7 +143,7 @@ def test_a_console_whose_server_is_gone_says_so(serve, player):
     until(page, "document.getElementById('link').dataset.link === 'lost'")
 
 
-def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, player, look, quick):
+def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, player, quick):
     server = serve(policies=QuickPolicies())
     me = player(server, NO_3D)
     page = me.page
@@ -171,11 +151,8 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_test_id("leaderboard-link").click()
     until(page, "window.mars && window.mars.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
-    assert (
-        page.get_by_test_id("sentence")
-        .inner_text()
-        .startswith("Volunteers on this playground: nobody has played random 21 × 21 ranked yet")
-    )
+    said = "Volunteers on this playground: nobody has played random 21 × 21 ranked yet"
+    assert page.get_by_test_id("sentence").inner_text().startswith(said)
     assert page.get_by_test_id("rank-people").count() == 0
     until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
     assert page.get_by_test_id("working").is_hidden()
@@ -194,10 +171,8 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert page.locator("#visits canvas").count() == len(steps)
     assert "percent after" in page.get_by_test_id("coverage").get_attribute("aria-label")
     page.get_by_test_id("by-score").click()
-    scores = [
-        float(text.replace("−", "-"))
-        for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
-    ]
+    texts = page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
+    scores = [float(text.replace("−", "-")) for text in texts]
     assert scores == sorted(scores, reverse=True)
     assert page.url.endswith("&score")
     look(page, "leaderboard")
@@ -206,16 +181,5 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
 
 def play_for_the_score(server, client):
     """A counted episode: the person's own cookie, keys, our page's Origin."""
-    from app.web.simulate import occupancy_codes
-    from marsexplorer.config import ACTIONS
-    from marsexplorer.policies import load
-
-    begun = client.post("/api/sessions").json()
-    policy = load("frontier-cost")
-    policy.reset(1)
-    with server.socket(begun["session"], client) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
-            frame = socket.frame_after(frame["step"])
+    server.explore(client, client.post("/api/sessions").json()["session"])
     eventually(lambda: client.get("/api/human-level").json()["figures"])

@@ -1,7 +1,6 @@
 """Whatever a person does at a real browser is attested: keys, mouse, fingers, typing ahead, reloads, lost connections."""
 
 import sqlite3
-import time
 from contextlib import closing
 
 import pytest
@@ -27,6 +26,12 @@ ATTESTED = ("human", "attested", None)
 def there_and_back(me):
     """Two actions that can be repeated for ever from the start."""
     return ("east", "west") if me.state()["grid"][0][1] == "." else ("south", "north")
+
+
+def click_into_the_view(me):
+    box = me.page.get_by_test_id("viewer-player").bounding_box()
+    me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
 
 
 def begun(serve_or_spawn, player, flags=NO_3D, **context):
@@ -62,19 +67,16 @@ def test_mouse_clicks_on_the_arrows_and_enter_on_them(serve, player, tmp_path):
     assert me.errors == []
 
 
-def swipe(me, action, holds_s=0.0):
+def swipe(me, action):
     """Draw a finger over the board, as long as it takes for a page to scroll."""
     fingers = me.page.context.new_cdp_session(me.page)
     box = me.page.get_by_test_id("canvas-player").bounding_box()
     down, right = {"north": (-1, 0), "east": (0, 1), "south": (1, 0), "west": (0, -1)}[action]
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    fingers.send(
-        "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]}
-    )
-    for part in range(1, 9):
-        point = {"x": x + 12 * part * right, "y": y + 12 * part * down}
-        fingers.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [point]})
-    time.sleep(holds_s)
+    ways = [(x + 12 * part * right, y + 12 * part * down) for part in range(9)]
+    for kind, (at_x, at_y) in zip(["touchStart", *["touchMove"] * 8], ways, strict=True):
+        touch = {"type": kind, "touchPoints": [{"x": at_x, "y": at_y}]}
+        fingers.send("Input.dispatchTouchEvent", touch)
     fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
@@ -88,9 +90,8 @@ def test_taps_and_swipes_on_a_phone(serve, player, tmp_path):
         step = me.state()["step"]
         swipe(me, action)
         me.wait(f"window.mars.state.player.frame.step === {step + 1}")
-    assert me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]") == [0, 0, 1], (
-        "the page stays where it is"
-    )
+    stays = me.page.evaluate("() => [scrollX, scrollY, visualViewport.scale]")
+    assert stays == [0, 0, 1]
     assert level_of(tmp_path, end(me)) == ATTESTED
 
 
@@ -111,9 +112,8 @@ def test_typing_ahead_in_bursts(serve, player, tmp_path):
 def test_reloads_and_a_second_tab_in_the_middle_of_an_episode(serve, player, tmp_path):
     _, me = begun(serve, player)
     there, back = there_and_back(me)
-    for _ in range(
-        2
-    ):  # with the first load and the second tab four, as many as an episode may have within seconds
+    # with the first load and the second tab four, as many as an episode may have within seconds
+    for _ in range(2):
         me.press(there)
         me.press(back)
         me.page.reload()
@@ -151,11 +151,8 @@ def test_a_connection_lost_in_the_middle(spawn, player, tmp_path):
 @pytest.mark.long
 def test_keys_inside_the_3d_view(serve, player, tmp_path):
     _, me = begun(serve, player, flags=())
-    viewer = me.page.get_by_test_id("viewer-player")
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
-    box = viewer.bounding_box()
-    me.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    assert me.page.evaluate("() => document.activeElement.tagName") == "IFRAME"
+    click_into_the_view(me)
     there, back = there_and_back(me)
     for action in (there, back, there, back):
         me.press(action)
@@ -165,9 +162,8 @@ def test_keys_inside_the_3d_view(serve, player, tmp_path):
 def test_remapped_keys_in_a_study(serve, open_browser, tmp_path):
     freeze(tmp_path / "studies", name="tiny", size=(6, 8), pause_after_s=900)
     server = serve()
-    me = Participant(
-        open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page(), server.url
-    ).goto()
+    page = open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page()
+    me = Participant(page, server.url).goto()
     me.choose("agree")
     me.stands("instructions")
     me.choose("open-settings")
@@ -187,11 +183,7 @@ def test_without_events_the_page_says_that_its_episode_does_not_count(serve, pla
     _, me = begun(serve, player)
     me.page.evaluate("""() => { const send = WebSocket.prototype.send;
         WebSocket.prototype.send = function (text) { if (!text.includes('"kind":"events"')) send.call(this, text); }; }""")
-    episode = end(me)
-    assert level_of(tmp_path, episode) == (
-        "human",
-        "unattested",
-        "step 0: no press of its own was received before the move",
-    )
+    why = "step 0: no press of its own was received before the move"
+    assert level_of(tmp_path, end(me)) == ("human", "unattested", why)
     me.page.get_by_text("This episode does not count").first.wait_for()
     me.wait("!window.mars.state.counts")

@@ -26,13 +26,9 @@ def burst_at_once(me, actions):
     began_s = time.time()
     for number, action in enumerate(actions):
         for kind, late_ms in (("keyDown", 5 * number), ("keyUp", 5 * number + 2)):
-            press = {
-                "type": kind,
-                "code": KEY_OF[action],
-                "key": KEY_OF[action],
-                "timestamp": began_s + late_ms / 1000,
-            }
-            keys.send("Input.dispatchKeyEvent", press)
+            press = {"type": kind, "timestamp": began_s + late_ms / 1000}
+            key = {"code": KEY_OF[action], "key": KEY_OF[action]}
+            keys.send("Input.dispatchKeyEvent", press | key)
 
 
 def burst(me, actions, gap_s):
@@ -59,9 +55,8 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
     # a key that is held repeats, and stops before the edge by itself
     me.page.keyboard.down(KEY_OF[back])
     me.wait("window.mars.state.player.frame.position.join() === '0,0'")
-    eventually(
-        lambda: "Stopped before the edge" in me.page.get_by_test_id("dropped").text_content()
-    )
+    mark = me.page.get_by_test_id("dropped")
+    eventually(lambda: "Stopped before the edge" in mark.text_content())
     assert me.state()["outcome"] is None
     assert me.state()["step"] == 2 * stopped["step"]
     me.page.keyboard.up(KEY_OF[back])
@@ -74,12 +69,7 @@ def test_a_burst_of_forty_loses_no_press(serve, player, tmp_path):
 
     # what comes after the end of an episode is dropped in sight
     burst(me, ["north"] * 5, FASTEST_GAP_S)
-    eventually(
-        lambda: (
-            "The episode has ended: 4 presses dropped."
-            in me.page.get_by_test_id("dropped").text_content()
-        )
-    )
+    eventually(lambda: "The episode has ended: 4 presses dropped." in mark.text_content())
     assert me.state()["outcome"] == "out_of_bounds"
     assert me.state()["step"] == PRESSES + 1
     episode = me.state()["episode"]

@@ -16,16 +16,12 @@ NOT_LOGGED_IN = "the server responded with a status of 401"
 @pytest.fixture
 def site(serve, tmp_path):
     """A server with an open study and an ended episode, and the addresses of its pages."""
-    freeze(
-        tmp_path / "studies", "dunes", recruitment="open", title="How well do people explore dunes?"
-    )
+    freeze(tmp_path / "studies", "dunes", recruitment="open")
     store = Store(tmp_path / "playground.db")
     episode = play(store, 4, explore=True).id
     store.close()
-    return serve(admin_password="only-for-this-test", public_url="http://mars.example"), (
-        *PAGES,
-        f"replay/{episode}",
-    )
+    server = serve(admin_password="only-for-this-test", public_url="http://mars.example")
+    return server, (*PAGES, f"replay/{episode}")
 
 
 def listen_to(page):

@@ -44,10 +44,8 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     visitor = arrive(serve, player, reduced_motion="reduce")
     me, page = visitor.me, visitor.page
     assert visitor.reads("goal") == "Map 99 % of the ground in as few moves as you can"
-    assert all(
-        word in visitor.reads("key")
-        for word in ("unknown", "ground", "rock", "you", "policy", "lidar range")
-    )
+    key = ("unknown", "ground", "rock", "you", "policy", "lidar range")
+    assert all(word in visitor.reads("key") for word in key)
     assert visitor.reads("board-rival") == "", "one board, until the first episode has ended"
     assert visitor.reads("coach-player") == ""
 
@@ -55,9 +53,8 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     before, way = me.state()["discovered"], visitor.way()
     me.press(way)
     gained = me.state()["discovered"] - before
-    said = visitor.sees(
-        "coach-player", r"(\+\d+ new cells?)?\s*Your lidar uncovers what is in sight"
-    )
+    hint = r"(\+\d+ new cells?)?\s*Your lidar uncovers what is in sight"
+    said = visitor.sees("coach-player", hint)
     assert said.group(1) == (f"+{gained} new cell{'s' * (gained > 1)}" if gained else None)
     assert visitor.reads("prompt-player") == ""
     me.shows("steps-player", "1")
@@ -81,9 +78,8 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     visitor.sees("board-rival", "ppo")
     assert visitor.reads("coach-player") == ""
     visitor.sees("end-compare-player", "ppo")
-    me.wait(
-        "window.mars.state.rival.frame.step > window.mars.state.player.frame.step"
-    )  # it goes on by itself
+    # it goes on by itself
+    me.wait("window.mars.state.rival.frame.step > window.mars.state.player.frame.step")
 
     visitor.sees("end-card", "Next terrain\\s+Enter")
     page.keyboard.press("Enter")
@@ -92,10 +88,8 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     assert page.get_by_test_id("board-rival").is_visible()
     assert visitor.reads("prompt-player") == visitor.reads("coach-player") == ""
     page.reload(wait_until="domcontentloaded")
-    assert page.evaluate("() => [document.body.dataset.visit, document.body.dataset.boards]") == [
-        "again",
-        "2",
-    ]
+    body = page.evaluate("() => ({...document.body.dataset})")
+    assert (body["visit"], body["boards"]) == ("again", "2")
     assert me.errors == []
 
 
@@ -131,17 +125,10 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     dialog = page.get_by_test_id("help-dialog")
     dialog.wait_for()
     text = dialog.inner_text()
-    assert all(
-        word in text
-        for word in ("Rules", "Score", "Who is ppo?", "Koutras", "rock", "Play ranked", "Enter")
-    )
-    assert {link.get_attribute("href") for link in dialog.get_by_role("link").all()} >= {
-        "about",
-        "leaderboard",
-        "docs",
-        "daily",
-        "study",
-    }
+    words = ("Rules", "Score", "Who is ppo?", "Koutras", "rock", "Play ranked", "Enter")
+    assert all(word in text for word in words)
+    links = {link.get_attribute("href") for link in dialog.get_by_role("link").all()}
+    assert links >= {"about", "leaderboard", "docs", "daily", "study"}
     page.keyboard.press(KEY_OF["east"])
     page.keyboard.press("Escape")
     dialog.wait_for(state="hidden")

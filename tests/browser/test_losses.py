@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from marsexplorer.observation import valid_actions
+from tests.browser.test_attested import there_and_back
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
@@ -35,18 +36,14 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     about = me.begin(size=[7, 9])
     assert about["counts"]
     ask = me.page.get_by_role("button", name=ASK)
-    for action in (
-        ("east", "west", "north")
-        if about["frame"]["grid"][0][1] == "."
-        else ("south", "north", "north")
-    ):
+    there, back = there_and_back(me)
+    for action in (there, back, "north"):
         assert not ask.is_visible()
         me.press(action)
     frame = me.state()
     assert frame["outcome"] == "out_of_bounds"
-    me.wait(
-        "window.mars.state.rival && window.mars.state.rival.frame.outcome"
-    )  # nothing else changes the board from here on
+    # nothing else changes the board from here on
+    me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")
     plain = me.still("canvas-player")
     ask.click()
     first = me.page.get_by_test_id("loss-1")
@@ -90,9 +87,8 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")
     first.click()
     me.page.get_by_role("button", name="Try from here").first.click()
-    me.wait(
-        f"window.mars.state.player.frame.step === {biggest['step']} && !window.mars.state.player.frame.outcome"
-    )
+    me.wait(f"window.mars.state.player.frame.step === {biggest['step']}")
+    me.wait("!window.mars.state.player.frame.outcome")
     again = me.state()
     assert again["episode"] != frame["episode"]
     assert me.page.request.get(f"{server.url}/api/human-level").json()["figures"] == []

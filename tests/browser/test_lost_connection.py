@@ -48,12 +48,9 @@ def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browse
         return sorted(map(tuple, page.evaluate("() => window.pressed")))
 
     def kept():
+        sql = "SELECT kind, code, client_ms FROM input_events WHERE kind LIKE 'key%'"
         with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-            return sorted(
-                db.execute(
-                    "SELECT kind, code, client_ms FROM input_events WHERE kind LIKE 'key%'"
-                ).fetchall()
-            )
+            return sorted(db.execute(sql))
 
     for _ in range(2):
         drive(2)

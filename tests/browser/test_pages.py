@@ -17,9 +17,8 @@ READ = ("about", "study", "leaderboard", "docs", "nowhere/at/all")
 @pytest.fixture
 def site(serve, tmp_path):
     """A server with a study that is open to everybody, one by invitation, and an ended episode; and where its pages are."""
-    freeze(
-        tmp_path / "studies", "dunes", recruitment="open", title="How well do people explore dunes?"
-    )
+    title = "How well do people explore dunes?"
+    freeze(tmp_path / "studies", "dunes", recruitment="open", title=title)
     freeze(tmp_path / "studies", "secret", recruitment="invitation")
     store = Store(tmp_path / "playground.db")
     episode = play(store, 4, explore=True).id
@@ -51,9 +50,8 @@ class Reader:
         width, height = SIZES[size]
         self.page.set_viewport_size({"width": width, "height": height})
         self.page.goto(f"{self.url}/{path}", wait_until="load")
-        self.page.wait_for_function(
-            "() => document.fonts.status === 'loaded' && Boolean(document.querySelector('main'))"
-        )
+        is_there = "document.fonts.status === 'loaded' && Boolean(document.querySelector('main'))"
+        self.page.wait_for_function(f"() => {is_there}")
         where = f"/{path} {self.theme} {size}"
         self.found += [f"{where}: {each}" for each in violations(self.page)]
         self.check_width(where, width)

@@ -1,10 +1,5 @@
 """The playground behind nginx: TLS and a path prefix, every socket included."""
 
-import shutil
-import subprocess
-
-import pytest
-
 from tests.support.browser import AS_A_PERSON, free_port
 from tests.support.servers import eventually
 
@@ -32,52 +27,21 @@ http {{
 """
 
 
-@pytest.fixture
-def proxy(tmp_path):
-    """`proxy(port)` puts nginx in front of a server and returns the page's address."""
-    if shutil.which("nginx") is None or shutil.which("openssl") is None:
-        pytest.skip("NO NGINX OR OPENSSL: install them to run the proxy test")
-    running = []
-
-    def start(upstream):
-        folder, port = tmp_path / "nginx", free_port()
-        folder.mkdir()
-        subject = ["-subj", "/CN=localhost", "-days", "2", "-nodes", "-newkey", "rsa:2048", "-x509"]
-        files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
-        subprocess.run(["openssl", "req", *subject, *files], check=True, capture_output=True)
-        (folder / "nginx.conf").write_text(
-            CONFIG.format(folder=folder, port=port, upstream=upstream)
-        )
-        running.append(
-            subprocess.Popen(
-                ["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL
-            )
-        )
-        eventually(lambda: (folder / "nginx.pid").exists())
-        return f"https://localhost:{port}/mars"
-
-    yield start
-    for process in running:
-        process.terminate()
-        process.wait()
-
-
-def test_playing_behind_tls_and_a_path_prefix(serve, player, proxy):
-    server = serve(trusted_proxies=["127.0.0.1"])
-    me = player(proxy(server.port), AS_A_PERSON, 1010, 540, ignore_https_errors=True)
+def test_playing_behind_tls_and_a_path_prefix(serve, player, nginx):
+    server, port = serve(trusted_proxies=["127.0.0.1"]), free_port()
+    nginx(CONFIG.format(folder="{folder}", port=port, upstream=server.port))
+    page = f"https://localhost:{port}/mars"
+    me = player(page, AS_A_PERSON, 1010, 540, ignore_https_errors=True)
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket))
     about = me.begin(size=[9, 12], seed=3)
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
 
-    def asked():
-        return me.page.evaluate(
-            "() => 1"
-        )  # Playwright tells of sockets only while it is asked something
+    def is_open():
+        me.page.evaluate("() => 1")  # Playwright tells of sockets only while it is asked something
+        return [each for each in sockets if "/mars/viewer/" in each.url and not each.is_closed()]
 
-    eventually(
-        lambda: asked() and [s for s in sockets if "/mars/viewer/" in s.url and not s.is_closed()]
-    )
+    eventually(is_open)
     view = me.still("stage-player")
     me.press("east")
     me.changes("stage-player", view)

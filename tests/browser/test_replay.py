@@ -39,10 +39,10 @@ class Replay:
         self.page.wait_for_function(f"() => window.replay.step === {step}")
 
     def shows(self, test_id, text):
-        self.page.wait_for_function(
-            "([id, text]) => document.querySelector(`[data-testid=${id}]`).innerText.includes(text)",
-            arg=[test_id, text],
+        shows = (
+            "([id, text]) => document.querySelector(`[data-testid=${id}]`).innerText.includes(text)"
         )
+        self.page.wait_for_function(shows, arg=[test_id, text])
 
 
 def go_through(replay, record):
@@ -69,10 +69,8 @@ def go_through(replay, record):
     page.keyboard.press(" ")
     replay.stands(last)
     box = page.get_by_test_id("scrubber").bounding_box()
-    middle, height = (
-        box["x"] + 44 + (box["width"] - 58) * (last // 2) / last,
-        box["y"] + box["height"] / 2,
-    )
+    middle = box["x"] + 44 + (box["width"] - 58) * (last // 2) / last
+    height = box["y"] + box["height"] / 2
     page.mouse.move(middle, height)
     replay.stands(last // 2)
     page.mouse.move(box["x"] + 10, box["y"] - 30)
@@ -117,11 +115,9 @@ def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_no
     path = tmp_path / "replay.html"
     courses = [course_of("A person", record), play_ghost("frontier-cost", record)]
     path.write_bytes(file_of("html", episode, courses))
-    page = (
-        open_browser(NO_3D)
-        .new_context(offline=True, reduced_motion="reduce", color_scheme="light")
-        .new_page()
-    )
+    browser = open_browser(NO_3D)
+    calm = {"reduced_motion": "reduce", "color_scheme": "light"}
+    page = browser.new_context(offline=True, **calm).new_page()
     asked, errors = [], []
     page.on("request", lambda request: asked.append(request.url))
     page.on("pageerror", lambda error: errors.append(str(error)))

@@ -64,11 +64,13 @@ def without_map(me):
     me.page.add_style_tag(content="[data-part=matrix] { visibility: hidden !important; }")
 
 
+def pixels(picture):
+    return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), int)
+
+
 def colours(picture):
     """How many soil-coloured and how many amber pixels a PNG has."""
-    red, green, blue = np.moveaxis(
-        np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), int), 2, 0
-    )
+    red, green, blue = np.moveaxis(pixels(picture), 2, 0)
     soil = (red > 140) & (green > 60) & (green < 130) & (blue < 110)
     return int(soil.sum()), int(((red > 220) & (green > 150) & (blue < 140)).sum())
 
@@ -89,14 +91,13 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
     eventually(lambda: view.evaluate(HIDDEN) == 1)  # the client's canvas is unseen
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
     assert me.page.evaluate("() => window.soilWhenDrawn") > 300, (
-        "it takes the stage with its ground, not before"
+        "it takes the stage with its ground"
     )
     before = me.still("stage-player")
-    picture = np.asarray(Image.open(io.BytesIO(before)).convert("RGB"), int)
+    picture = pixels(before)
     amber = np.argwhere((picture[..., 0] > 220) & (picture[..., 2] < 140))
-    assert (amber.mean(axis=0) < np.array(picture.shape[:2]) / 2).all(), (
-        "the rover stands in the north-west"
-    )
+    north_west = np.array(picture.shape[:2]) / 2  # there stands the rover
+    assert (amber.mean(axis=0) < north_west).all()
     me.press("east")
     me.changes("stage-player", before)
     before = me.still("stage-player")
@@ -111,23 +112,17 @@ def test_the_overlay_shows_the_board_upright_and_follows_a_move_the_mouse_the_ca
 
     view.evaluate(COUNT_UNFINISHED)
     before = me.still("stage-player")
-    me.page.get_by_test_id(
-        "camera"
-    ).click()  # another socket, and nothing else that would wake the client
+    # another socket, and nothing else that would wake the client
+    me.page.get_by_test_id("camera").click()
     me.changes("stage-player", before)
     eventually(lambda: colours(me.picture("stage-player"))[0] > 500)
     me.page.locator(DRAWN).wait_for()
     me.page.set_viewport_size({"width": 390, "height": 844})
     shape = "() => { const all = document.querySelectorAll('canvas'); return all[2].width / all[2].height; }"
-    eventually(
-        lambda: (
-            abs(view.evaluate(shape) / view.evaluate("() => innerWidth / innerHeight") - 1) < 0.05
-        )
-    )
+    screen = "() => innerWidth / innerHeight"
+    eventually(lambda: abs(view.evaluate(shape) / view.evaluate(screen) - 1) < 0.05)
     eventually(lambda: colours(me.picture("stage-player"))[0] > 300)
-    assert view.evaluate("() => window.unfinished") == 0, (
-        "the picture before stays until the new one is complete"
-    )
+    assert view.evaluate("() => window.unfinished") == 0, "until then the picture before stays"
     assert me.errors == []
 
 
@@ -158,8 +153,6 @@ def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serv
     me.page.locator("canvas").first.wait_for()
     assert me.page.evaluate("() => requestAnimationFrame.toString().includes('native code')")
     assert me.page.locator("canvas").first.is_visible()
-    options = me.page.evaluate(
-        "() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()"
-    )
-    assert options["antialias"]
+    ask = "() => document.querySelectorAll('canvas')[1].getContext('webgl2').getContextAttributes()"
+    assert me.page.evaluate(ask)["antialias"]
     eventually(lambda: colours(me.page.screenshot())[0] > 500)

@@ -10,8 +10,8 @@ from app.series.protocol import default_protocol
 from app.web.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
-from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, Hand, keep_picture, violations
-from tests.support.servers import PATIENCE_S, eventually
+from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judged, violations
+from tests.support.servers import eventually
 
 ACTIONS = ("north", "east", "south", "west")
 RIGHT = [0, 1, 1]
@@ -23,7 +23,6 @@ window.fetch = async (...how) => {
 };"""
 COLOURFUL = ("consent", "settings", "tutorial", "questions-wrong", "ranked-end", "debrief")
 """Screens that between them wear every colour."""
-SIZES = {"desktop": (1440, 900), "phone": (390, 844)}
 
 
 @pytest.fixture
@@ -32,14 +31,8 @@ def studies(tmp_path):
 
     def make(size=(6, 8), **rest):
         folder = Folder(tmp_path / "studies")
-        config = EnvConfig.of("random", size)
-        rest = {
-            "warm_up": 1,
-            "ranked": 2,
-            "break_every": 1,
-            "return_url": "https://example.org/done?cc={code}",
-            **rest,
-        }
+        config, back = EnvConfig.of("random", size), "https://example.org/done?cc={code}"
+        rest = {"warm_up": 1, "ranked": 2, "break_every": 1, "return_url": back, **rest}
         folder.create(default_protocol("tiny", config, title="A tiny study", **rest))
         folder.freeze("tiny")
         return str(folder.root)
@@ -47,18 +40,14 @@ def studies(tmp_path):
     return make
 
 
-class Participant:
+class Participant(Player):
     """A person on the study's page who uses the keyboard; `received` is everything that came over the network."""
 
     def __init__(self, page, url, query=""):
-        self.page, self.url, self.query, self.hand = page, url, query, Hand()
-        self.keys = KEY_OF
-        self.errors, self.received = [], []
+        super().__init__(page, url)
+        self.query, self.keys, self.received = query, KEY_OF, []
         self.policy = policies.load("frontier-cost")
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on(
-            "websocket", lambda socket: socket.on("framereceived", lambda text: self._receive(text))
-        )
+        page.on("websocket", lambda socket: socket.on("framereceived", self._receive))
         page.expose_function("marsReceives", self._receive)
         page.add_init_script(LISTEN)
 
@@ -70,14 +59,10 @@ class Participant:
         self.wait("window.marsStudy && !['loading'].includes(window.marsStudy.screen)")
         return self
 
-    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
-        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
-
     def stands(self, screen):
         """Wait for a screen, painted."""
-        self.wait(
-            f"window.marsStudy.screen === '{screen}' && document.body.dataset.screen === '{screen}'"
-        )
+        self.wait(f"window.marsStudy.screen === '{screen}'")
+        self.wait(f"document.body.dataset.screen === '{screen}'")
 
     def state(self, path):
         return self.page.evaluate(f"() => window.marsStudy.state.{path}")
@@ -102,9 +87,8 @@ class Participant:
         self.wait("window.marsStudy.state.game.link === 'open'")
         step = self.frame["step"]
         self.hand.press(self.page.keyboard, self.keys[action])
-        self.wait(
-            f"window.marsStudy.painted?.game.player.frame.step > {step}"
-        )  # the next key tells the step on the screen
+        # the next key tells the step on the screen
+        self.wait(f"window.marsStudy.painted?.game.player.frame.step > {step}")
 
     def wake(self):
         """Go on, if stillness has paused the board meanwhile."""
@@ -129,9 +113,8 @@ class Participant:
     def driving(self):
         """Wait until a board takes keys."""
         self.stands("play")
-        self.wait(
-            "window.marsStudy.state.game.player.frame.outcome === null && window.marsStudy.state.game.link === 'open'"
-        )
+        self.wait("window.marsStudy.state.game.player.frame.outcome === null")
+        self.wait("window.marsStudy.state.game.link === 'open'")
 
     def to_questions(self):
         """Walk from the consent to the questions."""
@@ -185,25 +168,17 @@ class Screens:
 
     def __init__(self, me):
         self.page = me.page
-        self.found, self.seen = {}, []
+        self.found, self.seen = [], []
 
     def look(self, name):
         """Judge a screen at both sizes, and its colours in the other palettes."""
         self.seen.append(name)
-        for size in ("phone", "desktop"):
-            width, height = SIZES[size]
-            self.page.set_viewport_size({"width": width, "height": height})
-            self.found[f"{name}, {size}"] = violations(self.page)
-            keep_picture(self.page, f"study-{name}-{size}")
-            assert self.page.evaluate("() => document.documentElement.scrollWidth") <= width, (
-                f"{name} is wider than a {size}"
-            )
+        self.found += judged(self.page, f"study-{name}")
         for palette in ("colour-blind", "high-contrast", "mars") if name in COLOURFUL else ():
-            self.page.evaluate(
-                f"() => {{ document.documentElement.dataset.palette = '{palette}' }}"
-            )
+            self.page.evaluate(f"document.documentElement.dataset.palette = '{palette}'")
             if palette != "mars":
-                self.found[f"{name}, {palette}"] = violations(self.page, runOnly=["color-contrast"])
+                found = violations(self.page, runOnly=["color-contrast"])
+                self.found += [f"{name}, {palette}: {each}" for each in found]
 
     def dialog(self, name):
         """Open a dialog, judge it and close it."""
@@ -213,7 +188,7 @@ class Screens:
 
     def have_nothing_that_axe_finds(self, count):
         """Check what was found on so many screens."""
-        assert {place: problems for place, problems in self.found.items() if problems} == {}
+        assert self.found == []
         assert len(self.seen) == count
 
 
@@ -252,9 +227,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     warm_up = me.explore()
     screens.look("warm-up-end")
     assert warm_up["score"] is not None
-    assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text(), (
-        "warm-up shows the score"
-    )
+    assert f"{warm_up['score']:.3f}" in me.page.get_by_test_id("end-figures").inner_text()
     me.page.keyboard.press("Enter")
     me.stands("ready")
     screens.look("ranked-ready")
@@ -314,21 +287,15 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     me.stands("complete")
     code = me.page.get_by_test_id("code").inner_text()
     assert [code] == [row[0] for row in rows(tmp_path, "select completion_code from participants")]
-    assert (
-        me.page.get_by_test_id("return").get_attribute("href")
-        == f"https://example.org/done?cc={code}"
-    )
+    back = me.page.get_by_test_id("return").get_attribute("href")
+    assert back == f"https://example.org/done?cc={code}"
     screens.look("complete")
     me.page.reload()
     me.stands("complete")
     assert me.page.get_by_test_id("code").inner_text() == code
 
-    ranked = [
-        f
-        for message in [*me.received[:hidden_until], *tab.received]
-        for f in frames_in(message)
-        if f["episode"] in (first, second)
-    ]
+    frames = list(frames_in([*me.received[:hidden_until], *tab.received]))
+    ranked = [frame for frame in frames if frame["episode"] in (first, second)]
     assert len(ranked) > 10
     assert {(f["reward"], f["return"], f["score"]) for f in ranked} == {(None, None, None)}
     check_database(tmp_path, first, second)
@@ -357,10 +324,8 @@ def learn_and_answer(me, screens):
     screens.look("questions")
     me.answer([0, 0, 1])
     me.page.get_by_text("One answer is not right yet.").wait_for()
-    assert (
-        "the rover need not drive everywhere"
-        in me.page.locator("[data-testid=question-1] .verdict").inner_text()
-    )
+    verdict = me.page.locator("[data-testid=question-1] .verdict").inner_text()
+    assert "the rover need not drive everywhere" in verdict
     screens.look("questions-wrong")
     me.answer(RIGHT)
 
@@ -369,35 +334,21 @@ def check_database(tmp_path, first, second):
     """Everything a report needs was kept: one human, no terrain twice, every key that drove."""
     assert rows(tmp_path, "select kind, stage from participants") == [("human", "complete")]
     assert rows(tmp_path, "select name, value from identities") == [("PROLIFIC_PID", "p-77")]
-    played = rows(
-        tmp_path,
-        "select phase, trial, driver from series_episodes join episodes on id = episode_id order by number",
-    )
-    assert played == [
-        ("tutorial", 0, "human"),
-        ("warm_up", 0, "human"),
-        ("ranked", 0, "human"),
-        ("ranked", 1, "human"),
-    ]
+    sql = "select phase, trial from series_episodes join episodes on id = episode_id where driver = 'human' order by number"
+    assert rows(tmp_path, sql) == [("tutorial", 0), ("warm_up", 0), ("ranked", 0), ("ranked", 1)]
+    by_key = "select step from steps where episode_id = ? and input = 'key'"
+    shown = "kind, code, repeat, trusted, client_ms, step, round_trip_ms"
+    kept = f"select {shown} from input_events where episode_id = ? order by number"
     for episode in (first, second):
-        moves = rows(
-            tmp_path, "select step from steps where episode_id = ? and input = 'key'", episode
-        )
-        events = rows(
-            tmp_path,
-            "select kind, code, repeat, trusted, client_ms, step, round_trip_ms from input_events where episode_id = ?"
-            " order by number",
-            episode,
-        )
+        moves, events = rows(tmp_path, by_key, episode), rows(tmp_path, kept, episode)
         down = [event for event in events if event[0] == "keydown"]
         assert len(down) >= len(moves)
         assert {event[3] for event in down} == {1}
         assert {event[1] for event in down} <= set(KEY_OF.values())
         assert any(event[6] is not None and 0 < event[6] < 5_000 for event in down)
         assert {event[5] for event in down} >= set(range(len(moves)))
-        assert sum(event[0] == "keyup" for event in events) >= len(moves) - 1, (
-            "the key that ended it comes up after the end"
-        )
+        # the key that ended it comes up after the end
+        assert sum(event[0] == "keyup" for event in events) >= len(moves) - 1
     (settings,) = rows(tmp_path, "select settings from participants")
     assert json.loads(settings[0])["modality"] == "keyboard"
 
@@ -423,19 +374,14 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
     me.page.keyboard.press("ArrowUp")
     assert me.page.evaluate("() => document.documentElement.dataset.palette") == "high-contrast"
     me.page.keyboard.press("Escape")
-    assert (
-        me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
-        == "rgb(0, 0, 0)"
-        != ground
-    )
+    black = me.page.evaluate("() => getComputedStyle(document.body).backgroundColor")
+    assert black == "rgb(0, 0, 0)" != ground
     me.choose("to-tutorial")
     me.driving()
     me.page.keyboard.press("ArrowRight")
     me.keys = {**KEY_OF, "east": "l"}
-    me.press("east")
-    assert (me.frame["step"], me.frame["position"]) == (1, [0, 1]), (
-        "the old key drives no more, the new one does"
-    )
+    me.press("east")  # the old key drives no more, the new one does
+    assert (me.frame["step"], me.frame["position"]) == (1, [0, 1])
     eventually(lambda: chosen(tmp_path) == ("high-contrast", ["KeyL", "KeyD"]))
     pixel = "() => [...document.querySelector('#board').getContext('2d').getImageData(3, 3, 1, 1).data].slice(0, 3)"
     assert me.page.evaluate(pixel) == [0x6E, 0x6E, 0x6E], "the board wears the palette"
@@ -455,9 +401,7 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
     server = serve(studies=studies())
     me = participant(server)
     held = []
-    me.page.route(
-        "**/settings", lambda route: held.append(route) if not held else route.continue_()
-    )
+    me.page.route("**/settings", lambda route: route.continue_() if held else held.append(route))
     me.choose("open-settings")
     me.tab_to("palette-mars")
     me.page.keyboard.press("ArrowDown")
@@ -509,15 +453,12 @@ def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, t
     assert "never cheaper" in me.page.get_by_test_id("give-up").inner_text()
     me.page.keyboard.press("ArrowRight")
     me.page.keyboard.press("Escape")
-    assert (me.frame["outcome"], me.frame["step"]) == (None, 0), (
-        "keys do not drive behind a question"
-    )
+    assert (me.frame["outcome"], me.frame["step"]) == (None, 0), "behind a question keys do nothing"
     me.choose("open-give-up")
     me.choose("give-up-now")
     me.wait("window.marsStudy.state.game.player.frame.outcome === 'abandoned'")
-    assert rows(tmp_path, "select outcome from episodes order by number desc limit 1") == [
-        ("abandoned",)
-    ]
+    last = "select outcome from episodes order by number desc limit 1"
+    assert rows(tmp_path, last) == [("abandoned",)]
     me.page.get_by_test_id("end-card").wait_for(state="visible")
     me.wait("window.marsStudy.state.participant.about.frame.outcome")
     me.page.keyboard.press("Enter")
@@ -576,12 +517,8 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
     me.wait("window.marsStudy.state.game.player.frame.step === 1")
     query = "select kind, code from input_events where kind like 'touch%' order by number"
     eventually(lambda: rows(tmp_path, query) == [("touchdown", "east"), ("touchup", "east")])
-    eventually(
-        lambda: (
-            json.loads(rows(tmp_path, "select settings from participants")[0][0])["modality"]
-            == "touch"
-        )
-    )
+    kept = "select json_extract(settings, '$.modality') from participants"
+    eventually(lambda: rows(tmp_path, kept) == [("touch",)])
     assert me.errors == []
 
 
@@ -607,28 +544,19 @@ def test_axe_finds_nothing_on_the_playground(serve, player):
     server = serve()
     me = player(server, NO_3D, reduced_motion="reduce")
     me.goto()
-    found = {}
-
-    def look(name):
-        for size, (width, height) in SIZES.items():
-            me.page.set_viewport_size({"width": width, "height": height})
-            found[f"{name}, {size}"] = violations(me.page)
-
+    found = []
     for mode in ("watch", "ranked", "practice"):
         me.page.get_by_test_id(f"mode-{mode}").click()
-        me.wait(
-            f"window.mars.state.mode === '{mode}' && window.mars.state.player.frame.outcome === null"
-        )
-        look(mode)
+        me.wait(f"window.mars.state.mode === '{mode}'")
+        me.wait("window.mars.state.player.frame.outcome === null")
+        found += judged(me.page, mode)
     eventually(lambda: me.page.keyboard.press("ArrowUp") or me.state()["outcome"])
-    look("end")
+    found += judged(me.page, "end")
     me.page.get_by_test_id("open-settings").click()
-    look("terrain-dialog")
+    found += judged(me.page, "terrain-dialog")
     me.page.close()
     other = player(server, (), 1100, 700, reduced_motion="reduce")
-    other.begin(
-        size=[9, 12], rival="frontier-cost"
-    )  # small boards on a small screen: the processor draws both
+    # small boards on a small screen: the processor draws both
+    other.begin(size=[9, 12], rival="frontier-cost")
     other.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
-    found["3-D"] = violations(other.page)
-    assert {place: problems for place, problems in found.items() if problems} == {}
+    assert found + violations(other.page) == []

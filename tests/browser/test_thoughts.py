@@ -95,13 +95,10 @@ def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where
     page = me.page
     me.begin(rival="frontier-cost", size=[9, 12], seed=5)
     me.wait(FIRST)
-    assert [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")] == [
-        "You",
-        "Policy",
-    ]
-    me.begin(
-        player="frontier-priced", rival="frontier-cost", size=42, seed=5
-    )  # long enough that both still play at the end
+    tabs = [page.get_by_test_id(f"tab-{role}").inner_text() for role in ("player", "rival")]
+    assert tabs == ["You", "Policy"]
+    # long enough that both still play at the end
+    me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)
     me.wait("mars.state.mode === 'watch'")
     for role, name in (("player", "frontier-priced"), ("rival", "frontier-cost")):
         tab = page.get_by_test_id(f"tab-{role}")
@@ -125,19 +122,16 @@ def test_no_thought_comes_for_a_board_that_counts_and_paths_meet_only_after_the_
     assert me.state("player.thought") is None
     assert me.state("rival") is None
     before = me.still("canvas-player")
-    with me.page.expect_request(
-        lambda request: request.url.endswith("/api/sessions") and request.method == "POST"
-    ) as asked:
+    with me.page.expect_request("**/api/sessions") as asked:
         me.press("north")
     assert me.state()["outcome"] == "out_of_bounds"
-    assert asked.value.post_data_json["replays"] == about["session"], (
-        "so that the 3-D views show the paths as well"
-    )
+    # so that the 3-D views show the paths as well
+    assert asked.value.post_data_json["replays"] == about["session"]
     me.wait("window.mars.state.rival && window.mars.state.rival.trail.length > 1")
+    assert me.page.get_by_test_id("same-again").is_hidden(), "a terrain counts once"
     me.changes("canvas-player", before)  # the policy's path is drawn under the player's
-    card, board = (
-        me.page.get_by_test_id(each).bounding_box() for each in ("end-card", "board-player")
-    )
+    parts = ("end-card", "board-player")
+    card, board = (me.page.get_by_test_id(each).bounding_box() for each in parts)
     assert card["y"] >= board["y"] + board["height"], "the end card leaves the board uncovered"
     me.page.keyboard.press("Enter")
     me.wait("window.mars.state.rival === null")

@@ -1,7 +1,6 @@
 """The shipped nginx files before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
 
 import re
-import shutil
 import ssl
 import subprocess
 import time
@@ -16,6 +15,7 @@ from websockets.sync.client import connect
 from app.web.listening import uvicorn_config
 from app.web.operator.login import ATTEMPTS_PER_MINUTE
 from app.web.simulate import Socket
+from tests.app.protection.test_hosts import ONE_TOO_MANY, guess
 from tests.support.browser import free_port
 from tests.support.others import measure, misbehaving
 from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually
@@ -38,42 +38,25 @@ SPLIT = "\n# -- stream --\n"
 
 
 @pytest.fixture
-def proxied(serve, tmp_path):
+def proxied(serve, nginx):
     """A server behind the shipped files; only ports, paths and the name of the host are changed, and `changes` of the test."""
-    if shutil.which("nginx") is None or shutil.which("openssl") is None:
-        pytest.skip("NO NGINX OR OPENSSL: install them to run the proxy test")
     built = subprocess.run(["nginx", "-V"], capture_output=True, text=True, check=True).stderr
     if "--with-stream=dynamic" in built and not MODULE.exists():
         pytest.skip("NGINX WITHOUT STREAM: install libnginx-mod-stream to run the proxy test")
     module = f"load_module {MODULE};" if MODULE.exists() else ""
-    running = []
 
     def start(*changes):
-        folder, port, plain = tmp_path / "nginx", free_port(), free_port()
-        folder.mkdir()
+        port, plain = free_port(), free_port()
+        public = f"https://localhost:{port}"
         server = serve(
-            trusted_proxies=["127.0.0.1"],
-            public_url=f"https://localhost:{port}",
-            admin_password="red-planet-4",
+            trusted_proxies=["127.0.0.1"], public_url=public, admin_password="red-planet-4"
         )
-        certificate = [
-            "-subj",
-            "/CN=localhost",
-            "-days",
-            "2",
-            "-nodes",
-            "-newkey",
-            "rsa:2048",
-            "-x509",
-        ]
-        files = ["-keyout", folder / "key.pem", "-out", folder / "certificate.pem"]
-        subprocess.run(["openssl", "req", *certificate, *files], check=True, capture_output=True)
         both = f"{CONFIG.read_text()}{SPLIT}{STREAM.read_text()}"
         for was, now in (
-            ("/etc/letsencrypt/live/mars.example/fullchain.pem", f"{folder}/certificate.pem"),
-            ("/etc/letsencrypt/live/mars.example/privkey.pem", f"{folder}/key.pem"),
-            ("/var/log/nginx/marsexplorer.log", f"{folder}/site.log"),
-            ("/run/marsexplorer-front.sock", f"{folder}/front.sock"),
+            ("/etc/letsencrypt/live/mars.example/fullchain.pem", "{folder}/certificate.pem"),
+            ("/etc/letsencrypt/live/mars.example/privkey.pem", "{folder}/key.pem"),
+            ("/var/log/nginx/marsexplorer.log", "{folder}/site.log"),
+            ("/run/marsexplorer-front.sock", "{folder}/front.sock"),
             ("listen 443 ssl", f"listen 127.0.0.1:{port} ssl"),
             ("listen 80", f"listen 127.0.0.1:{plain}"),
             ("server 127.0.0.1:8000", f"server 127.0.0.1:{server.port}"),
@@ -83,35 +66,26 @@ def proxied(serve, tmp_path):
             assert was in both, was
             both = both.replace(was, now)
         site, stream = re.sub(r"listen \[::\].*", "", both).split(SPLIT)
-        around = AROUND.format(folder=folder, site=site, stream=stream, module=module)
-        (folder / "nginx.conf").write_text(around)
-        running.append(
-            subprocess.Popen(
-                ["nginx", "-p", str(folder), "-c", "nginx.conf"], stderr=subprocess.DEVNULL
-            )
+        server.nginx = nginx(
+            AROUND.format(folder="{folder}", site=site, stream=stream, module=module)
         )
-        eventually(lambda: (folder / "nginx.pid").exists())
-        server.public, server.plain, server.nginx = (
-            f"https://localhost:{port}",
-            f"http://127.0.0.1:{plain}",
-            folder,
-        )
+        server.public, server.plain = public, f"http://127.0.0.1:{plain}"
         return server
 
-    yield start
-    for process in running:
-        process.terminate()
-        process.wait()
+    return start
 
 
-def browser(server, **headers):
-    return httpx.Client(
-        base_url=server.public,
-        verify=False,
-        trust_env=False,
-        timeout=PATIENCE_S,
-        headers={"Origin": server.public, **headers},
-    )
+def browser(server):
+    client = httpx.Client(base_url=server.public, verify=False, trust_env=False, timeout=PATIENCE_S)
+    client.headers["Origin"] = server.public
+    return client
+
+
+def trusting():
+    """What takes the certificate of these tests for good."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
 
 
 def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
@@ -120,32 +94,21 @@ def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):
         page = client.get("/?PROLIFIC_PID=ada-5f1")
         assert (page.status_code, "MarsExplorer" in page.text) == (200, True)
         begun = client.post("/api/sessions", json={"size": [7, 9], "seed": 1})
-        assert "Secure" in begun.headers["set-cookie"], (
-            "the server knows that the browser speaks TLS"
-        )
+        assert "Secure" in begun.headers["set-cookie"], "the server knows that it speaks TLS"
         assert begun.headers["strict-transport-security"]
         session = begun.json()["session"]
-        trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
         cookie = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
         url = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
-        cookies = {"Cookie": cookie}
-        with connect(
-            url,
-            ssl=trusting,
-            origin=server.public,
-            additional_headers=cookies,
-            proxy=None,
-            open_timeout=PATIENCE_S,
-        ) as connection:
+        said = {"origin": server.public, "additional_headers": {"Cookie": cookie}}
+        opened = connect(url, ssl=trusting(), proxy=None, open_timeout=PATIENCE_S, **said)
+        with opened as connection:
             board = Socket(connection, HastyClock(), PACE)
             board.act(board.receive("frame"), "east", input="key")
             assert board.frame_after(0)["step"] == 1
         assert client.get(f"/api/sessions/{session}").json()["step"] == 1
         assert client.get("/readyz").status_code == 404
-        moved = httpx.get(
-            f"{server.plain}/study/x?PROLIFIC_PID=ada-5f1", trust_env=False, verify=False
-        )
+        plain = f"{server.plain}/study/x?PROLIFIC_PID=ada-5f1"
+        moved = httpx.get(plain, trust_env=False, verify=False)
         assert (moved.status_code, moved.headers["location"][:8]) == (301, "https://")
     logged = "".join(path.read_text() for path in server.nginx.glob("*.log"))
     assert "ada-5f1" not in logged
@@ -168,24 +131,14 @@ def test_idle_connections_are_closed_by_nginx_before_the_server_closes_them(prox
 def test_a_visitor_cannot_invent_addresses_to_guess_from(proxied):
     server = proxied()
     with browser(server) as client:
-        statuses = [
-            client.post(
-                "/api/admin/login",
-                json={"password": "wrong-wrong"},
-                headers={"X-Forwarded-For": f"9.9.9.{number}"},
-            ).status_code
-            for number in range(ATTEMPTS_PER_MINUTE + 1)
-        ]
-    assert statuses == [401] * ATTEMPTS_PER_MINUTE + [429]
+        statuses = [guess(client, f"9.9.9.{n}") for n in range(ATTEMPTS_PER_MINUTE + 1)]
+    assert statuses == ONE_TOO_MANY
 
 
 def test_a_flood_from_one_address_is_limited(proxied):
     """With smaller figures than the file's, so that the flood need not be so large."""
-    server = proxied(
-        ("rate=200r/s", "rate=1r/s"),
-        ("burst=5000", "burst=20"),
-        ("mars_connections 800", "mars_connections 8"),
-    )
+    slower = (("rate=200r/s", "rate=1r/s"), ("burst=5000", "burst=20"))
+    server = proxied(*slower, ("mars_connections 800", "mars_connections 8"))
     with browser(server) as client:
         statuses = [client.get("/healthz").status_code for _ in range(40)]
     assert 20 <= statuses.count(200) < 30
@@ -196,16 +149,13 @@ def test_connections_of_one_address_are_limited(proxied):
     server = proxied(("mars_connections 800", "mars_connections 4"))
 
     def watch(_):
-        trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
-        url = server.public.replace("https", "wss")
+        address = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
         try:
-            address = f"{url}/ws/sessions/{session}"
-            return connect(address, ssl=trusting, proxy=None, open_timeout=60)
+            return connect(address, ssl=trusting(), proxy=None, open_timeout=60)
         except Exception as error:
             return error
 
-    with browser(server, Origin="") as client:
+    with browser(server) as client:
         del client.headers["Origin"]
         session = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
     with ThreadPoolExecutor(8) as pool:

@@ -20,6 +20,7 @@ STATIC = ROOT / "static"
 VENDOR = STATIC / "vendor"
 """Libraries of others, as they were published."""
 MODULES = sorted(path for path in STATIC.rglob("*.js") if VENDOR not in path.parents)
+TYPES = sorted(path for path in STATIC.rglob("*.d.ts") if VENDOR not in path.parents)
 PAGES = sorted(STATIC.glob("*/index.html"))
 
 
@@ -60,28 +61,22 @@ def page_of(module):
     return page if page.is_file() else STATIC / "play" / "index.html"
 
 
+def part(pattern, text):
+    """What a pattern's group matches first in a text."""
+    return re.search(pattern, text, re.S | re.M)[1]
+
+
 ANY = re.compile(r"\{any\}|[:|] any\b|<any>|\bany\[\]")
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in sorted(STATIC.rglob("*.d.ts")) if VENDOR not in path.parents],
-    ids=name_of,
-)
-def test_declared_types_say_the_type(path):
-    assert not ANY.search(path.read_text())
-
-
-@pytest.mark.parametrize("path", MODULES, ids=name_of)
+@pytest.mark.parametrize("path", [*MODULES, *TYPES], ids=name_of)
 def test_a_module_is_checked_and_alone(path):
     text = path.read_text()
     assert "@ts-nocheck" not in text
     assert "@ts-ignore" not in text
     assert not ANY.search(text), "say the type"
     for name in re.findall(r'^import .*?from "([^"]+)"', text, re.M):
-        assert (path.parent / name).is_file(), (
-            f"{path.name} imports {name}: the page runs from its own files"
-        )
+        assert (path.parent / name).is_file(), f"{name} is none of the page's own files"
     if path.name != "main.js":
         assert "main.js" not in re.findall(r'from "\./([^"]+)"', text)
 
@@ -95,13 +90,10 @@ def test_the_types_of_every_module_are_checked():
 
 
 def test_the_page_asks_nobody_but_us():
+    paper = r'<a href="https://(doi|arxiv)\.org/[\w./]+" rel="noreferrer">'
     for path in [*PAGES, *STATIC.rglob("*.css"), *MODULES]:
-        text = re.sub(
-            r'<a href="https://(doi|arxiv)\.org/[\w./]+" rel="noreferrer">', "", path.read_text()
-        )  # of the paper
-        strange = set(re.findall(r"https?://[\w.]+", text)) - {
-            "http://www.w3.org"
-        }  # the name of SVG
+        text = re.sub(paper, "", path.read_text())
+        strange = set(re.findall(r"https?://[\w.]+", text)) - {"http://www.w3.org"}  # names SVG
         assert not strange, f"{path.name} names {strange}"
 
 
@@ -133,9 +125,8 @@ def test_the_playground_asks_for_all_its_modules_at_once():
     needed = {f"static/{name_of(path)}" for path in asked_for_by_name}
     for module in (STATIC / "play" / "main.js", *asked_for_by_name):
         needed |= imported_by(module)
-    assert asked == needed, (
-        f"modulepreload lines of play/index.html: add {sorted(needed - asked)}, remove {sorted(asked - needed)}"
-    )
+    wrong = f"add {sorted(needed - asked)}, remove {sorted(asked - needed)}"
+    assert asked == needed, f"modulepreload lines of play/index.html: {wrong}"
 
 
 def test_the_ring_on_the_matrix_is_as_wide_as_the_lidar_sees():
@@ -147,11 +138,7 @@ WORLD = re.compile(r"\blidar|\brover|\bobstacle|\brocks?\b|\b99\s?%", re.I)
 """Words of MarsExplorer's world, and the share of its cells that completes a terrain."""
 
 
-@pytest.mark.parametrize(
-    "path",
-    [*MODULES, *(path for path in sorted(STATIC.rglob("*.d.ts")) if VENDOR not in path.parents)],
-    ids=name_of,
-)
+@pytest.mark.parametrize("path", [*MODULES, *TYPES], ids=name_of)
 def test_the_words_of_a_world_stand_with_its_task_alone(path):
     if STATIC / "task" / "mars" not in path.parents:
         assert not WORLD.findall(path.read_text())
@@ -171,11 +158,11 @@ def test_every_id_the_page_looks_up_is_there():
 
 def luminance(colour):
     """The relative luminance of "#rrggbb" (WCAG 2)."""
-    parts = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
-    red, green, blue = (
-        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
-    )
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    shares = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
+    linear = [
+        each / 12.92 if each <= 0.04045 else ((each + 0.055) / 1.055) ** 2.4 for each in shares
+    ]
+    return sum(weight * each for weight, each in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
 
 
 def contrast(one, other):
@@ -183,16 +170,15 @@ def contrast(one, other):
     return (bright + 0.05) / (dark + 0.05)
 
 
+COLOUR = re.compile(r"--([a-z-]+): (#[0-9a-f]{6});")
+
+
 def theme(selector):
     """What the first block of base.css with this selector says: colours by name."""
-    block = re.search(
-        rf"{re.escape(selector)} \{{(.*?)\}}", (STATIC / "common/base.css").read_text(), re.S
-    ).group(1)
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
-    return {
-        name: colours.get(name) or colours[other]
-        for name, other in re.findall(r"--([a-z-]+): var\(--([a-z]+)\)", block)
-    } | colours
+    block = part(rf"{re.escape(selector)} \{{(.*?)\}}", (STATIC / "common/base.css").read_text())
+    colours = dict(COLOUR.findall(block))
+    others = dict(re.findall(r"--([a-z-]+): var\(--([a-z]+)\)", block))
+    return {name: colours[others[name]] for name in others.keys() - colours.keys()} | colours
 
 
 DARK, LIGHT = ":root, .night", ":root[data-theme=light]"
@@ -209,30 +195,23 @@ def test_text_stands_out_in_both_themes(ink, ground, selector):
 @pytest.mark.parametrize("selector", [DARK, LIGHT])
 def test_buttons_and_marks_stand_out_in_both_themes(selector):
     colours = theme(DARK) | theme(selector)
-    assert all(
-        contrast(colours["ink"], colours[fill]) >= 4.5
-        for fill in ("accent", "accent-over", "alarm")
-    )
+    fills = [colours[name] for name in ("accent", "accent-over", "alarm")]
+    assert all(contrast(colours["ink"], fill) >= 4.5 for fill in fills)
     for mark in ("open", "chart-you", "chart-policy"):
         assert all(contrast(colours[mark], colours[ground]) >= 3 for ground in ("page", "panel"))
 
 
 def palette(name):
     """The colours of a palette of the study: those of the dark theme, and what palettes.css puts in their place."""
-    colours = theme(DARK)
-    changed = re.search(
-        rf":root\[data-palette={name}\].*?\{{(.*?)\}}",
-        (STATIC / "study/palettes.css").read_text(),
-        re.S,
-    )
-    return colours | dict(
-        re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", changed.group(1) if changed else "")
-    )
+    styles = (STATIC / "study/palettes.css").read_text()
+    blocks = re.findall(rf":root\[data-palette={name}\].*?\{{(.*?)\}}", styles, re.S)[:1]
+    return theme(DARK) | dict(COLOUR.findall("".join(blocks)))
 
 
-@pytest.mark.parametrize(
-    ("name", "least"), [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)]
-)
+LEAST = [("mars", 4.5), ("colour-blind", 4.5), ("high-contrast", 7)]
+
+
+@pytest.mark.parametrize(("name", "least"), LEAST)
 @pytest.mark.parametrize("ink", ["text", "muted", "accent", "rival", "alarm"])
 @pytest.mark.parametrize("ground", ["night", "panel", "raised"])
 def test_text_stands_out_from_its_ground(ink, ground, name, least):
@@ -243,7 +222,7 @@ def test_text_stands_out_from_its_ground(ink, ground, name, least):
 def test_the_board_reads_in_greyscale():
     style = (STATIC / "common/base.css").read_text()
     names = ("unknown", "ground", "rock", "you", "policy", "casing")
-    of = {name: re.search(rf"--board-{name}: (#[0-9a-f]{{6}});", style).group(1) for name in names}
+    of = {name: part(rf"--board-{name}: (#[0-9a-f]{{6}});", style) for name in names}
     order = [luminance(of[name]) for name in ("unknown", "ground", "rock")]
     assert order == sorted(order)
     assert contrast(of["unknown"], of["ground"]) > 3
@@ -255,10 +234,8 @@ def test_the_board_reads_in_greyscale():
 
 
 def test_the_board_of_a_study_keeps_its_lightness():
-    shades = re.search(
-        r"const MARS_SHADES = (\{.*\});", (STATIC / "task/mars/board.js").read_text()
-    ).group(1)
-    unknown, free, rock = json.loads(shades).values()
+    board = (STATIC / "task/mars/board.js").read_text()
+    unknown, free, rock = json.loads(re.search(r"const MARS_SHADES = (\{.*\});", board)[1]).values()
     order = [luminance(colour) for colour in (unknown, free, palette("mars")["accent"], rock)]
     assert order == sorted(order), "as in the paper: 0, 0.3, 0.6, 1"
     assert all(dark / bright < 0.75 for dark, bright in pairwise(order))
@@ -267,9 +244,8 @@ def test_the_board_of_a_study_keeps_its_lightness():
 @pytest.mark.parametrize(("name", "least"), [("colour-blind", 1.35), ("high-contrast", 3.9)])
 def test_the_boards_of_the_study_read_in_greyscale(name, least):
     block = (STATIC / "task/mars/board.js").read_text().split(f'"{name}": {{')[1]
-    unknown, free, rock = (
-        re.search(rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"', block).group(1) for mark in "?.#"
-    )
+    shades = [rf'"{re.escape(mark)}": "(#[0-9a-f]{{6}})"' for mark in "?.#"]
+    unknown, free, rock = (part(each, block) for each in shades)
     rover = palette(name)["accent"]
     assert contrast(unknown, free) > least
     assert contrast(free, rover) > least
@@ -279,47 +255,39 @@ def test_the_boards_of_the_study_read_in_greyscale(name, least):
 def listed(name):
     """The strings of an exported list in static/common/messages.js."""
     text = (STATIC / "common/messages.js").read_text()
-    return re.findall(
-        r'"([^"]+)"', re.search(rf"export const {name} = .*?\[(.*?)\]", text, re.S).group(1)
-    )
+    return re.findall(r'"([^"]+)"', part(rf"export const {name} = .*?\[(.*?)\]", text))
 
 
 def fields(name, types="common"):
     """The fields of a message's type in a folder's types.d.ts."""
     text = (STATIC / types / "types.d.ts").read_text()
-    return re.findall(
-        r"(\w+): ", re.search(rf"^ *type {name} = \{{(.*?)\}};", text, re.S | re.M).group(1)
-    )
+    return re.findall(r"(\w+): ", part(rf"^ *type {name} = \{{(.*?)\}};", text))
+
+
+def kinds(model):
+    """The kinds of message that a model is of."""
+    return get_args(model.model_fields["kind"].annotation)
 
 
 def test_the_page_and_the_server_name_the_same_messages():
-    for model, types in (
-        (mars.Frame, "task/mars"),
-        (mars.Thought, "task/mars"),
-        (mars.Expected, "task/mars"),
-        (messages.Kept, "common"),
-    ):
+    for model in (mars.Frame, mars.Thought, mars.Expected, messages.Kept):
+        types = "common" if model is messages.Kept else "task/mars"
         named = [field.alias or name for name, field in model.model_fields.items()]
         assert fields(model.__name__, types) == named
-    sent = (mars.Expected, mars.Thought, messages.Kept)
-    assert listed("FROM_SERVER")[-3:] == [
-        get_args(model.model_fields["kind"].annotation)[0] for model in sent
-    ]
+    told = (mars.Expected, mars.Thought, messages.Kept)
+    assert listed("FROM_SERVER")[-3:] == [kinds(model)[0] for model in told]
     world = (STATIC / "task/mars/index.js").read_text()
-    assert re.findall(r'"(\w+)"', re.search(r"actions: \[(.*?)\]", world).group(1)) == list(ACTIONS)
+    assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", world)) == list(ACTIONS)
     types = (STATIC / "task/mars/types.d.ts").read_text()
-    outcomes = re.findall(
-        r'"(\w+)"', re.search(r"^ *type Outcome = (.*?);", types, re.S | re.M).group(1)
-    )
+    outcomes = re.findall(r'"(\w+)"', part(r"^ *type Outcome = (.*?);", types))
     assert outcomes == [name for name in OUTCOMES if name != "running"]
+    asked = (messages.HistoryRequest, messages.Events, messages.ExpectedRequest)
     sent = [
         messages.Act.model_fields["kind"].default,
-        *get_args(messages.HistoryRequest.model_fields["kind"].annotation),
+        *(kind for each in asked for kind in kinds(each)),
     ]
-    sent += get_args(messages.Events.model_fields["kind"].annotation)
-    sent += get_args(messages.ExpectedRequest.model_fields["kind"].annotation)
     act = (STATIC / "common/messages.js").read_text()
     assert sorted(re.findall(r'return \{ kind: "(\w+)"', act)) == sorted(sent)
-    carried = re.search(r'\{ (kind: "act", .*?), \.\.\.timing \}', act).group(1)
+    carried = part(r'\{ (kind: "act", .*?), \.\.\.timing \}', act)
     carried = {name.split(":")[0] for name in carried.split(", ")} | set(fields("Timing"))
     assert carried == set(messages.Act.model_fields)

@@ -11,18 +11,16 @@ from pathlib import Path
 from axe_playwright_python.base import AXE_SCRIPT
 
 from app.board.attestation import FASTEST
+from app.web.simulate import occupancy_codes
+from tests.support.servers import PATIENCE_S, eventually
 
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
 """Where pictures of the screens go, when MARS_PICTURES is set."""
 
 KEY_OF = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
 QUIET = [
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-    "--no-sandbox",
-]
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--no-sandbox",
+]  # fmt: skip
 SOFTWARE_3D = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 NO_3D = ["--disable-gpu", "--disable-3d-apis"]
 AS_A_PERSON = ["--disable-blink-features=AutomationControlled"]
@@ -51,14 +49,10 @@ def violations(page, **options):
     """What axe finds on the page as it stands: "rule: what it is (first place)"."""
     if not page.evaluate("() => 'axe' in window"):
         page.evaluate(AXE_SCRIPT)
-    wanted = {
-        "resultTypes": ["violations"],
-        "preload": False,
-        **options,
-    }  # the default rules look at nothing preloaded
-    found = page.evaluate(
-        "options => axe.run(options).then(({ violations }) => violations)", wanted
-    )
+    # the default rules look at nothing preloaded
+    wanted = {"resultTypes": ["violations"], "preload": False, **options}
+    run = "options => axe.run(options).then(({ violations }) => violations)"
+    found = page.evaluate(run, wanted)
     return [f"{each['id']}: {each['help']} ({each['nodes'][0]['html'][:120]})" for each in found]
 
 
@@ -67,6 +61,21 @@ def keep_picture(page, name, full_page=False):
     if os.environ.get("MARS_PICTURES"):
         SCREENSHOTS.mkdir(exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=full_page)
+
+
+SIZES = {"phone": (390, 844), "desktop": (1440, 900)}
+
+
+def judged(page, name, full_page=False):
+    """What axe finds on a screen at both sizes, and where it is wider than the screen; a picture of each is kept."""
+    found = []
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        found += [f"{name}, {size}: {each}" for each in violations(page)]
+        reached = page.evaluate("() => document.documentElement.scrollWidth")
+        found += [f"{name}, {size}: {reached} px wide"] if reached > width else []
+        keep_picture(page, f"{name}-{size}", full_page)
+    return found
 
 
 class Hand:
@@ -81,11 +90,84 @@ class Hand:
         The times are those after each press, so the page had taken it by then: however busy the machine is, the page sees
         no presses closer together than these.
         """
+        known = [each for each in FASTEST if each[0] <= len(self._pressed_s) + 1]
         rested = [
-            self._pressed_s[1 - presses] + 1.1 * least_ms / 1000
-            for presses, least_ms in FASTEST
-            if presses <= len(self._pressed_s) + 1
+            self._pressed_s[1 - presses] + 1.1 * least_ms / 1000 for presses, least_ms in known
         ]
         time.sleep(max(0.0, max(rested, default=0.0) - time.monotonic()))
         keyboard.press(key)
         self._pressed_s.append(time.monotonic())
+
+
+class Player:
+    """A person at the page: presses keys, looks at boards."""
+
+    def __init__(self, page, url):
+        self.page, self.url, self.hand = page, url, Hand()
+        self.errors = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def goto(self, watch=None):
+        self.page.goto(self.url + ("/" if watch is None else f"/#watch={watch}"))
+        self.wait("window.mars && window.mars.state.player && window.mars.state.link === 'open'")
+        return self
+
+    def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
+        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
+
+    def state(self, path="player.frame"):
+        return self.page.evaluate(f"() => window.mars.state.{path}")
+
+    def open_session(self, **wish):
+        """Open a session of one's own (the page's cookie) and return what the server says of it."""
+        origin = "/".join(self.url.split("/")[:3])
+        url, headers = f"{self.url}/api/sessions", {"Origin": origin}
+        answer = self.page.request.post(url, data=wish, headers=headers)
+        assert answer.status in (200, 201), answer.text()
+        return answer.json()
+
+    def begin(self, **wish):
+        """Open a session of one's own and look at it."""
+        about = self.open_session(**wish)
+        self.page.goto("about:blank")
+        self.goto(about["watch"])
+        return about
+
+    def press(self, action, wait=True):
+        # a page that is starved of time may call its server lost
+        self.wait("window.mars.state.link === 'open'")
+        step = self.state()["step"]
+        self.hand.press(self.page.keyboard, KEY_OF[action])
+        if wait:
+            self.wait(f"window.mars.state.player.frame.step > {step}")
+
+    def explore(self, policy, until):
+        """Drive as a policy would, key by key, until `until(frame)`."""
+        policy.reset(0)
+        while not until(frame := self.state()):
+            self.press(("north", "east", "south", "west")[policy.act(occupancy_codes(frame))])
+        return frame
+
+    def picture(self, test_id):
+        """The pixels of an element as they are on screen."""
+        return self.page.get_by_test_id(test_id).screenshot()
+
+    def still(self, test_id, looks=4):
+        """The pixels of an element once they have stayed the same for some looks in a row."""
+        seen = []
+
+        def is_still():
+            self.page.wait_for_timeout(100)
+            seen.append(self.picture(test_id))
+            return len(seen) >= looks and len(set(seen[-looks:])) == 1
+
+        eventually(is_still, 60)
+        return seen[-1]
+
+    def changes(self, test_id, before):
+        """Wait until the pixels of an element are others than those before."""
+        eventually(lambda: self.picture(test_id) != before)
+
+    def shows(self, test_id, text):
+        """Wait until an element says just that: the page paints in the frame after its state has changed."""
+        eventually(lambda: self.page.get_by_test_id(test_id).inner_text() == text)

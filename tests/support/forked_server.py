@@ -45,9 +45,8 @@ def pytest_configure(config):
 def main(listener):
     """Fork a server for each request until the run has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and the run ends this
-    signal.signal(
-        signal.SIGCHLD, signal.SIG_IGN
-    )  # nobody waits for the forks that wait for servers
+    # nobody waits for the forks that wait for servers
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
         answers = Connection(listener.accept()[0].detach())
         settings, log, environment = request = answers.recv()
@@ -103,13 +102,8 @@ class ServerProcess:
         sock = socket.socket(socket.AF_UNIX)
         sock.connect(os.environ[ADDRESS])
         self._answers = Connection(sock.detach())
-        self._answers.send(
-            (
-                settings,
-                str(log),
-                dict(os.environ) | ({} if listening is None else {"LISTEN_FDS": "1"}),
-            )
-        )
+        passed_on = {} if listening is None else {"LISTEN_FDS": "1"}
+        self._answers.send((settings, str(log), dict(os.environ) | passed_on))
         if listening is not None:
             send_handle(self._answers, listening.fileno(), None)
         self.pid = self._answers.recv()

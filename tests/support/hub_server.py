@@ -23,26 +23,20 @@ class Repository:
     commits: list[dict[str, bytes]] = field(default_factory=lambda: [{}])
 
     def sha(self, number=-1):
-        return hashlib.sha1(
-            repr((number % len(self.commits), sorted(self.commits[number]))).encode()
-        ).hexdigest()
+        said = repr((number % len(self.commits), sorted(self.commits[number])))
+        return hashlib.sha1(said.encode()).hexdigest()
 
     def files_at(self, revision):
         """The files of a commit; None for one that is not there."""
         if revision == "main":
             return self.commits[-1]
-        return next(
-            (files for number, files in enumerate(self.commits) if self.sha(number) == revision),
-            None,
-        )
+        known = {self.sha(number): files for number, files in enumerate(self.commits)}
+        return known.get(revision)
 
 
 def refusal(status, code, message):
-    return JSONResponse(
-        {"error": message},
-        status,
-        {"X-Error-Code": code, "X-Error-Message": message} if code else {},
-    )
+    headers = {"X-Error-Code": code, "X-Error-Message": message} if code else {}
+    return JSONResponse({"error": message}, status, headers)
 
 
 def create_hub():
@@ -54,12 +48,8 @@ def create_hub():
     @app.middleware("http")
     async def note(request, call_next):
         calls.append(f"{request.method} {request.url.path}")
-        is_read = request.method in ("GET", "HEAD")
-        if (
-            not is_read
-            and "/lfs-upload/" not in request.url.path
-            and request.headers.get("authorization") != f"Bearer {TOKEN}"
-        ):
+        is_open = request.method in ("GET", "HEAD") or "/lfs-upload/" in request.url.path
+        if not is_open and request.headers.get("authorization") != f"Bearer {TOKEN}":
             return refusal(401, None, "Invalid username or password.")
         return await call_next(request)
 
@@ -84,30 +74,19 @@ def create_hub():
     async def preupload(owner, name, request: Request):
         if f"{owner}/{name}" not in repositories:
             return refusal(404, "RepoNotFound", "Repository not found")
-        asked = (await request.json())["files"]
-        mode = {True: "lfs", False: "regular"}
-        return {
-            "files": [
-                {
-                    "path": each["path"],
-                    "uploadMode": mode[each["path"].endswith(".onnx")],
-                    "shouldIgnore": False,
-                }
-                for each in asked
-            ]
-        }
+        files = []
+        for path in (each["path"] for each in (await request.json())["files"]):
+            mode = "lfs" if path.endswith(".onnx") else "regular"
+            files.append({"path": path, "uploadMode": mode, "shouldIgnore": False})
+        return {"files": files}
 
     @app.post("/{owner}/{name}.git/info/lfs/objects/batch")
     async def batch(request: Request):
-        asked = (await request.json())["objects"]
-        at = f"{request.base_url}lfs-upload/"
-        return {
-            "transfer": "basic",
-            "objects": [
-                each | {"actions": {"upload": {"href": at + each["oid"], "header": {}}}}
-                for each in asked
-            ],
-        }
+        objects = (await request.json())["objects"]
+        for each in objects:
+            upload = {"href": f"{request.base_url}lfs-upload/{each['oid']}", "header": {}}
+            each["actions"] = {"upload": upload}
+        return {"transfer": "basic", "objects": objects}
 
     @app.put("/lfs-upload/{oid}")
     async def upload(oid, request: Request):
@@ -129,11 +108,8 @@ def create_hub():
             elif entry["key"] == "lfsFile":
                 files[value["path"]] = blobs[value["oid"]]
         found.commits.append(files)
-        return {
-            "commitUrl": f"{request.base_url}{owner}/{name}/commit/{found.sha()}",
-            "commitOid": found.sha(),
-            "success": True,
-        }
+        url = f"{request.base_url}{owner}/{name}/commit/{found.sha()}"
+        return {"commitUrl": url, "commitOid": found.sha(), "success": True}
 
     @app.get("/api/models/{owner}/{name}")
     @app.get("/api/models/{owner}/{name}/revision/{revision}")
@@ -144,21 +120,15 @@ def create_hub():
         files = found.files_at(revision)
         if files is None:
             return refusal(404, "RevisionNotFound", f"Invalid rev id: {revision}")
-        return {
-            "id": f"{owner}/{name}",
-            "sha": found.sha(),
-            "siblings": [{"rfilename": path} for path in files],
-            "tags": [],
-        }
+        siblings = [{"rfilename": path} for path in files]
+        return {"id": f"{owner}/{name}", "sha": found.sha(), "siblings": siblings, "tags": []}
 
     @app.api_route("/{owner}/{name}/resolve/{revision}/{path:path}", methods=["GET", "HEAD"])
     async def resolve(owner, name, revision, path):
         found = repositories[f"{owner}/{name}"]
         content = found.files_at(revision)[path]
-        headers = {
-            "X-Repo-Commit": found.sha() if revision == "main" else revision,
-            "ETag": f'"{hashlib.sha256(content).hexdigest()}"',
-        }
+        sha = found.sha() if revision == "main" else revision
+        headers = {"X-Repo-Commit": sha, "ETag": f'"{hashlib.sha256(content).hexdigest()}"'}
         return Response(content, headers=headers, media_type="application/octet-stream")
 
     return app

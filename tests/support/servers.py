@@ -12,7 +12,9 @@ import pytest
 import uvicorn
 from websockets.sync.client import connect
 
-from app.web.simulate import Clock, Socket
+from app.web.simulate import Clock, Socket, occupancy_codes
+from marsexplorer.config import ACTIONS
+from marsexplorer.policies import load
 
 PACE = random.Random(7)
 PATIENCE_S = 60.0
@@ -107,10 +109,8 @@ class Running:
         self._clients = []
 
     def client(self, **rest):
-        rest = {
-            "verify": False,
-            **rest,
-        }  # nothing here speaks TLS, and reading the certificates takes 20 ms
+        # nothing here speaks TLS, and reading the certificates takes 20 ms
+        rest = {"verify": False, **rest}
         client = httpx.Client(base_url=self.url, timeout=PATIENCE_S, trust_env=False, **rest)
         self._clients.append(client)
         return client
@@ -127,16 +127,25 @@ class Running:
 
         max_queue  messages that wait for the test before nothing more is read; None reads them all, so that it closes at once
         """
-        if client is not None and (
-            cookie := "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)
-        ):
-            headers["Cookie"] = cookie
+        if client is not None and client.cookies:
+            headers["Cookie"] = "; ".join(f"{c.name}={c.value}" for c in client.cookies.jar)
         own = self.url if origin is True else origin or None
         url = f"ws://127.0.0.1:{self.port}{path}{session_id}"
         plain = {"proxy": None, "compression": None, "max_size": None, "max_queue": max_queue}
         times = {"open_timeout": PATIENCE_S, "close_timeout": CLOSE_S}
         with connect(url, origin=own, additional_headers=headers, **plain, **times) as connection:
             yield Socket(connection, self.clock or HastyClock(), PACE)
+
+    def explore(self, client, session_id):
+        """Play a board to its end by keys, as a rule would, and return its last frame."""
+        policy = load("frontier-cost")
+        policy.reset(1)
+        with self.socket(session_id, client) as socket:
+            frame = socket.receive("frame")
+            while frame["outcome"] is None:
+                socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
+                frame = socket.frame_after(frame["step"])
+        return frame
 
     @property
     def protection(self):
@@ -150,9 +159,8 @@ class Running:
 
     def on_loop(self, coroutine):
         """Return what a coroutine of a server in this process returns."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.services.store.writes._loop).result(
-            PATIENCE_S
-        )
+        loop = self.services.store.writes._loop
+        return asyncio.run_coroutine_threadsafe(coroutine, loop).result(PATIENCE_S)
 
     def execute(self, sql):
         """Let the server's own connection, the one that writes, execute a statement beside what is played."""
@@ -192,26 +200,20 @@ def serve(tmp_path, limits, shipped_policies):
     running = []
 
     def start(sources=None, policies=None, **settings):
-        settings = {
-            "database": tmp_path / "playground.db",
-            "studies": tmp_path / "studies",
-            "limits": limits,
-            **settings,
-        }
+        paths = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies"}
+        settings = {**paths, "limits": limits, **settings}
         sock = listen("127.0.0.1", 0)
         bound_connections(sock, settings["limits"].answer_s)
         clock = MovableClock()
         server = Running(sock.getsockname()[1], clock)
         sources = sources or Sources(clock_ms=clock.now_ms)
-        server.app = create_app(
-            Settings(**settings), Prepared(sources, policies or shipped_policies)
-        )
+        prepared = Prepared(sources, policies or shipped_policies)
+        server.app = create_app(Settings(**settings), prepared)
         engine = Engine(uvicorn_config(server.app))
         thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
         thread.start()
-        eventually(
-            lambda: engine.started or not thread.is_alive(), 240
-        )  # the rules are compiled first, perhaps
+        # the rules are compiled first, perhaps
+        eventually(lambda: engine.started or not thread.is_alive(), 240)
         assert engine.started
 
         def stop():
@@ -262,12 +264,12 @@ def spawn(tmp_path, tmp_path_factory, limits):
         assert "is open at" in said[-1], "".join(said)
         server = Running(int(said[-1].split("http://127.0.0.1:")[1].split()[0]))
         server.process, server.said = process, said
-        server.kill = lambda: (
-            process.kill(),
-            process.wait(),
-            process.stdout.close(),
-            server.close(),
-        )
+
+        def kill():
+            for end in (process.kill, process.wait, process.stdout.close, server.close):
+                end()
+
+        server.kill = kill
         return server
 
     yield start

@@ -50,8 +50,8 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
       marsexplorer leaderboard --policy ppo --out data/leaderboard
     """
     from app.jobs import Jobs
+    from app.web.leaderboard.entries import make_board, offered_boards
     from app.web.leaderboard.evaluations import ShippedFigures, file_name
-    from app.web.leaderboard.making import make_board, offered_boards
     from marsexplorer.files import write_whole
     from marsexplorer.policies import names
 

@@ -1,12 +1,14 @@
 """The entries of the leaderboard: one for each configuration that people play, and one for each closed study.
 
 In a closed study people and policies are on the very same terrains. An open one is not shown: a mean that changes with every
-episode would reveal hidden scores to its players.
+episode would reveal hidden scores to its players. `make_board` makes the figures that the package comes with.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ import numpy as np
 
 from app.db.reader import Reader
 from app.db.series import closed_studies, count_participants
+from app.db.trial import Trial
+from app.jobs import Jobs, Progress
 from app.report.moves.likeness import human_likeness
 from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.human_level import VolunteerFigures
@@ -23,8 +27,16 @@ from app.series.data import StudyData, load
 from app.series.policy_episodes import closed_seeds
 from app.series.policy_files import FOLDER, PolicyFiles
 from app.task import Configuration, PolicyError
+from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.rules import MarsRules
-from app.web.leaderboard.evaluations import Evaluation
+from app.web.leaderboard.evaluations import (
+    Evaluation,
+    Origin,
+    ShippedFigure,
+    ShippedFigures,
+    file_sha256,
+    to_document,
+)
 
 FIRST_SEED = 1_000_000_000
 """Policies play the terrains of this seed and the next ones: training refuses them."""
@@ -64,10 +76,8 @@ class LeaderboardEntry:
         slow = ("random", "planner")  # by hundreds of moves, by milliseconds a move
         chosen = list(sources) if self.policies is None else self.policies
         ordered = sorted(chosen, key=lambda name: slow.index(name) + 1 if name in slow else 0)
-        return {
-            name: Evaluation(self._source(name, sources), self.config, self.seeds)
-            for name in ordered
-        }
+        found = {name: self._source(name, sources) for name in ordered}
+        return {name: Evaluation(each, self.config, self.seeds) for name, each in found.items()}
 
     def _source(self, name: str, sources: dict[str, str]) -> str:
         if self.files is None or name not in self.files.hashes:
@@ -79,20 +89,13 @@ class LeaderboardEntry:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry as the list of the leaderboard shows it."""
-        human = self.human or {"players": 0, "episodes": 0}
+        human, config = self.human or {"players": 0, "episodes": 0}, self.config
         return {
-            "id": self.id,
-            "title": self.title,
-            "study": self.study,
-            "level": self.config.level,
-            "rows": self.config.rows,
-            "cols": self.config.cols,
-            "max_steps": self.config.limit,
-            "config_hash": self.config.hash,
-            "terrains": len(self.seeds),
-            "players": human["players"],
-            "episodes": human["episodes"],
-        }
+            "id": self.id, "title": self.title, "study": self.study, "level": config.level,
+            "rows": config.rows, "cols": config.cols, "max_steps": config.limit,
+            "config_hash": config.hash, "terrains": len(self.seeds),
+            "players": human["players"], "episodes": human["episodes"],
+        }  # fmt: skip
 
 
 class ClosedStudies:
@@ -124,24 +127,23 @@ def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
         return None
     cohort = people_of(data)
     rules = data.protocol.exclusion.get(figure["set"], {})
-    ranked = [cohort.ranked[person] for person in members(cohort, rules)]
-    groups = [
-        [
-            EpisodeSummary(each.outcome or "", each.score or 0.0, each.steps_to_target or 0, (), ())
-            for each in own
-        ]
-        for own in ranked
-    ]
-    completed = float(
-        np.mean([np.mean([each.outcome == "explored" for each in own]) for own in groups])
-    )
-    pictures = summarize_groups(reader, data, synthetic=False).get("people", {})
-    plain = {
-        name: figure[name] for name in ("claim", "set", "players", "episodes", "score", "steps")
+    people = members(cohort, rules)
+    groups = [[_totals_of(trial) for trial in cohort.ranked[person]] for person in people]
+    shares = [np.mean([each.outcome == "explored" for each in own]) for own in groups]
+    return {
+        **{
+            name: figure[name] for name in ("claim", "set", "players", "episodes", "score", "steps")
+        },
+        **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
+        **summarize_groups(reader, data, synthetic=False).get("people", {}),
+        "trials": trial_summaries(groups),
+        "likeness": human_likeness(reader, data, cohort, people),
     }
-    likeness = human_likeness(reader, data, cohort, members(cohort, rules))
-    shown = {"completed": completed, "curve": None, "visits": None, **pictures}
-    return {**plain, **shown, "trials": trial_summaries(groups), "likeness": likeness}
+
+
+def _totals_of(trial: Trial) -> EpisodeSummary:
+    steps = trial.steps_to_target or 0
+    return EpisodeSummary(trial.outcome or "", trial.score or 0.0, steps, (), ())
 
 
 def list_entries(
@@ -154,15 +156,10 @@ def list_entries(
     }
     for figure in volunteers.human_level(reader)["figures"]:
         config = MARS.configuration(figure["config"])
-        found[config.hash] = _of_config(config, figure)
+        found[config.hash] = entry_of(config, figure)
     for config in OFFERED:
-        found.setdefault(config.hash, offered_entry(config))
+        found.setdefault(config.hash, entry_of(config))
     return list(found.values())
-
-
-def offered_entry(config: Configuration) -> LeaderboardEntry:
-    """Return the entry of a configuration on offer as it is while nobody has played it."""
-    return _of_config(config, None)
 
 
 def held_out_seeds(config: Configuration) -> tuple[int, ...]:
@@ -172,21 +169,57 @@ def held_out_seeds(config: Configuration) -> tuple[int, ...]:
 
 
 def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry:
-    protocol = data.protocol
-    names = (f"study-{protocol.name}", protocol.title, protocol.env_config)
+    protocol, seeds = data.protocol, tuple(closed_seeds(data).values())
     return LeaderboardEntry(
-        *names,
-        human,
-        tuple(closed_seeds(data).values()),
-        protocol.name,
-        protocol.policies,
-        data.policy_files,
-    )
+        f"study-{protocol.name}", protocol.title, protocol.env_config, human, seeds,
+        protocol.name, protocol.policies, data.policy_files,
+    )  # fmt: skip
 
 
-def _of_config(config: Configuration, human: dict[str, Any] | None) -> LeaderboardEntry:
+def entry_of(config: Configuration, human: dict[str, Any] | None = None) -> LeaderboardEntry:
+    """Return the entry of a configuration of the playground; `human` is None while nobody has played it."""
     name = f"{config.level}-{config.rows}x{config.cols}"
     title = f"{config.level} {config.rows} × {config.cols}"
     if MARS.of_level(config.level, (config.rows, config.cols)) != config:
         name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
     return LeaderboardEntry(name, title, config, human, held_out_seeds(config))
+
+
+def offered_boards() -> dict[str, LeaderboardEntry]:
+    """Return the boards on offer by their ids."""
+    return {entry.id: entry for entry in map(entry_of, OFFERED)}
+
+
+def make_board(
+    entry: LeaderboardEntry,
+    jobs: Jobs,
+    advance: Progress,
+    kept: ShippedFigures | None = None,
+    again: Sequence[str] = (),
+) -> str:
+    """Play a board's policies and return the text of its file.
+
+    kept   figures that are taken where they still hold, except for the policies in `again`
+
+    `advance` is called with the number of policies that are done and their number.
+    """
+    command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
+    origin = Origin(version("marsexplorer-playground"), command)
+    size = (entry.config.rows, entry.config.cols)
+    offers = [each for each in PolicyCatalogue().offers() if each.size in (None, size)]
+    wanted = list(entry.evaluations({each.name: each.source for each in offers}).values())
+    waiting = []
+    for each in reversed(wanted):  # the slowest first
+        old = kept.find(each) if kept is not None and each.policy not in again else None
+        waiting.append(old or jobs.submit(make_figure, each, origin))
+    figures = []
+    for figure in reversed(waiting):
+        figures.append(figure if isinstance(figure, ShippedFigure) else figure.result())
+        advance(len(figures), len(wanted))
+    return to_document(entry.config, entry.seeds, figures, origin)
+
+
+def make_figure(wanted: Evaluation, origin: Origin) -> ShippedFigure:
+    """Play an evaluation and return its figure."""
+    figure, steps = wanted.play()
+    return ShippedFigure(wanted.policy, file_sha256(wanted.policy), tuple(steps), figure, origin)

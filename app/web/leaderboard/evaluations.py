@@ -66,8 +66,7 @@ class Evaluation:
 @lru_cache(64)
 def policy_hash(source: str) -> str:
     """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
-    found: str = MARS.players.hash_with_code(source)
-    return found
+    return str(MARS.players.hash_with_code(source))
 
 
 @dataclass(frozen=True)
@@ -135,10 +134,9 @@ def to_document(
         "format": FORMAT, "core_version": MARS.version, **asdict(origin), "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
-    rows = [
-        {name: value for name, value in asdict(figure).items() if name != "origin"}
-        for figure in figures
-    ]
+    rows = [{**vars(figure)} for figure in figures]
+    for row in rows:
+        del row["origin"]
     lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
     return json.dumps(head)[:-1] + f', "policies": [\n{lines}\n]}}\n'
 
@@ -170,14 +168,10 @@ class PolicyEvaluations:
         figure = came.figure if came else self._done.get(key)
         state, error = ("ready", None) if figure else self._begun(wanted, key)
         count = len(wanted.seeds)
-        return {
-            "state": state,
-            "done": count if figure else self._progress.get(key, 0),
-            "of": count,
-            "figure": figure,
-            "shipped": came and asdict(came.origin),
-            "error": error,
-        }
+        done = count if figure else self._progress.get(key, 0)
+        shipped = came and asdict(came.origin)
+        shown = {"figure": figure, "shipped": shipped, "error": error}
+        return {"state": state, "done": done, "of": count, **shown}
 
     def _begun(self, wanted: Evaluation, key: str) -> tuple[str, str | None]:
         """Begin what is missing, unless that has been done; return the state and what went wrong."""
@@ -187,10 +181,9 @@ class PolicyEvaluations:
 
         future = self._making.get(key)
         if future is None:
+            asked: dict[str, Any] = {"owner": OWNER, "key": key, "limit_s": LIMIT_S}
             try:
-                future = self._jobs.submit(
-                    wanted.play, owner=OWNER, key=key, limit_s=LIMIT_S, on_progress=note
-                )
+                future = self._jobs.submit(wanted.play, **asked, on_progress=note)
             except JobsFullError:
                 return "waiting", None
             if future.done() and (error := future.exception()) is not None:
@@ -216,12 +209,8 @@ class PolicyEvaluations:
 def _read_kept(path: Path) -> dict[str, dict[str, Any]]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
-        kept = json.loads(path.read_bytes())
-        return {
-            key: value
-            for key, value in kept.items()
-            if key.split("|")[0] == MARS.version and "curve" in value
-        }
+        kept, own = json.loads(path.read_bytes()), f"{MARS.version}|"
+        return {key: kept[key] for key in kept if key.startswith(own) and "curve" in kept[key]}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
 

@@ -25,8 +25,6 @@ from app.task import Configuration, PolicyOffer
 from app.web.leaderboard.entries import ClosedStudies, LeaderboardEntry, list_entries
 from app.web.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
 
-NOBODY_PLAYED = "Nobody has played this ranked yet."
-
 
 class UnknownEntryError(LookupError):
     """The leaderboard has no entry with this id."""
@@ -58,9 +56,8 @@ class Leaderboard:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             found = list_entries(reader, self._studies, self.volunteers)
-            self._people.drop_all_but(
-                (entry.config.hash, entry.human) for entry in found if entry.study is None
-            )
+            played = [each for each in found if each.study is None]
+            self._people.drop_all_but((each.config.hash, each.human) for each in played)
         return found
 
     async def newest_entries(self) -> list[LeaderboardEntry]:
@@ -78,9 +75,8 @@ class Leaderboard:
         """Return everything about one entry and begin evaluations that are missing; UnknownEntryError when there is none."""
         found = next((entry for entry in await self.newest_entries() if entry.id == entry_id), None)
         if found is None:
-            raise UnknownEntryError(
-                f"no board {entry_id!r} on the leaderboard; GET api/leaderboard lists them"
-            )
+            where = "on the leaderboard; GET api/leaderboard lists them"
+            raise UnknownEntryError(f"no board {entry_id!r} {where}")
         async with self._turn:
             people = await asyncio.to_thread(self._people_of, found)
         size = (found.config.rows, found.config.cols)
@@ -89,21 +85,13 @@ class Leaderboard:
         summaries = {offer.source: offer.summary for offer in self._offers}
         states = self._evaluations.request(list(wanted.values()))
         likeness = (found.human or {}).get("likeness", {})
-        policies = [
-            {
-                "name": name,
-                "summary": summaries.get(each.policy, ""),
-                **state,
-                "human_likeness": likeness.get(name),
-            }
-            for (name, each), state in zip(wanted.items(), states, strict=True)
-        ]
-        return {
-            "board": found.to_dict(),
-            "people": people,
-            "policies": policies,
-            "sentence": None if people else NOBODY_PLAYED,
-        }
+        policies = []
+        for (name, each), state in zip(wanted.items(), states, strict=True):
+            said = {"name": name, "summary": summaries.get(each.policy, "")}
+            policies.append({**said, **state, "human_likeness": likeness.get(name)})
+        sentence = None if people else "Nobody has played this ranked yet."
+        board = found.to_dict()
+        return {"board": board, "people": people, "policies": policies, "sentence": sentence}
 
     def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
         if entry.human is None or entry.study is not None:
@@ -145,10 +133,8 @@ class HumanSummaries:
         state = json.dumps(human)
         if self._made.get(config.hash, ("",))[0] != state:
             now: Replays = {}
-            self._made[config.hash] = (
-                state,
-                _pictures(reader, config, self._replays.pop(config.hash, {}), now),
-            )
+            made = _pictures(reader, config, self._replays.pop(config.hash, {}), now)
+            self._made[config.hash] = state, made
             self._keep(config.hash, now)
         return self._made[config.hash][1]
 
@@ -159,11 +145,9 @@ class HumanSummaries:
         """
         states = {config: json.dumps(human) for config, human in figures if human is not None}
         self._made = {
-            config: made for config, made in self._made.items() if states.get(config) == made[0]
+            each: made for each, made in self._made.items() if states.get(each) == made[0]
         }
-        self._replays = {
-            config: replays for config, replays in self._replays.items() if config in states
-        }
+        self._replays = {each: kept for each, kept in self._replays.items() if each in states}
 
     def _keep(self, config: str, replays: Replays) -> None:
         """Keep the replays of a board that was just read, and of those before it as many as there is room for."""
@@ -184,11 +168,9 @@ def _pictures(
     reader: Reader, config: Configuration, known: Replays, now: Replays
 ) -> dict[str, Any]:
     """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
-    trials = [
-        Trial.of(row) for row in reader.finished("human") if row["config_hash"] == config.hash
-    ]
+    rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
     people: dict[str, list[EpisodeSummary]] = {}
-    for trial in trials[-MAX_EPISODES:]:
+    for trial in map(Trial.of, rows[-MAX_EPISODES:]):
         course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
         if course not in now:
             now[course] = known[course] if course in known else _replayed(reader, trial)
@@ -197,11 +179,8 @@ def _pictures(
     groups = list(people.values())
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
-    return {
-        "curve": coverage_curve(config, groups),
-        "visits": visit_counts(config, groups),
-        "trials": trial_summaries(groups),
-    }
+    curve, visits = coverage_curve(config, groups), visit_counts(config, groups)
+    return {"curve": curve, "visits": visits, "trials": trial_summaries(groups)}
 
 
 def _replayed(reader: Reader, trial: Trial) -> EpisodeSummary | None:

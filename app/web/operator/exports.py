@@ -78,16 +78,16 @@ class Exports:
             self._root = Path(tempfile.mkdtemp(prefix="mars-exports-"))
         folder = Path(tempfile.mkdtemp(dir=self._root))
         where = ("--database", str(self._database), "--studies", str(self._studies))
-        words = (what, "--study", study, *where, *_outputs(folder, what, authors))
+        files, outputs = _written(folder, study, what, authors)
+        words = (what, "--study", study, *where, *outputs)
+        making_of = (make_export, words, folder, what)
         try:
-            making = self._jobs.submit(
-                make_export, words, folder, what, owner=OWNER, limit_s=LIMIT_S
-            )
+            making = self._jobs.submit(*making_of, owner=OWNER, limit_s=LIMIT_S)
         except JobsFullError as error:
             raise ExportError(str(error)) from error
         if old is not None:
             shutil.rmtree(old.folder, ignore_errors=True)
-        self._made[study, what] = Export(folder, making, _files(folder, study, what))
+        self._made[study, what] = Export(folder, making, files)
 
     def file(self, study: str, name: str) -> Path | None:
         """Return the path of a finished file; None when there is none of this name."""
@@ -106,13 +106,9 @@ class Exports:
 def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
     """Run the command that makes an export; ExportError with the last line that it wrote to stderr where it fails."""
     command = (sys.executable, "-m", "app.cli", *words)
+    nothing, pipe = subprocess.DEVNULL, subprocess.PIPE
     done = subprocess.run(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
+        command, stdin=nothing, stdout=nothing, stderr=pipe, text=True, errors="replace"
     )
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
@@ -125,22 +121,14 @@ def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
             raise ExportError(f"cannot write the {what}: {reason}") from error
 
 
-def _files(folder: Path, study: str, what: ExportKind) -> dict[str, Path]:
-    """Return the files of a finished export by the name they are downloaded under."""
+def _written(
+    folder: Path, study: str, what: ExportKind, authors: tuple[str, ...]
+) -> tuple[dict[str, Path], list[str]]:
+    """Return the files of an export by the name they are downloaded under, and the options by which they are written."""
     if what == "report":
-        return {
-            f"{study}-report.html": folder / "report.html",
-            f"{study}-report.json": folder / "report.json",
-        }
-    return {f"{study}-release.zip": folder / "release.zip"}
-
-
-def _outputs(folder: Path, what: ExportKind, authors: tuple[str, ...]) -> list[str]:
-    """Return the options that say what the command writes."""
-    if what == "report":
-        return ["--html", str(folder / "report.html"), "--json", str(folder / "report.json")]
-    return [
-        "--out",
-        str(folder / "release"),
-        *(word for author in authors for word in ("--author", author)),
-    ]
+        html, data = folder / "report.html", folder / "report.json"
+        files = {f"{study}-report.html": html, f"{study}-report.json": data}
+        return files, ["--html", str(html), "--json", str(data)]
+    named = (word for author in authors for word in ("--author", author))
+    files = {f"{study}-release.zip": folder / "release.zip"}
+    return files, ["--out", str(folder / "release"), *named]

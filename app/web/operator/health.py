@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,29 +13,17 @@ LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
 
 
-@dataclass(frozen=True)
-class DatabaseCheck:
-    """The result of `PRAGMA quick_check`, and when it was made."""
-
-    result: str
-    at_ms: int
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether SQLite found no damage."""
-        return self.result == "ok"
-
-
 class Health:
     """The health of one database; the check reads all of it, so it is made once, and again only on request."""
 
     def __init__(self, database: Path) -> None:
-        self._database = database
-        self._check: DatabaseCheck | None = None
+        self._database, self._log = database, database.with_name(database.name + "-wal")
+        self._check: dict[str, Any] | None = None
 
     def check(self) -> None:
         """Check the database; it takes milliseconds to minutes, so call it in a thread."""
-        self._check = DatabaseCheck(quick_check(self._database), _now_ms())
+        result, now_ms = quick_check(self._database), time.time_ns() // 1_000_000
+        self._check = {"result": result, "is_whole": result == "ok", "at_ms": now_ms}
 
     def try_write(self) -> None:
         """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""
@@ -48,7 +35,7 @@ class Health:
 
     def log_bytes(self) -> int:
         """Return the size of the write-ahead log, which is moved into the database now and then."""
-        return _size(self._database.with_name(self._database.name + "-wal"))
+        return _size(self._log)
 
     def database_bytes(self) -> int:
         """Return the size of the database's file, without its log."""
@@ -58,33 +45,21 @@ class Health:
         """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""
         if self._check is None:
             self.check()
-        assert self._check is not None
-        space = shutil.disk_usage(self._database.parent)
-        wal = self._database.with_name(self._database.name + "-wal")
-        written = max(
-            (path.stat().st_mtime for path in (self._database, wal) if path.exists()), default=0.0
-        )
-        chain = chain_head(self._database)
+        space, chain = shutil.disk_usage(self._database.parent), chain_head(self._database)
+        files = [path for path in (self._database, self._log) if path.exists()]
+        written = max((path.stat().st_mtime for path in files), default=0.0)
         return {
             "disk": {"free": space.free, "total": space.total, "is_low": space.free < LOW_BYTES},
             "database": {
                 "name": self._database.name,
-                "size": _size(self._database),
-                "wal_size": _size(wal),
+                "size": self.database_bytes(),
+                "wal_size": self.log_bytes(),
             },
             "last_write_ms": round(written * 1000),
-            "check": {
-                "result": self._check.result,
-                "is_whole": self._check.is_whole,
-                "at_ms": self._check.at_ms,
-            },
+            "check": self._check,
             "chain": chain and {"entries": chain.entries, "head": chain.head},
         }
 
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.exists() else 0
-
-
-def _now_ms() -> int:
-    return time.time_ns() // 1_000_000

@@ -18,17 +18,16 @@ MAX_BOARDS = 60
 
 async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
     """Return the boards that a person or a script plays now, those of participants first; no player's id."""
-    live = [
-        session for session in lobby.sessions() if session.is_human and session.channel.subscribers
-    ]
+    live = (each for each in lobby.sessions() if each.is_human and each.channel.subscribers)
     listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
 
+    def newest(present: Participant | None) -> Trial | None:
+        trials = [] if present is None else study_store.trials(present.id)
+        return trials[-1] if trials else None
+
     def read() -> list[tuple[Participant | None, Trial | None]]:
-        present = [study_store.participant_of_session(session.id) for session in listed]
-        return [
-            (each, next(iter(study_store.trials(each.id)[::-1]), None) if each else None)
-            for each in present
-        ]
+        present = (study_store.participant_of_session(session.id) for session in listed)
+        return [(each, newest(each)) for each in present]
 
     found = []
     for session, (participant, trial) in zip(listed, await lobby.store.read(read), strict=True):
@@ -45,7 +44,7 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
             }
         )
     return sorted(
-        found, key=lambda board: (board["study"] is None, str(board["label"] or board["session"]))
+        found, key=lambda each: (each["study"] is None, str(each["label"] or each["session"]))
     )
 
 

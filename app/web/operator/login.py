@@ -138,11 +138,10 @@ class AdminLogin:
         who = await self._with_password(name, password) if name else None
         if who is None and (name or not self._password.is_right(password)):
             await self._note_refused(name)
-            raise WrongPasswordError(
-                "this is no operator's name and password"
-                if name
-                else "this is not the operator's password"
+            what = (
+                "is no operator's name and password" if name else "is not the operator's password"
             )
+            raise WrongPasswordError(f"this {what}")
         await self._log.begin(name or PASSWORD_ALONE, "log_in", status=200)
         self._attempts.forgive(address)
         since = who.created_ms if who else 0
@@ -181,14 +180,9 @@ class AdminLogin:
         """Log a refused login, at most one each minute, by the name if there is such an operator."""
         if time.monotonic() - self._refused_at >= REFUSED_EVERY_S:
             self._refused_at = time.monotonic()
-            known = (
-                PASSWORD_ALONE
-                if not name
-                else name
-                if await find_operator(self._store, name)
-                else "unknown name"
-            )
-            await self._log.begin(known, "log_in", status=401)
+            is_unknown = name and await find_operator(self._store, name) is None
+            who = "unknown name" if is_unknown else name or PASSWORD_ALONE
+            await self._log.begin(who, "log_in", status=401)
 
 
 def _digest(password: str) -> bytes:

@@ -33,15 +33,8 @@ QUIET_MS = 30 * 60_000
 """A participant who has not finished and has sent nothing for so long counts as gone quiet."""
 FRESH_S = 15.0
 PARTICIPANT_FIELDS = (
-    "id",
-    "kind",
-    "script",
-    "stage",
-    "joined_ms",
-    "session_id",
-    "invitation",
-    "supervised_ms",
-)
+    "id", "kind", "script", "stage", "joined_ms", "session_id", "invitation", "supervised_ms",
+)  # fmt: skip
 """What the operator sees of a participant's row."""
 
 
@@ -66,8 +59,8 @@ def list_participants(
     found = []
     for person in series.participants(reader, study):
         own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
-        signs_of = [trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own]
-        last_ms = max([person.joined_ms, seen["last_ms"], *signs_of])
+        acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
+        last_ms = max(person.joined_ms, seen["last_ms"], *acted)
         is_under_way = person.stage not in ("debrief", "complete", "withdrawn")
         found.append(
             {
@@ -145,17 +138,10 @@ class LiveFigures:
             if trial.participant in people
             for name in trial.labels
         ]
-        counts = Counter(name for name, _ in found)
-        by_label = [
-            {
-                "label": name,
-                "episodes": number,
-                "participants": sorted(
-                    {participant_label(who) for each, who in found if each == name}
-                ),
-            }
-            for name, number in counts.most_common()
-        ]
+        by_label = []
+        for label, number in Counter(name for name, _ in found).most_common():
+            who = sorted({participant_label(who) for name, who in found if name == label})
+            by_label.append({"label": label, "episodes": number, "participants": who})
         return {"figure": live_figure(data), "labels": by_label}
 
 
@@ -173,17 +159,10 @@ def recruiting(
         use = uses.get(each.id)
         state = state_of(each, use)
         lets_in = study.is_open and state in ("issued", "opened")
-        listed.append(
-            {
-                "id": each.id,
-                "state": state,
-                "issued_ms": each.issued_ms,
-                "revoked_ms": each.revoked_ms,
-                "label": use and use.label,
-                "at_ms": use and use.at_ms,
-                "token": token_of(study, each.id) if lets_in else None,
-            }
-        )
+        token = token_of(study, each.id) if lets_in else None
+        label, at_ms = (use.label, use.at_ms) if use else (None, None)
+        times = {"issued_ms": each.issued_ms, "revoked_ms": each.revoked_ms, "at_ms": at_ms}
+        listed.append({"id": each.id, "state": state, "label": label, "token": token, **times})
     return {
         "recruitment": study.protocol.recruitment,
         "code": code_of(study, now_ms) if study.is_open else None,

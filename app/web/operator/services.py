@@ -30,12 +30,11 @@ class AdminServices:
         health: Health,
         jobs: Jobs,
     ) -> None:
-        database = progress.lobby.store.path
         store = progress.lobby.store
-        self.actions, self.progress = ActionLog(store), progress
+        self.actions, self.progress, self.health = ActionLog(store), progress, health
         self.login = AdminLogin(password, store, self.actions)
-        self.health, self.figures = health, participants.LiveFigures(database)
-        self.exports = Exports(database, studies, jobs)
+        self.figures = participants.LiveFigures(store.path)
+        self.exports = Exports(store.path, studies, jobs)
         self.began = time.monotonic()
 
     def studies(self) -> list[dict[str, Any]]:

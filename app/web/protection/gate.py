@@ -3,11 +3,17 @@
 It leaves its judgement in the connection, for `client_address`, `has_own_origin` and `is_secure`;
 handlers read no Origin and no forwarded header themselves. The messages of a socket that was let in
 pass by it.
+
+Only our own pages, and scripts without a page, may change anything. A browser sends an Origin with
+everything that can change something, and with every socket; older ones that leave it out send
+Sec-Fetch-Site. A script sends neither and is welcome: it has no visitor's cookies to misuse.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection, Request
@@ -16,19 +22,35 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.web.protection.headers import headers_of
 from app.web.protection.hosts import MOST_HOSTS, Proxies, hosts_of, serves
-from app.web.protection.origins import (
-    MalformedOriginError,
-    is_changing,
-    is_foreign_fetch,
-    read_origin,
-    with_own_cookies,
-)
 
 Answer = Callable[[Request, int, str], Response]
 """Makes the answer to a refused request from its status and its sentence: a page for a browser."""
 
 SHOWN = 60
 """Characters of a stranger's input that a refusal repeats, at most."""
+
+FOREIGN_HOST = (
+    "this server does not answer for the host {!r}: open it by its IP address or as localhost; its operator makes a public "
+    "address known with serve --public-url URL"
+)
+MALFORMED_ORIGIN = (
+    "an Origin must be null or scheme://host, as browsers send it, got {!r}; a script needs none"
+)
+FOREIGN_PAGE = (
+    "this call changes something, so it must come from a page of this server or from a script, and it came with {}; behind a "
+    "proxy, serve --public-url URL names the pages' address"
+)
+
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+"""Methods that change nothing (RFC 9110, section 9.2.1)."""
+
+OWN_SITES = ("same-origin", "none")
+"""Values of Sec-Fetch-Site that no other site's page can cause; "none" is a typed address."""
+
+_ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://[^\s/?#@]*", re.IGNORECASE)
+_COOKIE = re.compile(rb"[^\s\"\\,;]{1,1024}")
+"""What a cookie of this server looks like. Python takes seconds for the escapes in a long value
+between quotation marks (CVE-2024-7592, until 3.11.10 and 3.12.6), on the event loop."""
 
 
 class RefusedRequestError(Exception):
@@ -85,37 +107,47 @@ class Gate:
             raise RefusedRequestError(400, f"a request must name {MOST_HOSTS} hosts at most")
         for host in hosts:
             if not serves(self._names, host):
-                raise RefusedRequestError(
-                    400,
-                    f"this server does not answer for the host {host[:SHOWN]!r}: open it by its IP "
-                    "address or as localhost; its operator makes a public address known with "
-                    "serve --public-url URL",
-                )
+                raise RefusedRequestError(400, FOREIGN_HOST.format(host[:SHOWN]))
 
     def _own(self, scope: Scope) -> bool | None:
         """Return what `has_own_origin` says; RefusedRequestError for another site's change."""
         headers = Headers(scope=scope)
-        try:
-            own = read_origin(headers, self._public_url)
-        except MalformedOriginError as error:
-            raise RefusedRequestError(
-                403,
-                "an Origin must be null or scheme://host, as browsers send it, "
-                f"got {str(error)[:SHOWN]!r}; a script needs none",
-            ) from error
-        if is_changing(scope) and (own is False or (own is None and is_foreign_fetch(headers))):
-            came = (
-                f"Origin {headers['origin'][:SHOWN]!r}"
-                if "origin" in headers
-                else "Sec-Fetch-Site of another site"
-            )
-            raise RefusedRequestError(
-                403,
-                "this call changes something, so it must come from a page of this server or from a "
-                f"script, and it came with {came}; behind a proxy, serve --public-url URL names "
-                "the pages' address",
-            )
+        own, site = self._read_origin(headers), headers.get("sec-fetch-site", "none")
+        is_foreign = own is False or (own is None and site not in OWN_SITES)
+        if is_foreign and (scope["type"] == "websocket" or scope["method"] not in SAFE_METHODS):
+            came = "Sec-Fetch-Site of another site"
+            if "origin" in headers:
+                came = f"Origin {headers['origin'][:SHOWN]!r}"
+            raise RefusedRequestError(403, FOREIGN_PAGE.format(came))
         return own
+
+    def _read_origin(self, headers: Headers) -> bool | None:
+        """Return whether Origin names the host asked for, or that of the public address; None without one.
+
+        A Host without a port (nginx's `$host`) speaks for any. RefusedRequestError for what is neither
+        null nor scheme://host.
+        """
+        given = headers.getlist("origin")
+        if not given:
+            return None
+        if given == ["null"]:
+            return False
+        malformed = RefusedRequestError(403, MALFORMED_ORIGIN.format(given[0][:SHOWN]))
+        if len(given) > 1 or not _ORIGIN.fullmatch(given[0]):
+            raise malformed
+        try:
+            came = urlsplit(given[0])
+            _ = came.port
+        except ValueError as error:
+            raise malformed from error
+        if came.scheme not in ("http", "https") or not came.hostname:
+            return False
+        if self._public_url is not None:
+            public = urlsplit(self._public_url)
+            if (came.scheme, came.netloc.lower()) == (public.scheme, public.netloc.lower()):
+                return True
+        host = headers.get("host", "").lower()
+        return bool(host) and host in (came.netloc.lower(), came.hostname)
 
     async def _refuse(
         self, scope: Scope, receive: Receive, send: Send, refusal: RefusedRequestError
@@ -144,3 +176,24 @@ def _with_headers(scope: Scope, send: Send) -> Send:
         await send(message)
 
     return send_guarded
+
+
+def has_own_origin(connection: HTTPConnection) -> bool | None:
+    """Return whether a page of this server asks, by its Origin; None without one."""
+    own: bool | None = connection.scope["has_own_origin"]
+    return own
+
+
+def with_own_cookies(scope: Scope, names: frozenset[bytes]) -> Scope:
+    """Return a scope with the cookies of some names alone, and no value that we cannot have set."""
+    given = [value for name, value in scope["headers"] if name == b"cookie"]
+    if not given:
+        return scope
+    own = [each for value in given for each in value.split(b";") if _is_own(each, names)]
+    rest = [each for each in scope["headers"] if each[0] != b"cookie"]
+    return {**scope, "headers": [*rest, *([(b"cookie", b";".join(own))] if own else [])]}
+
+
+def _is_own(cookie: bytes, names: frozenset[bytes]) -> bool:
+    name, _, value = cookie.partition(b"=")
+    return name.strip() in names and _COOKIE.fullmatch(value.strip()) is not None

@@ -42,9 +42,8 @@ def own_names(public_url: str | None = None, listening: str = "") -> frozenset[s
     machine = socket.gethostname().lower()
     short = machine.partition(".")[0]
     public = "" if public_url is None else name_of(urlsplit(public_url).netloc)
-    return frozenset(
-        {"localhost", machine, short, f"{short}.local", listening.lower(), public or ""} - {""}
-    )
+    names = {"localhost", machine, short, f"{short}.local", listening.lower(), public or ""}
+    return frozenset(names - {""})
 
 
 def name_of(host: str) -> str | None:
@@ -65,11 +64,8 @@ def is_literal(name: str) -> bool:
 @lru_cache(maxsize=1000)
 def is_loopback(name: str) -> bool:
     """Return whether a name leads to the browser's own machine, whatever a name server says."""
-    return (
-        name == "localhost"
-        or name.endswith(".localhost")
-        or (is_literal(name) and ip_address(name).is_loopback)
-    )
+    is_named = name == "localhost" or name.endswith(".localhost")
+    return is_named or (is_literal(name) and ip_address(name).is_loopback)
 
 
 def hosts_of(scope: Scope) -> list[str]:
@@ -108,10 +104,8 @@ class Proxies:
             said = Headers(scope=scope)
             if (scheme := said.get("x-forwarded-proto")) in ("http", "https", "ws", "wss"):
                 asked["scheme"] = _scheme_for(scope, scheme in ("https", "wss"))
-            came = self._named.get_trusted_client_address(
-                ", ".join(said.getlist("x-forwarded-for"))
-            )
-            if came[0]:
+            addresses = ", ".join(said.getlist("x-forwarded-for"))
+            if (came := self._named.get_trusted_client_address(addresses))[0]:
                 asked["client"] = came
             if host := said.get("x-forwarded-host", "").partition(",")[0].strip():
                 kept[:] = [each for each in kept if each[0] != b"host"]

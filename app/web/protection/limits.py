@@ -17,7 +17,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from http.cookies import CookieError, SimpleCookie
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -152,12 +151,8 @@ class Protection:
 
     def has_token(self, scope: Scope) -> bool:
         """Return whether the operator's token came with a request."""
-        given = Headers(scope=scope).get(TOKEN_HEADER)
-        return (
-            bool(self._token)
-            and given is not None
-            and hmac.compare_digest(given.encode(), self._token)
-        )
+        given = Headers(scope=scope).get(TOKEN_HEADER, "").encode()
+        return bool(self._token) and hmac.compare_digest(given, self._token)
 
     def admit(self, scope: Scope) -> None:
         """Count a request; RefusedRequestError (429) where it is one too many."""
@@ -170,11 +165,8 @@ class Protection:
 
     def open_socket(self, address: str) -> None:
         """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
-        limits = self.limits
-        if (
-            self.sockets >= limits.sockets
-            or self._sockets_of[address] >= limits.sockets_per_address
-        ):
+        most, most_of_one = self.limits.sockets, self.limits.sockets_per_address
+        if self.sockets >= most or self._sockets_of[address] >= most_of_one:
             self.count_refusal("sockets")
             detail = "too many sockets are open; close some pages, or wait half a minute"
             raise RefusedRequestError(503, detail, FULL_WAIT_S)
@@ -199,12 +191,8 @@ class Protection:
         if missing_s := buckets.of(key).take():
             self.count_refusal(f"rate_{what}")
             wait_s = math.ceil(missing_s)
-            raise RefusedRequestError(
-                429,
-                f"too many {WHAT[what]} from {WHERE[by]} ({buckets.size} at most): "
-                f"try again in {wait_s} s",
-                wait_s,
-            )
+            many = f"too many {WHAT[what]} from {WHERE[by]} ({buckets.size} at most)"
+            raise RefusedRequestError(429, f"{many}: try again in {wait_s} s", wait_s)
 
 
 def _action_of(scope: Scope) -> str | None:
@@ -217,11 +205,8 @@ def _action_of(scope: Scope) -> str | None:
 
 def _player_of(scope: Scope) -> str | None:
     """Return a digest of the player's cookie as it came: whoever forges many is one address."""
-    try:
-        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return None
-    return None if found is None else hashlib.sha256(found.value.encode()).hexdigest()
+    cookie = HTTPConnection(scope).cookies.get(COOKIE)
+    return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
 
 class _SlowReaderError(Exception):

@@ -68,24 +68,16 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
     Secret are a running episode, one of a study that is open or of a day that is not over, and a policy's that ended before its
     player's on the same terrain.
     """
-    with (
-        closing(Reader.open(database, public=True, at_ms=asker.at_ms)) as reader,
-        reader.snapshot(),
-    ):
+    opened = Reader.open(database, public=True, at_ms=asker.at_ms)
+    with closing(opened) as reader, reader.snapshot():
         found = reader.episode(episode_id)
         if found is None:
             raise UnknownReplayError(
                 f"no finished episode {episode_id!r} that can be replayed: check the link"
             )
-        name, own_name = (
-            _name(reader.who_drove(episode_id, viewer)) for viewer in (None, asker.player_id)
-        )
-        record = reader.load_record(episode_id)
-        return ShownEpisode(episode_id, found["task"], record, name, own_name)
-
-
-def _name(driver: str) -> str:
-    return NAMES.get(driver) or driver.removeprefix("policy:")
+        drivers = [reader.who_drove(episode_id, viewer) for viewer in (None, asker.player_id)]
+        names = [NAMES.get(each) or each.removeprefix("policy:") for each in drivers]
+        return ShownEpisode(episode_id, found["task"], reader.load_record(episode_id), *names)
 
 
 def find_episode(database: Path, prefix: str) -> ShownEpisode:
@@ -98,7 +90,7 @@ def find_episode(database: Path, prefix: str) -> ShownEpisode:
             "`marsexplorer export` lists them, and the address of a replay ends with one"
         )
     if len(found) > 1 and prefix not in found:
-        named = ", ".join(found[:MAX_NAMED]) + (", ..." if len(found) > MAX_NAMED else "")
+        named = ", ".join([*found[:MAX_NAMED], *["..."] * (len(found) > MAX_NAMED)])
         raise UnknownReplayError(
             f"several episodes begin with {prefix!r}: {named}; give more of the id"
         )

@@ -25,11 +25,8 @@ if TYPE_CHECKING:
 Format = Literal["html", "gif", "mp4", "png"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 MEDIA_TYPES: dict[Format, str] = {
-    "html": "text/html; charset=utf-8",
-    "gif": "image/gif",
-    "mp4": "video/mp4",
-    "png": "image/png",
-}
+    "html": "text/html; charset=utf-8", "gif": "image/gif", "mp4": "video/mp4", "png": "image/png",
+}  # fmt: skip
 MOST_PICTURES = 300
 """Pictures of moves in an animation at most; of longer replays every second, third, ... move is drawn."""
 LARGE_SIDE, MOST_LARGE_PICTURES = 60, 125
@@ -114,10 +111,8 @@ def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
     drawn = courses[0].animation(courses[1:], is_large=False)
     last = timing.steps[-1]
     palette = _palette([drawn.at(step, step) for step in (0, last // 2, last)])
-    pictures = [
-        picture.quantize(palette=palette, dither=Image.Dither.NONE)
-        for picture in _pictures(drawn, timing, progress)
-    ]
+    drawings = _pictures(drawn, timing, progress)
+    pictures = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in drawings]
     each_ms = round(100 / timing.rate) * 10
     buffer = io.BytesIO()
     pictures[0].save(
@@ -141,16 +136,10 @@ def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
             "an MP4 needs the extra [video]: pip install 'marsexplorer-playground[video]'"
         ) from error
     drawn = courses[0].animation(courses[1:], is_large=True)
-    with (
-        TemporaryDirectory() as folder
-    ):  # an index at the front is written by opening the file once more
+    with TemporaryDirectory() as folder:
         path = Path(folder) / "replay.mp4"
-        _encode(
-            av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}),
-            drawn,
-            timing,
-            progress,
-        )
+        options = {"movflags": "faststart"}  # the index at the front: the file is opened once more
+        _encode(av.open(str(path), "w", format="mp4", options=options), drawn, timing, progress)
         return path.read_bytes()
 
 
@@ -159,16 +148,13 @@ def _encode(opened: OutputContainer, drawn: Any, timing: Timing, progress: Progr
     from av import VideoFrame
 
     with opened as container:
-        stream = container.add_stream(
-            "libx264", rate=timing.rate, options={"crf": "20", "preset": "veryfast", "threads": "1"}
-        )
+        options = {"crf": "20", "preset": "veryfast", "threads": "1"}
+        stream = container.add_stream("libx264", rate=timing.rate, options=options)
         stream.width, stream.height = drawn.size
         stream.pix_fmt = "yuv420p"
-        pictures = _pictures(drawn, timing, progress)
-        for picture in _with_end_held(pictures, timing.held):
-            container.mux(
-                stream.encode(VideoFrame.from_ndarray(np.asarray(picture), format="rgb24"))
-            )
+        for picture in _with_end_held(_pictures(drawn, timing, progress), timing.held):
+            frame = VideoFrame.from_ndarray(np.asarray(picture), format="rgb24")
+            container.mux(stream.encode(frame))
         container.mux(stream.encode())
 
 

@@ -10,16 +10,15 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from app import STATIC
 from app.task import Course
+from app.web.templates import environment
 
 STYLES = ("common/base.css", "common/bar.css", "vendor/uplot/uPlot.min.css", "replay/replay.css")
 """The style sheets of the page, in its order."""
@@ -29,91 +28,58 @@ TASKS = ("task/mars/index.js", "task/picture/index.js")
 _IMPORT = re.compile(r'^((?:im|ex)port\s[^"]*?\sfrom\s+)"(\.{1,2}/[^"]+)";', re.M)
 _TASK_IMPORT = "import(`../task/"
 
-_ENVIRONMENT = Environment(
-    loader=FileSystemLoader(STATIC),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-
-
-@dataclass(frozen=True)
-class Addresses:
-    """Absolute addresses for whoever shows a preview of the link: of the page, and of its picture."""
-
-    page: str
-    picture: str
-
-
-@dataclass(frozen=True)
-class Inlined:
-    """What a page that stands in one file holds itself: its styles and the script that chooses their theme; its modules by name
-    and its icon, as data URLs.
-    """
-
-    style: Markup
-    theme: Markup
-    modules: dict[str, str]
-    entry: str
-    icon: str
-
 
 def render(
     data: dict[str, Any],
     course: Course,
     formats: Sequence[str] = (),
-    addresses: Addresses | None = None,
-    inlined: Inlined | None = None,
+    address: str | None = None,
+    inlined: dict[str, Any] | None = None,
 ) -> str:
     """Return the HTML of a replay; `data` is what the page draws, `course` that of the episode itself.
 
     formats  in which the server gives the replay as a file
+    address  of the page, absolute, for whoever shows a preview of the link
+    inlined  what a page that stands in one file holds itself, see `_inlined`
     """
-    text: str = _ENVIRONMENT.get_template("replay/index.html").render(
-        root="../",
-        data=data,
-        headline=course.headline,
-        terrain=terrain_in_words(course),
-        formats=formats,
-        addresses=addresses,
-        inlined=inlined,
-    )
+    terrain = f"{course.place}, {course.config.rows} \u00d7 {course.config.cols} cells"
+    text: str = environment.get_template("replay/index.html").render(
+        root="../", data=data, headline=course.headline, terrain=terrain,
+        formats=formats, address=address, inlined=inlined,
+    )  # fmt: skip
     return text
 
 
-def terrain_in_words(course: Course) -> str:
-    """Return level and size: `level random, 21 x 21 cells`, or `a map, 9 x 14 cells`."""
-    name = course.place
-    return f"{name}, {course.config.rows} \u00d7 {course.config.cols} cells"
+def document(
+    episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
+) -> dict[str, Any]:
+    """Return what the page of a replay reads; no seed, no player and no session is in it."""
+    config = course.config
+    return {
+        "episode": episode_id, "level": config.level, "rows": config.rows, "cols": config.cols,
+        "run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred,
+    }  # fmt: skip
 
 
 def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:
     """Return the HTML of a replay that needs neither server nor network."""
-    data = {
-        "episode": episode_id,
-        "level": course.config.level,
-        "rows": course.config.rows,
-        "cols": course.config.cols,
-        "run": course.to_dict(),
-        "ghosts": [] if ghost is None else [ghost.name],
-        "preferred": None if ghost is None else ghost.name,
-        "ghost": None if ghost is None else ghost.to_dict(),
-    }
-    return render(data, course, inlined=_inlined())
+    name, shown = (None, None) if ghost is None else (ghost.name, ghost.to_dict())
+    data = document(episode_id, course, [] if name is None else [name], name)
+    return render({**data, "ghost": shown}, course, inlined=_inlined())
 
 
 @lru_cache(maxsize=1)
-def _inlined() -> Inlined:
+def _inlined() -> dict[str, Any]:
+    """Return styles and the script that chooses their theme; modules by name and the icon, as data URLs."""
     style = "\n".join((STATIC / name).read_text() for name in STYLES)
     icon = base64.b64encode((STATIC / "common" / "icon.svg").read_bytes()).decode()
-    return Inlined(
-        style=Markup(style),
-        theme=Markup((STATIC / "common" / "theme.js").read_text()),
-        modules={name: _data_url(text) for name, text in modules(ENTRY).items()},
-        entry=ENTRY,
-        icon=f"data:image/svg+xml;base64,{icon}",
-    )
+    return {
+        "style": Markup(style),
+        "theme": Markup((STATIC / "common" / "theme.js").read_text()),
+        "modules": {name: _data_url(text) for name, text in modules(ENTRY).items()},
+        "entry": ENTRY,
+        "icon": f"data:image/svg+xml;base64,{icon}",
+    }
 
 
 def modules(entry: str) -> dict[str, str]:

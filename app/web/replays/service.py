@@ -1,16 +1,15 @@
 """The replays of a server: who asks for an episode gets its course, a policy's on the same terrain, and files of both.
 
-What takes long is a job (`app.jobs`); what was asked for lately is kept.
+What takes long is a job (`app.jobs`); what was made lately is kept.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from app.jobs import Jobs
 from app.task import Course, GhostError, PolicyOffer, Record, rules_of
@@ -22,6 +21,7 @@ from app.web.replays.episodes import (
     shown_episode,
 )
 from app.web.replays.files import Format, file_of
+from app.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""
@@ -43,17 +43,8 @@ class Replay:
     preferred: str | None
 
     def document(self) -> dict[str, Any]:
-        """Return what the page reads; no seed, no player and no session is in it."""
-        config = self.course.config
-        return {
-            "episode": self.episode.id,
-            "level": config.level,
-            "rows": config.rows,
-            "cols": config.cols,
-            "run": self.course.to_dict(),
-            "ghosts": list(self.ghosts),
-            "preferred": self.preferred,
-        }
+        """Return what the page reads."""
+        return document(self.episode.id, self.course, self.ghosts, self.preferred)
 
 
 class Replays:
@@ -62,8 +53,8 @@ class Replays:
     def __init__(self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
         self._database, self._jobs = database, jobs
         self._offers = {offer.name: offer for offer in offers}
-        self._courses: _Kept[Course] = _Kept(MAX_COURSES)
-        self._files: _Kept[bytes] = _Kept(MAX_FILES)
+        self._courses: dict[Hashable, Course] = {}
+        self._files: dict[Hashable, bytes] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
         """Return whether there is a replay of an episode for whoever asks."""
@@ -103,7 +94,7 @@ class Replays:
         content = await self._jobs.run(
             file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
         )
-        return self._files.keep(key, content)
+        return _keep(self._files, MAX_FILES, key, content)
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
@@ -121,25 +112,12 @@ class Replays:
             return kept
         play, source = courses_of(episode).play_ghost, self._offers[name].source
         course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
-        return self._courses.keep(key, course)
+        return _keep(self._courses, MAX_COURSES, key, course)
 
 
-class _Kept(Generic[T]):
-    """The newest results of work that takes long."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._values: OrderedDict[Hashable, T] = OrderedDict()
-
-    def get(self, key: Hashable) -> T | None:
-        """Return what is kept under a key; None where nothing is."""
-        if key in self._values:
-            self._values.move_to_end(key)
-        return self._values.get(key)
-
-    def keep(self, key: Hashable, value: T) -> T:
-        """Keep a value in the place of the oldest, and return it."""
-        self._values[key] = value
-        if len(self._values) > self._most:
-            self._values.popitem(last=False)
-        return value
+def _keep(kept: dict[Hashable, T], most: int, key: Hashable, value: T) -> T:
+    """Keep a value in the place of the oldest one, and return it."""
+    kept[key] = value
+    if len(kept) > most:
+        del kept[next(iter(kept))]
+    return value

@@ -207,9 +207,7 @@ function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind 
 }
 
 /** @param {Mars.CostlyMove} loss @returns the sentence about a move */
-export function sentenceOf(loss) {
-  return `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
-}
+export const sentenceOf = (loss) => `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
 
 /** @param {Mars.Analysis} analysis @returns the sentence above the list of moves */
 export function summaryOf({ policy, losses, given_up }) {

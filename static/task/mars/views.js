@@ -115,9 +115,7 @@ const HEALTHY_MS = 60_000;
 /** Return the address of the 3-D client, one for all boards; where the processor draws it, with coarser pixels and on a
  * canvas of its own (software_canvas.js), so that keys stay quick.
  * @param {boolean} isSoftware */
-export function clientUrl(isSoftware) {
-  return `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
-}
+export const clientUrl = (isSoftware) => `viewer/client/${isSoftware ? "?fixedDpr=0.75&software-canvas" : ""}`;
 
 /** Show a session in a frame: its name says which (board_socket.js), and a client that is there already only changes
  * its socket.

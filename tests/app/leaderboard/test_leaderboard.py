@@ -38,11 +38,8 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
         studies = ClosedStudies(tmp_path / "studies")
-        players = [
-            entry.to_dict()["players"]
-            for entry in entries.list_entries(store, studies, VolunteerFigures())
-        ]
-        assert players == [0] * len(entries.OFFERED)
+        unplayed = entries.list_entries(store, studies, VolunteerFigures())
+        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(entries.OFFERED)
         play(store, seed=1, explore=True)
         first, *rest = entries.list_entries(store, studies, VolunteerFigures())
     finally:
@@ -98,11 +95,8 @@ def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, 
 def quick(monkeypatch):
     """Boards of few terrains, played in one process: the server evaluates in seconds."""
     monkeypatch.setattr("app.web.server.WORKERS", 1)
-    monkeypatch.setattr(
-        entries,
-        "held_out_seeds",
-        lambda config: tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + TERRAINS)),
-    )
+    few = tuple(range(entries.FIRST_SEED, entries.FIRST_SEED + TERRAINS))
+    monkeypatch.setattr(entries, "held_out_seeds", lambda config: few)
 
 
 def settled(client, board):
@@ -141,25 +135,19 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert np.shape(found["people"]["visits"]) == (5, 7)
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
-    table = evaluate(
-        [policy["name"] for policy in found["policies"]], config, TERRAINS, entries.FIRST_SEED
-    )
+    names = [policy["name"] for policy in found["policies"]]
+    table = evaluate(names, config, TERRAINS, entries.FIRST_SEED)
     for policy, row in zip(found["policies"], table.rows, strict=True):
         made = policy["figure"]
         assert policy["name"] == row.policy
         assert (made["episodes"], made["completed"]) == (TERRAINS, row.completion)
-        assert made["steps"] == pytest.approx(
-            {"mean": row.steps_mean, "low": row.steps_low, "high": row.steps_high}
-        )
-        assert made["score"] == pytest.approx(
-            {"mean": row.score_mean, "low": row.score_low, "high": row.score_high}
-        )
+        for what in ("steps", "score"):
+            ends = {end: getattr(row, f"{what}_{end}") for end in ("mean", "low", "high")}
+            assert made[what] == pytest.approx(ends)
     server.stop()
 
-    again = serve().client().get("/api/leaderboard/random-5x7").json()
-    assert [policy["figure"] for policy in again["policies"]] == [
-        policy["figure"] for policy in found["policies"]
-    ]
+    again = serve().client().get("/api/leaderboard/random-5x7").json()["policies"]
+    assert [each["figure"] for each in again] == [each["figure"] for each in found["policies"]]
 
 
 def test_nobody_has_played(serve, quick):
@@ -167,9 +155,7 @@ def test_nobody_has_played(serve, quick):
     found = client.get("/api/leaderboard/random-21x21").json()
     assert found["people"] is None
     assert "Nobody has played" in found["sentence"]
-    assert all(policy["figure"] is None for policy in found["policies"]), (
-        "no figure before it is made"
-    )
+    assert not any(policy["figure"] for policy in found["policies"]), "none before it is made"
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
 
@@ -187,17 +173,12 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
         "open: scores are hidden"
     )
     assert client.get("/api/leaderboard/study-small").status_code == 404
-    assert client.get("/api/leaderboard/random-7x9").status_code == 404, (
-        "a study's episodes make no playground figure"
-    )
+    # a study's episodes make no figure of the playground
+    assert client.get("/api/leaderboard/random-7x9").status_code == 404
     Folder(tmp_path / "studies").close("small")
     first = client.get("/api/leaderboard").json()[0]
-    assert (first["id"], first["study"], first["players"], first["terrains"]) == (
-        "study-small",
-        "small",
-        1,
-        3,
-    )
+    told = {"id": "study-small", "study": "small", "players": 1, "terrains": 3}
+    assert told.items() <= first.items()
 
     def made():
         found = client.get("/api/leaderboard/study-small").json()
@@ -205,23 +186,13 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
 
     found = eventually(made, IDLE_WORK_S)
     steps = [played[-1]["step"] if played[-1]["outcome"] == "explored" else 63 for played in frames]
-    assert (found["people"]["players"], found["people"]["steps"]["mean"]) == (
-        1,
-        pytest.approx(np.mean(steps)),
-    )
+    assert found["people"]["players"] == 1
+    assert found["people"]["steps"]["mean"] == pytest.approx(np.mean(steps))
     assert [each["steps"]["mean"] for each in found["people"]["trials"]] == steps
     assert np.shape(found["people"]["visits"]) == (7, 9)
     assert [policy["name"] for policy in found["policies"]] == ["frontier-cost"]
     assert 0 < found["policies"][0]["human_likeness"] <= 1
-    own = [
-        evaluate(["frontier-cost"], study.protocol.env_config, 2, study.seed("ranked", i))
-        for i in range(3)
-    ]
+    config, seeds = study.protocol.env_config, [study.seed("ranked", i) for i in range(3)]
+    own = [evaluate(["frontier-cost"], config, 2, seed) for seed in seeds]
     mean = np.mean([table.results[0].steps_to_99 for table in own])
     assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
-
-
-def test_a_page_for_people_that_links_back(serve):
-    answer = serve().client().get("/leaderboard")
-    assert answer.status_code == 200
-    assert 'href="./"' in answer.text

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.jobs import Jobs
+from app.web.leaderboard.entries import make_board, make_figure, offered_boards
 from app.web.leaderboard.evaluations import (
     FOLDER,
     Evaluation,
@@ -15,7 +16,6 @@ from app.web.leaderboard.evaluations import (
     file_name,
     to_document,
 )
-from app.web.leaderboard.making import make_board, make_figure, offered_boards
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import steps_to_target
@@ -33,11 +33,8 @@ def sizes():
 def jobs_of(entry):
     """The policies that play a board: a network made for one size plays no other."""
     size = (entry.config.rows, entry.config.cols)
-    return list(
-        entry.evaluations(
-            {name: name for name, only in sizes().items() if only in (None, size)}
-        ).values()
-    )
+    names = [name for name, only in sizes().items() if only in (None, size)]
+    return list(entry.evaluations(dict(zip(names, names, strict=True))).values())
 
 
 @pytest.mark.parametrize("board", offered_boards())
@@ -46,13 +43,9 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
     shipped = ShippedFigures()
     for job in jobs_of(entry):
         found = shipped.find(job)
-        assert found is not None, (
-            f"run `marsexplorer leaderboard --board {board} --out data/leaderboard`"
-        )
-        assert (
-            found.origin.command
-            == f"marsexplorer leaderboard --board {board} --out data/leaderboard"
-        )
+        command = f"marsexplorer leaderboard --board {board} --out data/leaderboard"
+        assert found is not None, f"run `{command}`"
+        assert found.origin.command == command
         assert (found.figure["episodes"], len(found.steps)) == (len(entry.seeds), len(entry.seeds))
         assert found.figure["steps"]["mean"] == np.mean(found.steps)
         assert np.shape(found.figure["visits"]) == (entry.config.rows, entry.config.cols)
@@ -62,21 +55,16 @@ def test_every_board_on_offer_has_a_figure_of_every_shipped_policy(board):
 def test_the_first_terrains_are_played_again_to_the_same_step(board):
     entry = offered_boards()[board]
     for job in jobs_of(entry):
-        policy, count = (
-            policies.load(job.policy, entry.config.sensor_radius),
-            1 if job.policy == "planner" else 3,
-        )
+        policy = policies.load(job.policy, entry.config.sensor_radius)
+        count = 1 if job.policy == "planner" else 3
         played = [play_episode(policy, entry.config, seed) for seed in job.seeds[:count]]
-        again = [
-            steps_to_target(episode.config, episode.outcome, episode.steps) for episode in played
-        ]
+        again = [steps_to_target(each.config, each.outcome, each.steps) for each in played]
         assert tuple(again) == ShippedFigures().find(job).steps[:count], job.policy
 
 
 def test_a_whole_figure_is_made_again_to_the_last_digit():
-    job = next(
-        job for job in jobs_of(offered_boards()["random-21x21"]) if job.policy == "frontier-cost"
-    )
+    jobs = jobs_of(offered_boards()["random-21x21"])
+    job = next(each for each in jobs if each.policy == "frontier-cost")
     shipped = ShippedFigures().find(job)
     made = make_figure(job, shipped.origin)
     assert json.loads(json.dumps(made.figure)) == shipped.figure
@@ -99,14 +87,13 @@ def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
     document = to_document(TINY, job.seeds, [made], ORIGIN)
     path.write_text(document)
     assert ShippedFigures(tmp_path).find(job) == made
-    assert ShippedFigures(tmp_path).find(Evaluation("frontier-cost", TINY, (1, 3))) is None
-    assert (
-        ShippedFigures(tmp_path).find(
-            Evaluation("frontier-cost", EnvConfig("random", 5, 7, max_steps=9), (1, 2))
-        )
-        is None
-    )
-    assert ShippedFigures(tmp_path).find(Evaluation("random", TINY, (1, 2))) is None
+    short = EnvConfig("random", 5, 7, max_steps=9)
+    for other in (
+        ("frontier-cost", TINY, (1, 3)),
+        ("frontier-cost", short, (1, 2)),
+        ("random", TINY, (1, 2)),
+    ):
+        assert ShippedFigures(tmp_path).find(Evaluation(*other)) is None, other
     for changed in ('"core_version": "0"', '"file_sha256":"of another file"'):
         name = changed.partition(":")[0]
         old = next(part for part in (f'{name}: "1"', f"{name}:null") if part in document)
@@ -117,7 +104,5 @@ def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):
 def test_the_first_visit_shows_a_full_board_without_people(serve):
     found = serve().client().get("/api/leaderboard/random-21x21").json()
     assert [policy["state"] for policy in found["policies"]] == ["ready"] * len(policies.names())
-    assert {policy["shipped"]["command"].split()[1] for policy in found["policies"]} == {
-        "leaderboard"
-    }
+    assert all("leaderboard" in policy["shipped"]["command"] for policy in found["policies"])
     assert found["people"] is None

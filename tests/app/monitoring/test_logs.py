@@ -28,10 +28,8 @@ def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
         board.receive("error")
     assert client.get(f"/api/sessions/{begun['session']}").status_code == 200
     assert client.get(f"/watch/{begun['watch']}").status_code == 200
-    assert (
-        client.get(f"/api/sessions/{secrets.token_urlsafe(16)}?who=not-a-token-of-ours").status_code
-        == 404
-    )
+    stranger = f"/api/sessions/{secrets.token_urlsafe(16)}?who=not-a-token-of-ours"
+    assert client.get(stranger).status_code == 404
     with server.socket("not-a-token-of-ours", client) as stranger:
         stranger.receive("error")
         with pytest.raises(ConnectionClosed):
@@ -47,14 +45,8 @@ def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
     for each in (client, person.client, operator):
         for cookie in each.cookies.jar:
             secrets_of_theirs |= {cookie.value, *cookie.value.split(".")}
-    secrets_of_theirs |= {
-        session,
-        begun["session"],
-        begun["rival"]["session"],
-        begun["watch"],
-        begun["frame"]["episode"],
-    }
-    secrets_of_theirs |= {person.where["participant"]}
+    secrets_of_theirs |= {session, begun["session"], begun["rival"]["session"], begun["watch"]}
+    secrets_of_theirs |= {begun["frame"]["episode"], person.where["participant"]}
     server.process.terminate()
     server.process.wait()
     log = server.process.stdout.read()
@@ -62,11 +54,8 @@ def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
     assert [secret for secret in secrets_of_theirs if len(secret) > 5 and secret in log] == []
 
     lines = [json.loads(line) for line in log.splitlines() if line.startswith("{")]
-    requests = {
-        (line["method"], line["route"], line["status"])
-        for line in lines
-        if line["message"] == "request"
-    }
+    asked = [line for line in lines if line["message"] == "request"]
+    requests = {(line["method"], line["route"], line["status"]) for line in asked}
     assert {
         ("POST", "/api/sessions", 201),
         ("GET", "/api/sessions/{session_id}", 404),
@@ -75,15 +64,13 @@ def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
         ("POST", "/api/admin/login", 401),
     } <= requests
     assert answer.headers["x-request-id"] in {line["request_id"] for line in lines}
-    assert all(line["ms"] > 0 and line["time"] for line in lines if line["message"] == "request")
+    assert all(line["ms"] > 0 and line["time"] for line in asked)
 
 
 def test_every_answer_has_an_id_of_its_own_and_nobody_chooses_it(server):
     client = server.client()
-    ids = [
-        client.get(path, headers={"X-Request-ID": "mine"}).headers["x-request-id"]
-        for path in ("/", "/healthz", "/nowhere")
-    ]
+    client.headers["X-Request-ID"] = "mine"
+    ids = [client.get(path).headers["x-request-id"] for path in ("/", "/healthz", "/nowhere")]
     assert len(set(ids)) == 3
     assert all(re.fullmatch("[0-9a-f]{16}", each) for each in ids)
 
@@ -93,9 +80,8 @@ def test_a_failure_is_logged_by_its_class_and_place_and_not_by_what_somebody_sen
     try:
         raise ValueError("the participant ada-5f1 was here")
     except ValueError as error:
-        record = logging.LogRecord(
-            "app", logging.ERROR, "", 0, "failed", (), (type(error), error, error.__traceback__)
-        )
+        failed = (type(error), error, error.__traceback__)
+        record = logging.LogRecord("app", logging.ERROR, "", 0, "failed", (), failed)
     said = json.loads(formatter.format(record))
     assert said["exc_info"].startswith("ValueError in test_a_failure_is_logged_by_its_class")
     assert "ada" not in json.dumps(said)
@@ -105,7 +91,5 @@ def test_long_ids_are_masked_and_words_are_not():
     token = secrets.token_urlsafe(16)
     assert mask(f"no session {token!r}; begin one") == "no session '***'; begin one"
     assert mask(secrets.token_hex(16)) == "***"
-    assert (
-        mask("timeout_graceful_shutdown in UnknownSessionError")
-        == "timeout_graceful_shutdown in UnknownSessionError"
-    )
+    words = "timeout_graceful_shutdown in UnknownSessionError"
+    assert mask(words) == words

@@ -108,9 +108,8 @@ def test_others_play_on_and_a_server_that_is_stopped_meanwhile_has_every_move(
     assert not (tmp_path / "playground.db-wal").exists(), "SQLite deletes it when all is closed"
     assert verify_database(tmp_path / "playground.db").findings == ()
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        (steps,) = db.execute(
-            "SELECT count(*) FROM steps WHERE episode_id = ?", [frame["episode"]]
-        ).fetchone()
+        count = "SELECT count(*) FROM steps WHERE episode_id = ?"
+        (steps,) = db.execute(count, [frame["episode"]]).fetchone()
     assert steps in (frame["step"], frame["step"] + 1)
 
 

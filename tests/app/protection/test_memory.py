@@ -35,10 +35,8 @@ def come_and_go(server, number):
     """Begin a board, some with a rival, look at it, move, and leave, politely or not."""
     chance = random.Random(number)
     client = server.page()
-    body = {
-        "size": chance.choice((9, 21)),
-        **({"rival": "frontier-cost"} if number % 5 == 0 else {}),
-    }
+    rival = "frontier-cost" if number % 5 == 0 else None
+    body = {"size": chance.choice((9, 21)), "rival": rival}
     begun = client.post("/api/sessions", json=body).json()
     with server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
@@ -65,17 +63,18 @@ def begin(spawn):
     return server
 
 
+def check_came_back(what, before, after):
+    print(f"\n{what}: MB and descriptors {before} -> {after}")
+    assert after[0] <= GROWTH * before[0]
+    assert after[1] <= before[1]
+
+
 def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
     server = begin(spawn)
     before = state_of(server)
     with ThreadPoolExecutor(8) as people:
         list(people.map(lambda number: come_and_go(server, number), range(1000)))
-    after = state_of(server)
-    print(
-        f"\n1,000 sessions: {before[0]:.1f} -> {after[0]:.1f} MB, {before[1]} -> {after[1]} descriptors"
-    )
-    assert after[0] <= GROWTH * before[0]
-    assert after[1] <= before[1]
+    check_came_back("1,000 sessions", before, state_of(server))
 
 
 @pytest.mark.timeout(SOAK_MINUTES * 60 + 600)
@@ -87,11 +86,4 @@ def test_a_soak_ends_at_the_memory_and_descriptors_it_began_with(spawn):
             list(people.map(lambda each: come_and_go(server, each), range(number, number + 8)))
             number += 8
             time.sleep(0.25)
-    after = state_of(server)
-    print(
-        f"\n{SOAK_MINUTES:g} minutes, {number} sessions: {before[0]:.1f} -> {after[0]:.1f} MB,",
-        end=" ",
-    )
-    print(f"{before[1]} -> {after[1]} descriptors")
-    assert after[0] <= GROWTH * before[0]
-    assert after[1] <= before[1]
+    check_came_back(f"{SOAK_MINUTES:g} minutes, {number} sessions", before, state_of(server))

@@ -40,6 +40,11 @@ def percentiles(trips):
     return [float(np.percentile(trips, p)) for p in (50, 99, 100)]
 
 
+def tell(waits):
+    for name, figures in waits.items():
+        print(f"\n{name}: median, p99 and worst wait of the others, ms:", *map(round, figures))
+
+
 def moves_of(server, session, client, seconds):
     """How many moves a board makes in some seconds."""
     url = f"/api/sessions/{session}"
@@ -53,11 +58,8 @@ def moves_of(server, session, client, seconds):
 
 def decision_ms():
     """How long the planner takes for a decision on 128x128 in this process: the median of those of an episode's beginning."""
-    policy, episode, spent = (
-        policies.load("planner"),
-        Episode.begin(EnvConfig.of("random", 128), seed=7),
-        [],
-    )
+    policy, spent = policies.load("planner"), []
+    episode = Episode.begin(EnvConfig.of("random", 128), seed=7)
     policy.reset(0)
     for _ in range(20):
         began = time.perf_counter()
@@ -72,9 +74,8 @@ def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decis
     server = spawn()
     with ExitStack() as stack:
         client = stack.enter_context(server.client())
-        honest = client.post(
-            "/api/sessions", json={"size": 64, "player": "frontier-cost", "seed": 3}
-        ).json()["session"]
+        wanted = {"size": 64, "player": "frontier-cost", "seed": 3}
+        honest = client.post("/api/sessions", json=wanted).json()["session"]
         client.post(f"/api/sessions/{honest}/pace", json={"moves_per_second": 20})
         watched = [stack.enter_context(server.socket(honest, client))]
         moves_of(server, honest, client, 1)
@@ -112,35 +113,22 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
         filling = percentiles(measure(server, 8))
         eventually(lambda: count_events(tmp_path / "playground.db") == 50_000)
         full = percentiles(measure(server, 8))
-    for name, figures in (
-        ("quiet", quiet),
-        ("while the events come", filling),
-        ("with 50,000", full),
-    ):
-        print(
-            f"\n{name}: median, p99 and worst wait of the others",
-            ", ".join(f"{ms:.1f}" for ms in figures),
-            "ms",
-            end="",
-        )
+    tell({"quiet": quiet, "while the events come": filling, "with 50,000": full})
     assert max(filling[1], full[1]) <= 2 * quiet[1]
 
 
 def boards_full_of_events(path, boards):
     """Store boards with a move and as many input events as are kept; return their sessions."""
-    events = [
-        InputEventRow("keydown", "KeyW", False, True, 100.0 + number, 0, 2.5)
-        for number in range(MAX_EVENTS_PER_EPISODE)
-    ]
+    times_ms = [100.0 + number for number in range(MAX_EVENTS_PER_EPISODE)]
+    events = [InputEventRow("keydown", "KeyW", False, True, at_ms, 0, 2.5) for at_ms in times_ms]
     sessions = []
     with closing(Store(path)) as store:
         for seed in range(boards):
             sessions.append(add_session(store, f"player {seed}"))
             row, episode = open_episode(store, sessions[-1], seed, number=1, started_ms=NOW - 1000)
             for first in range(0, len(events), 5_000):
-                add_input_events(
-                    store, row.id, events[first : first + 5_000], NOW, f"batch-{first}"
-                )
+                batch = events[first : first + 5_000]
+                add_input_events(store, row.id, batch, NOW, f"batch-{first}")
             add_steps(store, row, episode, free_moves(episode)[:1])
     return sessions
 
@@ -150,9 +138,8 @@ def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn
     sessions = boards_full_of_events(tmp_path / "playground.db", 12)
     server = spawn()
     with server.client() as client:
-        empty = [
-            client.post("/api/sessions", json={"size": 21}).json()["session"] for _ in sessions
-        ]
+        begun = [client.post("/api/sessions", json={"size": 21}).json() for _ in sessions]
+        empty = [each["session"] for each in begun]
 
         def end(ending):
             for session in ending:
@@ -168,15 +155,8 @@ def test_others_wait_no_longer_while_episodes_of_fifty_thousand_events_end(spawn
 
         measure(server, 2)
         quiet, busy = measure_while_ending(empty), measure_while_ending(sessions)
-    for name, figures in (("quiet", quiet), ("while episodes of 50,000 events end", busy)):
-        print(
-            f"\n{name}: median, p99 and worst wait of the others",
-            ", ".join(f"{ms:.1f}" for ms in figures),
-            "ms",
-            end="",
-        )
+    tell({"quiet": quiet, "while episodes of 50,000 events end": busy})
     server.kill()
     assert verify_database(tmp_path / "playground.db").findings == ()
-    assert busy[1] <= 2 * quiet[1] + 50, (
-        "where the thread of the writes did it all, they waited for most of a second"
-    )
+    # where the thread of the writes did it all, they waited for most of a second
+    assert busy[1] <= 2 * quiet[1] + 50

@@ -12,14 +12,7 @@ import pytest
 from PIL import Image
 
 from app.tasks.mars.course import course_of, play_ghost
-from app.tasks.mars.pictures import (
-    AMBER,
-    NIGHT,
-    PREVIEW,
-    ROCK,
-    SOIL,
-    board_picture,
-)
+from app.tasks.mars.pictures import AMBER, NIGHT, PREVIEW, ROCK, SOIL, board_picture
 from app.web.replays.files import (
     Timing,
     VideoMissingError,
@@ -59,12 +52,8 @@ def test_a_board_is_drawn_in_the_common_colours_and_shows_nothing_before_it_was_
         for (row, col), since in np.ndenumerate(ghost.known_since):
             known = 0 <= since <= step
             expected = NIGHT if not known else ROCK if ghost.codes[row, col] == OBSTACLE else SOIL
-            is_rover = (row, col) == ghost.path[step]
-            assert is_rover or picture.getpixel((col * cell + 1, row * cell + 1)) == expected, (
-                step,
-                row,
-                col,
-            )
+            shown = picture.getpixel((col * cell + 1, row * cell + 1))
+            assert (row, col) == ghost.path[step] or shown == expected, (step, row, col)
 
 
 def test_a_gif_has_a_picture_for_each_move_and_holds_the_end(courses):
@@ -74,10 +63,8 @@ def test_a_gif_has_a_picture_for_each_move_and_holds_the_end(courses):
     calls = []
     content = file_of("gif", "e", courses, 10, lambda done, total: calls.append((done, total)))
     with Image.open(io.BytesIO(content)) as picture:
-        assert (picture.n_frames, picture.size) == (
-            last + 1,
-            courses[0].animation(courses[1:], is_large=False).size,
-        )
+        size = courses[0].animation(courses[1:], is_large=False).size
+        assert (picture.n_frames, picture.size) == (last + 1, size)
         durations = []
         for number in range(picture.n_frames):
             picture.seek(number)

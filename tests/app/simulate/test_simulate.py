@@ -76,10 +76,8 @@ def check_database(path, study, moves, kills):
             phase: list(group)
             for phase, group in groupby(rows(path, sql, person), lambda row: row[0])
         }
-        for phase, label, of in (
-            ("warm_up", "warm-up", protocol.warm_up),
-            ("ranked", "ranked", protocol.ranked),
-        ):
+        phases = (("warm_up", "warm-up", protocol.warm_up), ("ranked", "ranked", protocol.ranked))
+        for phase, label, of in phases:
             trials = played.get(phase, [])
             assert [trial for _, trial, *_ in trials] == list(range(len(trials)))
             assert all(seed == study.seed(label, terrain) for _, _, terrain, seed, _ in trials)
@@ -89,9 +87,8 @@ def check_database(path, study, moves, kills):
         assert len(played["tutorial"]) == 1
         if stage == "complete":
             assert all(outcome for trials in played.values() for *_, outcome in trials)
-    kept = rows(
-        path, "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
-    )
+    steps = "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
+    kept = rows(path, steps)
     assert all((low, high) == (0, count - 1) for _, count, low, high in kept)
     # a kill can lose the frame of a move that is in the database: one a participant, never the move
     assert 0 <= sum(count for _, count, _, _ in kept) - moves <= kills * len(people)

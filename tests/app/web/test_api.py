@@ -28,41 +28,46 @@ def play(client, session, frame, episode, policy):
     return frame
 
 
-@pytest.mark.parametrize(("level", "size"), [("random", 21), ("2-1-1", [12, 17]), ("1-1-2", 15)])
+LEVELS = [
+    ("random", 21),
+    ("2-1-1", [12, 17]),
+    ("1-1-2", 15),
+    ("building", [9, 14]),
+    ("cave", [9, 14]),
+]
+
+
+@pytest.mark.parametrize(("level", "size"), LEVELS)
 def test_a_script_plays_a_whole_episode_and_every_frame_is_the_cores(server, level, size):
     client = server.client()
     answer = client.post("/api/sessions", json={"level": level, "size": size, "seed": 11})
     assert answer.status_code == 201
     begun = answer.json()
-    assert (begun["player"], begun["level"], begun["size"], begun["counts"], begun["rival"]) == (
-        "human",
-        level,
-        size,
-        False,
-        None,
-    )
-    episode = Episode.begin(
-        EnvConfig.of(level, size if isinstance(size, int) else tuple(size)), seed=11
-    )
+    told = {"player": "human", "level": level, "size": size, "counts": False, "rival": None}
+    assert told.items() <= begun.items()
+    shape = size if isinstance(size, int) else tuple(size)
+    episode = Episode.begin(EnvConfig.of(level, shape), seed=11)
     assert json.loads(View(episode).frame(begun["frame"]["episode"])) == begun["frame"]
     last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
     assert last["outcome"] == episode.outcome == "explored"
     kept = client.get(f"/api/episodes/{last['episode']}").json()
     assert [ACTIONS.index(action) for action in kept["actions"]] == list(episode.actions)
-    assert (kept["seed"], kept["outcome"], kept["driver"], kept["counts"]) == (
-        11,
-        "explored",
-        "script",
-        False,
-    )
+    told = {"seed": 11, "outcome": "explored", "driver": "script", "counts": False}
+    told |= {name: last[name] for name in ("coverage", "score")}
+    assert told.items() <= kept.items()
     assert kept["trajectory_hash"] == episode.record().trajectory_hash
+    assert last["cells"] == episode.cells, "what nobody can see counts for nothing"
+    assert last["coverage"] == last["discovered"] / last["cells"]
+    assert client.get("/api/me/history").json()["episodes"][0]["coverage"] == last["coverage"]
+    run = client.get(f"/api/episodes/{last['episode']}/replay").json()["run"]
+    assert (run["cells"], run["discovered"][-1]) == (last["cells"], last["discovered"])
+    rows = rows_of(client.get("/api/export/episodes.csv").text)
+    assert [(row["coverage"], row["verified"]) for row in rows] == [(last["coverage"], True)]
     history = client.get(f"/api/sessions/{begun['session']}/history").json()
     assert [tuple(at) for at in history["positions"]] == episode.path
     assert history["discovered"] == list(episode.discoveries)
-    again = client.post(
-        f"/api/sessions/{begun['session']}/act",
-        json={"episode": last["episode"], "step": 0, "action": "east"},
-    )
+    act = {"episode": last["episode"], "step": 0, "action": "east"}
+    again = client.post(f"/api/sessions/{begun['session']}/act", json=act)
     assert again.status_code == 409
     assert "ended" in again.json()["detail"]
 
@@ -84,20 +89,10 @@ def test_the_seed_of_an_unfinished_episode_is_given_to_nobody(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"rival": "random"}).json()
     url, episode = f"/api/sessions/{begun['session']}", begun["frame"]["episode"]
-    answers = [
-        client.get(path).text
-        for path in (
-            url,
-            f"{url}/about",
-            f"{url}/history",
-            "/api/episodes",
-            "/api/export/episodes.csv",
-        )
-    ]
+    paths = (url, f"{url}/about", f"{url}/history", "/api/episodes", "/api/export/episodes.csv")
+    answers = [json.dumps(begun), *(client.get(path).text for path in paths)]
     row = server.services.store.resume_session(begun["session"]).episode
-    assert not any(
-        str(row.seed) in text or row.terrain.hex() in text for text in (json.dumps(begun), *answers)
-    )
+    assert not any(str(row.seed) in text or row.terrain.hex() in text for text in answers)
     assert client.get(f"/api/episodes/{episode}").status_code == 404
 
 
@@ -109,11 +104,11 @@ def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(se
     answer = client.post(f"{url}/episodes")
     assert answer.status_code == 201
     following = answer.json()
-    assert (following["session"], following["level"], following["size"]) == (
+    assert [following[name] for name in ("session", "level", "size")] == [
         begun["session"],
         "3-1-1",
         [9, 14],
-    )
+    ]
     assert (following["frame"]["step"], following["frame"]["episode"] != first) == (0, True)
     kept = client.get(f"/api/episodes/{first}").json()
     assert (kept["outcome"], kept["steps"]) == ("abandoned", 1)
@@ -122,6 +117,7 @@ def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(se
     assert client.get(f"{url}/about").json() == changed
 
 
+AS_JSON = {"Content-Type": "application/json"}
 BAD = [
     ({"level": "8-8-8"}, "no level '8-8-8'; choose one of: " + ", ".join(DRAWN_LEVELS)),
     ({"size": 3}, "rows must be at least 5, got 3"),
@@ -140,10 +136,7 @@ BAD = [
 @pytest.mark.parametrize(("body", "said"), BAD)
 def test_a_bad_request_gets_422_and_nothing_begins(server, body, said):
     client = server.client()
-    content = json.dumps(body)
-    answer = client.post(
-        "/api/sessions", content=content, headers={"Content-Type": "application/json"}
-    )
+    answer = client.post("/api/sessions", content=json.dumps(body), headers=AS_JSON)
     assert answer.status_code == 422
     assert said in answer.json()["detail"]
     assert client.get("/api/health").json()["sessions"] == 0
@@ -153,25 +146,19 @@ def test_bad_bodies_get_one_sentence_and_change_nothing(server):
     client = server.client()
     begun = client.post("/api/sessions").json()
     url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
-    as_json = {"Content-Type": "application/json"}
+    up = b'{"episode": "e", "step": 0, "action": "up"}'
     for content, headers, status, said in (
-        (b"{", as_json, 422, "must be JSON"),
-        (b"\xff\xfe\x00", as_json, 422, ""),
-        (b"", as_json, 422, "expected a JSON object"),
+        (b"{", AS_JSON, 422, "must be JSON"),
+        (b"\xff\xfe\x00", AS_JSON, 422, ""),
+        (b"", AS_JSON, 422, "expected a JSON object"),
         (b'{"step": 0}', {}, 422, "Content-Type: application/json"),
-        (
-            b'{"episode": "e", "step": 0, "action": "up"}',
-            as_json,
-            422,
-            "action must be 'north', 'east', 'south' or 'west'",
-        ),
-        (b'{"a": "' + b"x" * 70_000 + b'"}', as_json, 413, "at most 65536 bytes"),
+        (up, AS_JSON, 422, "action must be 'north', 'east', 'south' or 'west'"),
+        (b'{"a": "' + b"x" * 70_000 + b'"}', AS_JSON, 413, "at most 65536 bytes"),
     ):
         answer = client.post(f"{url}/act", content=content, headers=headers)
         assert answer.status_code == status, content[:40]
-        assert isinstance(answer.json()["detail"], str)
         assert said in answer.json()["detail"]
-    endless = client.post(f"{url}/act", content=iter([b"x" * 40_000] * 3), headers=as_json)
+    endless = client.post(f"{url}/act", content=iter([b"x" * 40_000] * 3), headers=AS_JSON)
     assert endless.status_code == 413
     assert client.get(url).json() == frame
 
@@ -185,59 +172,29 @@ def test_unknown_things_get_404_in_words(server):
     assert client.post("/api/sessions/nobody/episodes").status_code == 404
     assert client.get("/viewer/nobody/").status_code == 404
     assert "no finished episode 'x'" in client.get("/api/episodes/x").json()["detail"]
-    for method, path, status in (
+    asked = (
         ("GET", "/api/session", 404),
         ("GET", "/static/none.js", 404),
         ("PUT", "/api/health", 405),
-    ):
+    )
+    for method, path, status in asked:
         answer = client.request(method, path)
-        assert (
-            answer.status_code,
-            f"nothing answers {method} {path}; /docs" in answer.json()["detail"],
-        ) == (status, True)
+        assert answer.status_code == status
+        assert f"nothing answers {method} {path}; /docs" in answer.json()["detail"]
     assert client.get("/api/export/steps.xml").status_code == 404
     assert client.get("/api/export/steps.csv?who=me").status_code == 422
-    assert (
-        client.get("/api/episodes?limit=0").json()["detail"].startswith("limit must be at least 1")
-    )
+    assert "limit must be at least 1" in client.get("/api/episodes?limit=0").json()["detail"]
 
 
 def test_what_can_be_chosen_is_listed(server):
     client = server.client()
     assert [level["name"] for level in client.get("/api/levels").json()] == list(DRAWN_LEVELS)
-    policies = client.get("/api/policies").json()
-    assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= {
-        policy["name"] for policy in policies
-    }
-    assert all(policy["summary"] for policy in policies)
-    health = client.get("/api/health").json()
-    assert (health["status"], health["core_version"], health["database"]) == (
-        "ok",
-        "1",
-        "playground.db",
-    )
+    policies = {each["name"]: each["summary"] for each in client.get("/api/policies").json()}
+    assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= policies.keys()
+    assert all(policies.values())
+    health = {"status": "ok", "core_version": "1", "database": "playground.db"}
+    assert health.items() <= client.get("/api/health").json().items()
     assert client.get("/api/human-level").json()["figures"] == []
-
-
-@pytest.mark.parametrize("level", ["building", "cave"])
-def test_buildings_and_caves_are_levels_of_which_what_can_be_seen_counts(server, level):
-    client = server.client()
-    begun = client.post("/api/sessions", json={"level": level, "size": [9, 14], "seed": 4}).json()
-    assert (begun["level"], begun["size"]) == (level, [9, 14])
-    episode = Episode.begin(EnvConfig.of(level, (9, 14)), seed=4)
-    last = play(client, begun["session"], begun["frame"], episode, load("frontier-cost"))
-    assert last["outcome"] == "explored"
-    assert last["coverage"] == last["discovered"] / last["cells"]
-    assert last["cells"] == episode.cells <= 9 * 14 - (level == "cave"), (
-        "what nobody can see counts for nothing"
-    )
-    kept = client.get(f"/api/episodes/{last['episode']}").json()
-    assert (kept["coverage"], kept["score"]) == (last["coverage"], last["score"])
-    assert client.get("/api/me/history").json()["episodes"][0]["coverage"] == last["coverage"]
-    run = client.get(f"/api/episodes/{last['episode']}/replay").json()["run"]
-    assert (run["cells"], run["discovered"][-1]) == (last["cells"], last["discovered"])
-    rows = rows_of(client.get("/api/export/episodes.csv").text)
-    assert [(row["coverage"], row["verified"]) for row in rows] == [(last["coverage"], True)]
 
 
 def test_the_documentation_needs_nothing_from_elsewhere(server):
@@ -246,9 +203,7 @@ def test_the_documentation_needs_nothing_from_elsewhere(server):
     assert page.status_code == 200
     addresses = re.findall(r'(?:src|href)="([^"#]+)', page.text)
     assert addresses
-    assert not [address for address in addresses if re.match(r"[a-z]+:|//", address)], (
-        "every file is the server's own"
-    )
+    assert not [each for each in addresses if re.match(r"[a-z]+:|//", each)], "of somebody else"
     assert "https://" not in page.text
     for path, verbs in client.get("/openapi.json").json()["paths"].items():
         assert path in page.text
@@ -257,60 +212,32 @@ def test_the_documentation_needs_nothing_from_elsewhere(server):
             assert call["description"]
 
 
-def test_the_page_and_its_files_are_guarded_and_revalidated(server):
-    client = server.client()
-    page = client.get("/")
-    assert page.headers["content-type"].startswith("text/html")
-    assert "script-src 'self'" in page.headers["content-security-policy"]
-    assert page.headers["x-content-type-options"] == "nosniff"
-    script = client.get("/static/play/main.js")
-    assert "javascript" in script.headers["content-type"]
-    assert script.headers["cache-control"] == "no-cache"
-    assert (
-        client.get(
-            "/static/play/main.js", headers={"If-None-Match": script.headers["etag"]}
-        ).status_code
-        == 304
-    )
-    assert client.get("/static/../server.py").status_code == 404
-
-
 def test_a_policys_session_is_driven_by_the_policy_alone(server):
     client = server.client()
-    begun = client.post(
-        "/api/sessions", json={"player": "frontier-cost", "size": 12, "seed": 5}
-    ).json()
+    wanted = {"player": "frontier-cost", "size": 12, "seed": 5}
+    begun = client.post("/api/sessions", json=wanted).json()
     url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
     assert client.post(f"{url}/pace", json={"moves_per_second": 60}).json()["mode"] == "timed"
-    answer = client.post(
-        f"{url}/act",
-        json={
-            "episode": frame["episode"],
-            "step": client.get(url).json()["step"],
-            "action": "east",
-        },
-    )
-    assert answer.status_code == 409
+    act = {"episode": frame["episode"], "step": client.get(url).json()["step"], "action": "east"}
+    assert client.post(f"{url}/act", json=act).status_code == 409
     last = eventually(lambda: (now := client.get(url).json())["outcome"] and now)
     kept = client.get(f"/api/episodes/{last['episode']}").json()
     assert (last["outcome"], kept["driver"]) == ("explored", "policy:frontier-cost")
-    assert (
-        "only a rival can follow"
-        in client.post(f"{url}/pace", json={"follow": True}).json()["detail"]
-    )
+    refused = client.post(f"{url}/pace", json={"follow": True})
+    assert "only a rival can follow" in refused.json()["detail"]
 
 
 def test_export_streams_what_was_played(server):
     client = server.client()
     begun = client.post("/api/sessions", json={"size": 6}).json()
     body = {"episode": begun["frame"]["episode"], "step": 0, "action": "north"}
-    assert (
-        client.post(f"/api/sessions/{begun['session']}/act", json=body).json()["outcome"]
-        == "out_of_bounds"
-    )
-    rows = rows_of(client.get("/api/export/steps.csv").text)
-    assert [(row["episode"], row["action"], row["verified"]) for row in rows] == [
-        (body["episode"], "north", True)
+    moved = client.post(f"/api/sessions/{begun['session']}/act", json=body)
+    assert moved.json()["outcome"] == "out_of_bounds"
+    (row,) = rows_of(client.get("/api/export/steps.csv").text)
+    assert [row[name] for name in ("episode", "action", "verified")] == [
+        body["episode"],
+        "north",
+        True,
     ]
     assert client.get("/api/export/episodes.csv").text.count("\n") == 2
     assert client.get("/api/export/episodes.csv?who=human").text.count("\n") == 1

@@ -68,14 +68,8 @@ def slow_download(server):
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         slow.connect(("127.0.0.1", server.port))
         slow.settimeout(60)
-        head = (
-            "GET /api/export/steps.csv HTTP/1.1",
-            "Host: 127.0.0.1",
-            "Connection: close",
-            "",
-            "",
-        )
-        slow.sendall("\r\n".join(head).encode())
+        head = b"GET /api/export/steps.csv HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
+        slow.sendall(head)
         answer, _, content = slow.recv(2000).partition(b"\r\n\r\n")
         assert answer.startswith(b"HTTP/1.1 200"), answer
         yield slow, answer, content

@@ -29,34 +29,15 @@ MEANT = (503,)
 """Server statuses that are answers: too many ask at once."""
 
 WORDS = [
-    None,
-    True,
-    -1,
-    0,
-    2**63,
-    1e308,
-    -0.0,
-    "",
-    "\x00",
-    "\ud800",
-    "e" * 5000,
-    [],
-    {},
-    [[]],
-    {"kind": "act"},
-    "NaN",
-]
+    None, True, -1, 0, 2**63, 1e308, -0.0, "", "\x00", "\ud800", "e" * 5000, [], {}, [[]], {"kind": "act"}, "NaN",
+]  # fmt: skip
 
 
 @pytest.fixture
 def faults(caplog):
     """Return what the server has logged as an error of its own."""
     caplog.set_level(logging.ERROR)
-    return lambda: [
-        record.getMessage() + str(record.exc_info)
-        for record in caplog.records
-        if record.levelno >= logging.ERROR
-    ]
+    return lambda: [each.getMessage() + str(each.exc_info) for each in caplog.records]
 
 
 NO_LIMIT = {"messages": "1000000+1000000/s"}
@@ -74,13 +55,10 @@ def real_ids(server):
     me = Person(server, client=server.page())
     begun = me.client.post("/api/sessions", json={"size": 5, "seed": 3, "player": "random"}).json()
     me.client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 8})
-    ids = {
-        "session_id": begun["session"],
-        "watch_id": begun["watch"],
-        "episode_id": begun["frame"]["episode"],
-        "name": "small",
-    }
-    return me.client, {**ids, "day": me.client.get("/api/daily").json()["day"]}
+    return me.client, {
+        "session_id": begun["session"], "watch_id": begun["watch"], "episode_id": begun["frame"]["episode"],
+        "name": "small", "day": me.client.get("/api/daily").json()["day"],
+    }  # fmt: skip
 
 
 @pytest.mark.long
@@ -109,9 +87,8 @@ def test_no_call_of_the_api_makes_a_server_error(site, faults):
                     case.path_parameters[name] = ids[name]
             given = case.as_transport_kwargs(base_url=site.url)
             given.pop("cookies", None)
-            with suppress(
-                UnicodeError, ValueError
-            ):  # what no client can write into a header or an address
+            # what no client can write into a header or an address
+            with suppress(UnicodeError, ValueError):
                 request = client.build_request(
                     given["method"], given["url"], params=given.get("params"), headers=dict(given.get("headers") or {}),
                     json=given.get("json"), content=given.get("data"),
@@ -119,14 +96,8 @@ def test_no_call_of_the_api_makes_a_server_error(site, faults):
                 answer = client.send(request)
                 asked.append(answer.status_code)
                 if answer.status_code >= 500 and answer.status_code not in MEANT:
-                    errors.append(
-                        (
-                            answer.status_code,
-                            request.method,
-                            str(request.url)[:200],
-                            request.content[:200],
-                        )
-                    )
+                    asked_for = (str(request.url)[:200], request.content[:200])
+                    errors.append((answer.status_code, request.method, *asked_for))
 
         call()
     print(len(operations), "calls", sorted(Counter(asked).items()))
@@ -187,21 +158,11 @@ def sockets(server):
         "client_ms": 5.0,
         "step": 0,
     }
+    events = {"batch": secrets.token_hex(8), "events": [event, {**event, "kind": "keyup"}]}
+    pressed = {"step": 0, "action": "east", "input": "key", "key_down_ms": 4.0}
     good = [
-        {
-            "kind": "act",
-            "episode": frame["episode"],
-            "step": 0,
-            "action": "east",
-            "input": "key",
-            "key_down_ms": 4.0,
-        },
-        {
-            "kind": "events",
-            "batch": secrets.token_hex(8),
-            "episode": frame["episode"],
-            "events": [event, {**event, "kind": "keyup"}],
-        },
+        {"kind": "act", "episode": frame["episode"], **pressed},
+        {"kind": "events", "episode": frame["episode"], **events},
         {"kind": "history"},
         {"kind": "expected"},
     ]
@@ -209,32 +170,22 @@ def sockets(server):
         yield f"/ws/sessions/{session}", {}, cookie, good
     yield f"/ws/watch/{begun['watch']}", {}, cookie, good
     yield f"/ws/admin/sessions/{begun['session']}", {}, cookie, good
-    yield (
-        f"/viewer/{begun['session']}",
-        {"subprotocols": [PROTOCOL]},
-        cookie,
-        [msgspec.msgpack.decode(CAMERA), *good],
-    )
+    viewer = {"subprotocols": [PROTOCOL]}
+    yield f"/viewer/{begun['session']}", viewer, cookie, [msgspec.msgpack.decode(CAMERA), *good]
 
 
 def talk(url, options, messages):
     """Send messages over one connection for as long as it is open; return how many went, and the code it closed with."""
-    plain = {
-        "proxy": None,
-        "compression": None,
-        "max_size": None,
-        "max_queue": None,
-        "open_timeout": PATIENCE_S,
+    plain = dict.fromkeys(("proxy", "compression", "max_size", "max_queue")) | {
+        "open_timeout": PATIENCE_S
     }
     sent = 0
     with connect(url, **plain, **options) as connection:
         try:
             for message in messages:
-                connection.send(
-                    message
-                    if isinstance(message, bytes)
-                    else message.encode("utf-8", "replace").decode()
-                )
+                if isinstance(message, str):
+                    message = message.encode("utf-8", "replace").decode()
+                connection.send(message)
                 sent += 1
                 with suppress(TimeoutError):
                     while True:
@@ -249,10 +200,8 @@ def talk(url, options, messages):
 def test_no_message_to_any_socket_makes_a_server_error(site, faults):
     draw = random.Random(15)
     for path, rest, headers, good in sockets(site):
-        url, options = (
-            f"ws://127.0.0.1:{site.port}{path}",
-            {"origin": site.url, "additional_headers": headers, **rest},
-        )
+        url = f"ws://127.0.0.1:{site.port}{path}"
+        options = {"origin": site.url, "additional_headers": headers, **rest}
         said = [
             talk(url, options, [mutated(draw.choice(good), draw) for _ in range(ON_ONE_SOCKET)])
             for _ in range(MESSAGES // ON_ONE_SOCKET)

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 
-import httpx
 import pytest
 
 from app.web.listening import ServerError, inherited_socket
@@ -36,11 +35,7 @@ def test_a_server_that_is_started_anew_on_the_same_socket_refuses_nobody(spawn):
         answers = []
 
         def ask():  # while no server runs: the connection waits in the socket that is held
-            answers.append(
-                httpx.get(
-                    f"{first.url}/healthz", timeout=PATIENCE_S, trust_env=False, verify=False
-                ).status_code
-            )
+            answers.append(first.client().get("/healthz").status_code)
 
         asking = threading.Thread(target=ask)
         asking.start()
@@ -71,36 +66,21 @@ def test_two_sockets_are_refused_in_a_sentence(monkeypatch):
 @pytest.mark.skipif(shutil.which("systemd-socket-activate") is None, reason="needs systemd")
 def test_systemd_passes_its_socket_on_to_the_command(tmp_path):
     port = free_port()
+    kept = [f"--setenv={name}" for name in ("PATH", "PYTHONPATH", "HOME")]
     command = [
         "systemd-socket-activate",
-        "-l",
-        f"127.0.0.1:{port}",
-        "-E",
-        "PATH",
-        "-E",
-        "PYTHONPATH",
-        "-E",
-        "HOME",
-    ]
-    command += [
+        f"--listen=127.0.0.1:{port}",
+        *kept,
         sys.executable,
         "-m",
         "app.cli",
-        "serve",
-        "--database",
-        tmp_path / "play.db",
-        "--port",
-        "1",
     ]
+    command += ["serve", "--database", tmp_path / "play.db", "--port", "1"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         server = Running(port)
         try:
             listening = ["ss", "-ltn", f"sport = :{port}"]
-            eventually(
-                lambda: (
-                    b"LISTEN" in subprocess.run(listening, capture_output=True, check=True).stdout
-                )
-            )
+            eventually(lambda: b"LISTEN" in subprocess.check_output(listening))
             assert server.client().get("/healthz").status_code == 200
             begin_and_move(server)
         finally:

@@ -51,10 +51,8 @@ def sights(config, seed, rival, moves=None):
 
 def agreement(one, other):
     """For how many entries two lists agree from their beginnings."""
-    return next(
-        (n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
-        min(len(one), len(other)),
-    )
+    differ = (n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b)
+    return next(differ, min(len(one), len(other)))
 
 
 @functools.cache
@@ -123,19 +121,13 @@ class Recorder:
         return self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=self.act(action)).json()
 
     def act(self, action):
-        return {
-            "episode": self.frame["episode"],
-            "step": self.frame["step"],
-            "action": ACTIONS[action],
-        }
+        answers = {name: self.frame[name] for name in ("episode", "step")}
+        return {**answers, "action": ACTIONS[action]}
 
     def answer(self, method, url, **rest):
         response = self.client.request(method, url, **rest)
-        headers = sorted(
-            (name, value)
-            for name, value in response.headers.items()
-            if name not in ("date", "x-request-id")
-        )
+        own = ("date", "x-request-id")
+        headers = sorted(each for each in response.headers.items() if each[0] not in own)
         self.tape.add(f"{response.status_code} {headers}".encode(), response.content)
         return response
 
@@ -148,15 +140,12 @@ class Recorder:
             "episodes?limit=9",
             "human-level",
             "health",
-            *(f"export/{table}.csv" for table in ("episodes", "steps")),
+            "export/episodes.csv",
+            "export/steps.csv",
         )
-        for url in (
-            *lists,
-            f"episodes/{self.frame['episode']}",
-            f"watch/{self.frame['episode']}",
-            f"watch/{self.watch}",
-            *self.more,
-        ):
+        episode = self.frame["episode"]
+        own = (f"episodes/{episode}", f"watch/{episode}", f"watch/{self.watch}")
+        for url in (*lists, *own, *self.more):
             self.answer("GET", f"/api/{url}")
 
     def move(self, action):
@@ -184,9 +173,7 @@ class ParticipantRecorder(Recorder):
         person.to_warm_up()
         while (where := person.me())["stage"] != phase:
             person.call("next")
-            person.call(
-                "give-up", {"episode": person.frame["episode"], "step": person.frame["step"]}
-            )
+            person.call("give-up", {name: person.frame[name] for name in ("episode", "step")})
         self.tape.add(str(where).encode(), str(person.call("next")).encode())
         return person.where["about"]
 
@@ -196,14 +183,8 @@ class ParticipantRecorder(Recorder):
             socket.send({"kind": "act", **self.act(action), "input": "key", "client_ms": 1.0})
             frame = socket.frame_after(before["step"])
             event = {"kind": "keydown", "code": "KeyW", "client_ms": 1.0, "step": frame["step"]}
-            socket.send(
-                {
-                    "kind": "events",
-                    "batch": secrets.token_hex(8),
-                    "episode": frame["episode"],
-                    "events": [event],
-                }
-            )
+            batch = {"batch": secrets.token_hex(8), "episode": frame["episode"]}
+            socket.send({"kind": "events", **batch, "events": [event]})
             socket.send({"kind": "history"})
             self.tape.add(str(frame).encode(), str(socket.receive("history")).encode())
         return frame
@@ -232,9 +213,8 @@ def recorded(serve, tmp_path, monkeypatch):
 
     def run(seed, body, moves, recorder=Recorder):
         numbers = itertools.count(1)  # viser's names for its panels
-        monkeypatch.setattr(
-            "viser._gui_api.uuid", SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96))
-        )
+        names = SimpleNamespace(uuid4=lambda: UUID(int=next(numbers) << 96))
+        monkeypatch.setattr("viser._gui_api.uuid", names)
         folder = tmp_path / str(seed)
         folder.mkdir(exist_ok=True)
         server = serve(sources(seed), database=folder / "playground.db", studies=folder / "studies")
@@ -253,23 +233,25 @@ def writings(seed):
     return [str(seed).encode(), f"{seed:x}".encode(), *numbers]
 
 
+def check_twins(recorders, seeds, moves):
+    """The tapes are equal up to the first move that shows a difference, and no seed is in them."""
+    first, second = (each.tape for each in recorders)
+    for number in range(moves):
+        assert len(first.moments[number]) > 20
+        assert first.moments[number] == second.moments[number], f"after {number} moves"
+    assert first.moments[moves] != second.moments[moves], "tapes show the first difference"
+    for tape, seed in zip((first, second), seeds, strict=True):
+        assert not [text for text in writings(seed) if text in tape.bytes]
+
+
 @pytest.mark.parametrize(("size", "rival"), [((9, 14), None), ((24, 17), RIVAL)])
 def test_what_nobody_has_seen_leaves_no_trace_in_any_stream(recorded, size, rival):
     config = EnvConfig.of("random", size)
     one, other, moves = twins(config, rival is not None)
-    assert (
-        Episode.begin(config, seed=one).terrain != Episode.begin(config, seed=other).terrain
-    ).any()
+    terrains = [Episode.begin(config, seed=seed).terrain for seed in (one, other)]
+    assert (terrains[0] != terrains[1]).any()
     body = {"size": list(size), "rival": rival}
-    first, second = (recorded(seed, body, moves) for seed in (one, other))
-    for number in range(moves):
-        assert len(first.tape.moments[number]) > 20
-        assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], (
-        "the first difference is seen, so tapes show differences"
-    )
-    for recorder, seed in ((first, one), (second, other)):
-        assert not [text for text in writings(seed) if text in recorder.tape.bytes]
+    check_twins([recorded(seed, body, moves) for seed in (one, other)], (one, other), moves)
 
 
 @pytest.fixture
@@ -284,9 +266,8 @@ def studied(recorded, tmp_path, monkeypatch):
         studies = tmp_path / str(seed) / "studies"  # the same files: protocol, hash, commitment
         shutil.copytree(frozen[0], studies)
         label = {"warm_up": "warm-up", "ranked": "ranked"}[phase]
-        monkeypatch.setattr(
-            Study, "seed", lambda self, asked, i: seed if asked == label else FIRST_SEED - 1
-        )
+        seeds = {label: seed}
+        monkeypatch.setattr(Study, "seed", lambda self, asked, i: seeds.get(asked, FIRST_SEED - 1))
         return recorded(seed, phase, moves, ParticipantRecorder)
 
     return run
@@ -295,15 +276,7 @@ def studied(recorded, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("size", "phase"), [((9, 14), "ranked"), ((17, 12), "warm_up")])
 def test_what_a_participant_has_not_seen_leaves_no_trace_in_a_studys_streams(studied, size, phase):
     one, other, moves = twins(EnvConfig.of("random", size), False)
-    first, second = (studied(seed, phase, moves, size) for seed in (one, other))
-    for number in range(moves):
-        assert len(first.tape.moments[number]) > 20
-        assert first.tape.moments[number] == second.tape.moments[number], f"after {number} moves"
-    assert first.tape.moments[moves] != second.tape.moments[moves], (
-        "the first difference is seen, so tapes show differences"
-    )
-    for recorder, seed in ((first, one), (second, other)):
-        assert not [text for text in writings(seed) if text in recorder.tape.bytes]
+    check_twins([studied(seed, phase, moves, size) for seed in (one, other)], (one, other), moves)
 
 
 def test_the_seed_is_published_once_the_episode_is_over_and_not_before(recorded):
@@ -311,7 +284,5 @@ def test_the_seed_is_published_once_the_episode_is_over_and_not_before(recorded)
     recorder = recorded(FIRST_SEED, {"size": [9, 14]}, 2)
     assert str(FIRST_SEED).encode() not in recorder.tape.bytes
     recorder.client.post(f"/api/sessions/{recorder.ids[0]}/episodes")
-    assert (
-        recorder.client.get(f"/api/episodes/{recorder.frame['episode']}").json()["seed"]
-        == FIRST_SEED
-    )
+    ended = recorder.client.get(f"/api/episodes/{recorder.frame['episode']}").json()
+    assert ended["seed"] == FIRST_SEED

@@ -28,13 +28,10 @@ def test_an_ended_episode_and_no_running_one(server):
     episode, session = about["frame"]["episode"], about["session"]
     assert client.get(f"/api/episodes/{episode}/regret").status_code == 404
     east = about["frame"]["grid"][0][1] != "#"
-    for step, action in enumerate(
-        ("east", "west", "north") if east else ("south", "north", "north")
-    ):
-        client.post(
-            f"/api/sessions/{session}/act",
-            json={"episode": episode, "step": step, "action": action},
-        )
+    actions = ("east", "west", "north") if east else ("south", "north", "north")
+    for step, action in enumerate(actions):
+        act = {"episode": episode, "step": step, "action": action}
+        client.post(f"/api/sessions/{session}/act", json=act)
     answer = server.client().get(f"/api/episodes/{episode}/regret")
     assert answer.status_code == 200
     found = answer.json()
@@ -59,10 +56,8 @@ def test_nothing_of_an_open_study(serve, tmp_path):
     episodes = [recorder.play(person, "warm_up", 0), recorder.play(person, "ranked", 0)]
     recorder.close()
     client = serve().page()
-    assert [client.get(f"/api/episodes/{episode}/regret").status_code for episode in episodes] == [
-        404,
-        404,
-    ]
+    for episode in episodes:
+        assert client.get(f"/api/episodes/{episode}/regret").status_code == 404
     assert client.get("/api/studies/dunes/debrief/0/regret").status_code in (403, 404, 409)
 
 

@@ -56,14 +56,10 @@ def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolu
     ghost = client.get(f"/api/episodes/{ended}/ghost", params={"policy": "frontier-cost"}).json()
     assert ghost["name"] == "frontier-cost"
     assert ghost["positions"][0] == data["run"]["positions"][0]
-    assert (
-        client.get(f"/api/episodes/{ended}/ghost", params={"policy": "nobody"}).status_code == 422
-    )
+    assert client.get(f"/api/episodes/{ended}/ghost?policy=nobody").status_code == 422
     for id_ in (running, "none", "..%2F..%2Fetc"):
         assert client.get(f"/api/episodes/{id_}/replay").status_code == 404
-        assert (
-            client.get(f"/api/episodes/{id_}/ghost", params={"policy": "random"}).status_code == 404
-        )
+        assert client.get(f"/api/episodes/{id_}/ghost?policy=random").status_code == 404
     assert client.get("/replay/none").status_code == 404
     assert client.get(f"/replay/{running}").headers["location"] == f"../watch/{running}"
 
@@ -73,24 +69,14 @@ def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
     me, stranger = server.client(), server.client()
     about = me.post("/api/sessions", json={"size": [5, 7]}, headers={"Origin": server.url}).json()
     episode = about["frame"]["episode"]
-    ended = me.post(
-        f"/api/sessions/{about['session']}/act",
-        json={"episode": episode, "step": 0, "action": "north"},
-    ).json()
+    act = {"episode": episode, "step": 0, "action": "north"}
+    ended = me.post(f"/api/sessions/{about['session']}/act", json=act).json()
     assert ended["outcome"] == "out_of_bounds"
-    names = [
-        each.get(f"/api/episodes/{episode}/replay").json()["run"]["name"] for each in (me, stranger)
-    ]
-    assert names == ["You", "A script"]
-    assert (
-        Page(me.get(f"/replay/{episode}").text)
-        .metas["og:title"]
-        .startswith("You drove off the map at ")
-    )
-    files = [
-        each.get(f"/replay/{episode}.html", params={"ghost": "none"}).text
-        for each in (me, stranger)
-    ]
+    shown = [each.get(f"/api/episodes/{episode}/replay").json() for each in (me, stranger)]
+    assert [each["run"]["name"] for each in shown] == ["You", "A script"]
+    title = Page(me.get(f"/replay/{episode}").text).metas["og:title"]
+    assert title.startswith("You drove off the map at ")
+    files = [each.get(f"/replay/{episode}.html?ghost=none").text for each in (me, stranger)]
     assert files[0] == files[1], "a file is for whoever it is given to"
 
 
@@ -98,15 +84,10 @@ def test_a_name_from_outside_is_text_in_the_page_and_nothing_else(serve, tmp_pat
     script = "</script><script>alert(1)</script><b title=\"x'"
     ended, _ = recorded(tmp_path / "playground.db", driver=f"policy:{script}")
     client = serve(trusted_proxies=["127.0.0.1"]).client()
-    assert (
-        client.get(
-            f"/replay/{ended}", headers={"Host": 'mars"><script>alert(2)</script>'}
-        ).status_code
-        == 400
-    )
-    answer = client.get(
-        f"/replay/{ended}", headers={"X-Forwarded-Prefix": '/"><script>alert(2)</script>'}
-    )
+    refused = client.get(f"/replay/{ended}", headers={"Host": 'mars"><script>alert(2)</script>'})
+    assert refused.status_code == 400
+    prefix = {"X-Forwarded-Prefix": '/"><script>alert(2)</script>'}
+    answer = client.get(f"/replay/{ended}", headers=prefix)
     page = Page(answer.text)
     assert json.loads(page.data)["run"]["name"] == script
     assert page.metas["og:title"].startswith(script)

@@ -26,13 +26,18 @@ def answers(client, episode, paths):
     found = {}
     for path in paths:
         answer = client.get(path.format(episode))
-        headers = {
-            name: value
-            for name, value in answer.headers.items()
-            if name not in ("date", "content-length", "x-request-id")
-        }
+        headers = dict(answer.headers)
+        for own in ("date", "content-length", "x-request-id"):
+            headers.pop(own, None)
         found[path] = (answer.status_code, headers, answer.content.replace(episode.encode(), b"ID"))
     return found
+
+
+def board_of(server, episode):
+    """The id for watching of the board on which an episode was played."""
+    return server.services.lobby.watch_ids.of(
+        server.services.store.find_episode(episode).session.id
+    )
 
 
 @pytest.fixture
@@ -41,19 +46,9 @@ def command(capsys, tmp_path):
 
     def call(database, episode):
         capsys.readouterr()
+        out = f"--out={tmp_path / 'leak.png'}"
         with pytest.raises(SystemExit) as left:
-            main(
-                [
-                    "replay",
-                    episode,
-                    "--out",
-                    str(tmp_path / "leak.png"),
-                    "--ghost",
-                    "none",
-                    "--database",
-                    str(database),
-                ]
-            )
+            main(["replay", episode, out, "--ghost=none", f"--database={database}"])
         return left.value.code, capsys.readouterr().err.replace(episode, "ID")
 
     return call
@@ -84,9 +79,7 @@ def secret(tmp_path):
     add_steps(store, row, episode, tour(episode), "policy:frontier-cost")
     ids["rival"] = row.id
     ids["daily"] = play_daily(store, "ada", utc_day(now_ms()), explore=True).id
-    ids["ended"] = play(
-        store, 8, "zoe", config=CONFIG
-    ).id  # left after two moves: for everybody to see
+    ids["ended"] = play(store, 8, "zoe", config=CONFIG).id  # left after two moves: for everybody
     store.close()
     return ids
 
@@ -100,9 +93,7 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
     assert no_file[0] == 2
     for name in ("warm-up", "ranked in a study", "left in a study", "daily"):
         assert answers(client, secret[name], (*REPLAYS, *WATCHING)) == nothing, name
-        board = server.services.lobby.watch_ids.of(
-            server.services.store.find_episode(secret[name]).session.id
-        )
+        board = board_of(server, secret[name])
         assert answers(client, board, WATCHING) == {path: nothing[path] for path in WATCHING}, name
     for name in ("ranked", "practice", "rival"):
         files = {path: nothing[path] for path in REPLAYS[1:]}
@@ -114,15 +105,10 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
     assert answers(client, secret["rival"], REPLAYS[:1])[REPLAYS[0]] == nothing[REPLAYS[0]]
     for name in ("ranked", "practice"):
         page = client.get(f"/replay/{secret[name]}")
-        assert (page.status_code, page.headers["location"], page.content) == (
-            303,
-            f"../watch/{secret[name]}",
-            b"",
-        )
-        live = client.get(f"/watch/{secret[name]}")
-        assert live.content == client.get(f"/watch/{secret['practice']}").content, (
-            "the same page for every episode"
-        )
+        assert (page.status_code, page.content) == (303, b"")
+        assert page.headers["location"] == f"../watch/{secret[name]}"
+        live = client.get(f"/watch/{secret[name]}")  # the same page for every episode
+        assert live.content == client.get(f"/watch/{secret['practice']}").content
         watched = client.get(f"/api/watch/{secret[name]}").json()
         stored = server.services.store.find_episode(secret[name]).episode
         assert watched["frames"] is None
@@ -130,13 +116,9 @@ def test_what_is_secret_is_answered_as_an_id_that_does_not_exist(serve, tmp_path
         assert known == watched["frame"]["discovered"] < CONFIG.n
         assert stored.terrain.hex() not in str(watched)
         assert "seed" not in str(watched)
-        board = server.services.lobby.watch_ids.of(
-            server.services.store.find_episode(secret[name]).session.id
-        )
+        board = board_of(server, secret[name])  # its link tells what the episode's tells
         assert client.get(f"/watch/{board}").content == live.content
-        assert client.get(f"/api/watch/{board}").json() == watched, (
-            "the link of the board tells what the episode's tells"
-        )
+        assert client.get(f"/api/watch/{board}").json() == watched
         assert answers(client, board, REPLAYS[1:]) == files, name
 
 
@@ -145,21 +127,17 @@ def test_what_is_public_is_shown_by_each_of_them_and_no_daily_episode_to_its_own
 ):
     server = serve()
     client = server.client()
-    found = answers(client, secret["ended"], REPLAYS)
-    assert {path: status for path, (status, *_) in found.items()} == dict.fromkeys(REPLAYS, 200)
-    assert (
-        client.get(f"/watch/{secret['ended']}").headers["location"]
-        == f"../replay/{secret['ended']}"
-    )
-    assert command(tmp_path / "playground.db", secret["ended"])[0] == 0
-    row = server.services.store.find_episode(secret["ended"]).episode
+    ended = secret["ended"]
+    found = answers(client, ended, REPLAYS)
+    assert [status for status, *_ in found.values()] == [200] * len(REPLAYS)
+    assert client.get(f"/watch/{ended}").headers["location"] == f"../replay/{ended}"
+    assert command(tmp_path / "playground.db", ended)[0] == 0
+    row = server.services.store.find_episode(ended).episode
     for path, (_, headers, content) in found.items():
         assert row.terrain.hex().encode() not in content, path
         assert b'"seed"' not in content, path
         assert "player" not in str(headers), path
-    token = server.services.player_tokens.sign("ada")
-    own = server.client(cookies={PLAYER_COOKIE: token})
-    assert {
-        path: own.get(path.format(secret["daily"])).status_code for path in REPLAYS
-    } == dict.fromkeys(REPLAYS, 404)
+    own = server.client(cookies={PLAYER_COOKIE: server.services.player_tokens.sign("ada")})
+    for path in REPLAYS:
+        assert own.get(path.format(secret["daily"])).status_code == 404, path
     assert own.get(f"/watch/{secret['daily']}").status_code == 200
