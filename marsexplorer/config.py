@@ -60,7 +60,7 @@ def _levels() -> dict[str, Level]:
     levels = {
         "random": Level(
             "random", 0, 0, True, "rectangles of 1 to 3 cells a side anywhere (section 3.2)"
-        ),
+        )
     }
     for t in (1, 2, 3):
         for m in (1, 2):

@@ -59,10 +59,7 @@ class Worlds:
     """
 
     def __init__(
-        self,
-        config: EnvConfig,
-        num: int = 1,
-        codes: NDArray[np.uint8] | None = None,
+        self, config: EnvConfig, num: int = 1, codes: NDArray[np.uint8] | None = None
     ) -> None:
         self.config = config
         self.num = num

@@ -28,12 +28,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_blocked, moved
 from marsexplorer.evaluation.missed import Missed, find_missed
-from marsexplorer.evaluation.rollouts import (
-    GreedyRollouts,
-    Snapshot,
-    concatenate,
-    play_branches,
-)
+from marsexplorer.evaluation.rollouts import GreedyRollouts, Snapshot, concatenate, play_branches
 from marsexplorer.files import write_whole
 from marsexplorer.policies.files.card import refuse
 from marsexplorer.policies.loading import find_file, load

@@ -58,10 +58,7 @@ class GreedyRollouts:
     """
 
     def __init__(
-        self,
-        config: EnvConfig,
-        num_worlds: int,
-        rules: Sequence[int] | None = None,
+        self, config: EnvConfig, num_worlds: int, rules: Sequence[int] | None = None
     ) -> None:
         self.config, self.num_worlds, self._rules = config, num_worlds, rules
         self.worlds = Worlds(config, num_worlds)

@@ -124,10 +124,7 @@ class EvaluationTable:
                 for end in ("mean", "low", "high")
             ),
         )
-        names = [
-            *EvaluationRow.__dataclass_fields__,
-            *(f"rule_{name}" for name in fields),
-        ]
+        names = [*EvaluationRow.__dataclass_fields__, *(f"rule_{name}" for name in fields)]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)

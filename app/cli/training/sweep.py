@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import (
-    PATH,
-    levels_option,
-    print_table,
-    progress,
-    reason,
-    sizes_option,
-)
+from app.cli.console import PATH, levels_option, print_table, progress, reason, sizes_option
 from app.cli.training.train import configs_of
 
 if TYPE_CHECKING:
@@ -101,11 +94,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     show_default=True,
     help="Held-out terrains to measure each policy on.",
 )
-@click.option(
-    "--ray",
-    metavar="ADDRESS",
-    help="Train on a Ray cluster: HOST:PORT, auto, or local.",
-)
+@click.option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
 @click.option(
     "--out",
     type=PATH,

@@ -114,7 +114,7 @@ class MarsRules:
     spread: ClassVar[str] = "those of synthetic players"
     own_labels: ClassVar[Mapping[str, str]] = {
         "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
-        f"{SHORTEST:.1%} of the limit or longer",
+        f"{SHORTEST:.1%} of the limit or longer"
     }
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:

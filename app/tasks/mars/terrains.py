@@ -143,10 +143,9 @@ def cells_of_seed(config: EnvConfig, seed: int) -> int:
 
 def _is_of(row: Cause, terrain: Choice) -> bool:
     given: GivenTerrain = terrain.given
-    return (row.config, row.start) == (
-        terrain.config,
-        given.start,
-    ) and row.terrain == np.packbits(given.cells).tobytes()
+    return (row.config, row.start) == (terrain.config, given.start) and row.terrain == np.packbits(
+        given.cells
+    ).tobytes()
 
 
 def _offered(path: Path, cell_m: float) -> OfferedMap:

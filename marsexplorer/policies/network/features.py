@@ -265,12 +265,7 @@ class FeatureExtractor:
     """
 
     def __init__(
-        self,
-        num: int,
-        rows: int,
-        cols: int,
-        radius: int,
-        rules: Sequence[int] | None = None,
+        self, num: int, rows: int, cols: int, radius: int, rules: Sequence[int] | None = None
     ) -> None:
         self.size = (rows, cols)
         tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))

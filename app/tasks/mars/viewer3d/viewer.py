@@ -136,10 +136,7 @@ class Viewer:
     """
 
     def __init__(self) -> None:
-        with (
-            mock.patch.object(viser.infra, "WebsockServer", Transport),
-            mock.patch("rich.print"),
-        ):
+        with mock.patch.object(viser.infra, "WebsockServer", Transport), mock.patch("rich.print"):
             self._server = viser.ViserServer(host="asgi", port=0, verbose=False)
         transport = self._server._websock_server
         assert isinstance(transport, Transport), (
