@@ -47,10 +47,8 @@ def fill_rectangle(bits, base, shape, top, left, height, width):
     bottom, right = min(top + height, shape[ROWS]), min(left + width, shape[COLS])
     top, left = max(top, 0), max(left, 0)
     bit = left + radius
-    shift, run = (
-        np.uint64(bit & 63),
-        (np.uint64(1) << np.uint64(max(right - left, 0))) - np.uint64(1),
-    )
+    shift = np.uint64(bit & 63)
+    run = (np.uint64(1) << np.uint64(max(right - left, 0))) - np.uint64(1)
     low, high = run << shift, (run >> np.uint64(1)) >> (np.uint64(63) - shift)
     for row in range(top, bottom):
         at = base + (row + radius) * words + (bit >> 6)
@@ -142,10 +140,8 @@ def flood(bits, base, reach, offset, shape, masks, row, col):
 
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
     """Return uint64[words]: the bits of a row that are cells of the grid."""
-    words, cells = (
-        row_words(config.cols, config.sensor_radius),
-        (1 << config.cols) - 1 << config.sensor_radius,
-    )
+    words = row_words(config.cols, config.sensor_radius)
+    cells = (1 << config.cols) - 1 << config.sensor_radius
     return np.array([cells >> 64 * word & 2**64 - 1 for word in range(words)], np.uint64)
 
 

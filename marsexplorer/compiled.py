@@ -112,10 +112,8 @@ def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]  # numba'
 
     def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        place, number = (
-            builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer()),
-            ir.IntType(32),
-        )
+        place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
         function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
         builder.call(

@@ -39,10 +39,8 @@ def mark_rectangle(bits, shape, top, left, height, width, value):
     radius, words = shape[RADIUS], shape[WORDS]
     for row in range(top, top + height):
         for col in range(left, left + width):
-            at, bit = (
-                (row + radius) * words + ((col + radius) >> 6),
-                ONE << np.uint64((col + radius) & 63),
-            )
+            at = (row + radius) * words + ((col + radius) >> 6)
+            bit = ONE << np.uint64((col + radius) & 63)
             if value:
                 bits[at] |= bit
             else:
@@ -99,12 +97,10 @@ def draw_building(bits, stack, shape, key):
         # 1. Take a region. A small one is a room.
         waiting -= 1
         region = np.int64(stack[waiting])
-        top, left, height, width = (
-            region >> 48,
-            region >> 32 & 0xFFFF,
-            region >> 16 & 0xFFFF,
-            region & 0xFFFF,
-        )
+        top = region >> 48
+        left = region >> 32 & 0xFFFF
+        height = region >> 16 & 0xFFFF
+        width = region & 0xFFFF
         k += 1
         if max(height, width) <= 6 + numbered_below(key, k, 5):
             k = furnish(bits, shape, key, k, top, left, height, width)

@@ -55,10 +55,8 @@ class GridMap:
 
     def to_metres(self, position: tuple[int, int]) -> tuple[float, float]:
         """Return (x, y) of the middle of a cell (row, col) in the robot's frame."""
-        east, north = (
-            (position[1] + 0.5) * self.cell,
-            (self.terrain.shape[0] - position[0] - 0.5) * self.cell,
-        )
+        east = (position[1] + 0.5) * self.cell
+        north = (self.terrain.shape[0] - position[0] - 0.5) * self.cell
         x, y, yaw = self.origin
         return x + east * math.cos(yaw) - north * math.sin(yaw), y + east * math.sin(
             yaw
@@ -67,14 +65,10 @@ class GridMap:
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that a point in the robot's frame lies in; ValueError off the map."""
         dx, dy, yaw = x - self.origin[0], y - self.origin[1], self.origin[2]
-        east, north = (
-            dx * math.cos(yaw) + dy * math.sin(yaw),
-            dy * math.cos(yaw) - dx * math.sin(yaw),
-        )
-        row, col = (
-            self.terrain.shape[0] - 1 - math.floor(north / self.cell),
-            math.floor(east / self.cell),
-        )
+        east = dx * math.cos(yaw) + dy * math.sin(yaw)
+        north = dy * math.cos(yaw) - dx * math.sin(yaw)
+        row = self.terrain.shape[0] - 1 - math.floor(north / self.cell)
+        col = math.floor(east / self.cell)
         if not (0 <= row < self.terrain.shape[0] and 0 <= col < self.terrain.shape[1]):
             raise ValueError(
                 f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of {self.cell:g} m"
@@ -238,10 +232,8 @@ def _form_cells(
     terrain = np.zeros((rows, cols), np.bool_)
     low, high = 1e-9 - inflation, inflation - 1e-9
     reach = math.ceil((resolution + 2 * inflation) / cell) + 1
-    first_row, first_col = (
-        np.floor((south + low) / cell).astype(int),
-        np.floor((west + low) / cell).astype(int),
-    )
+    first_row = np.floor((south + low) / cell).astype(int)
+    first_col = np.floor((west + low) / cell).astype(int)
     for step_row in range(reach + 1):
         for step_col in range(reach + 1):
             r, c = first_row + step_row, first_col + step_col

@@ -105,10 +105,8 @@ class Worlds:
             self._start_on_bits(index, terrains.draw_bits(self.config, seed), (0, 0), seed)
             return
         base, cells = index * self._record, self.config.n
-        state, codes = (
-            self._state[base : base + self._record],
-            self._codes[index * cells : (index + 1) * cells],
-        )
+        state = self._state[base : base + self._record]
+        codes = self._codes[index * cells : (index + 1) * cells]
         seeds = np.array([check_seed(seed)], np.uint64)
         if start_all(state, self._record, codes, *self._tables, seeds):
             raise terrains.unsolvable(self.config, seed)
@@ -178,11 +176,9 @@ class Worlds:
             self._step_and_start(actions)
             self.describe()
             describe(self._last, HEAD, self._tables[1], self.last_shares)
-            self.ended[:], truncated[:], rewards[:] = (
-                self.outcomes != RUNNING,
-                self.outcomes == TIMED_OUT,
-                self.rewards,
-            )
+            self.ended[:] = self.outcomes != RUNNING
+            truncated[:] = self.outcomes == TIMED_OUT
+            rewards[:] = self.rewards
             terminated[:] = self.ended & ~truncated
             which = np.flatnonzero(self.outcomes)
         else:
@@ -207,10 +203,8 @@ class Worlds:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
         self.step(actions)
         for index in np.flatnonzero(self.outcomes != RUNNING):
-            self.last_scalars[index], self.last_codes[index] = (
-                self._scalars[index],
-                self.codes[index],
-            )
+            self.last_scalars[index] = self._scalars[index]
+            self.last_codes[index] = self.codes[index]
             outcome = self.outcomes[index]
             self.start_one(int(index), terrains.next_seed(int(self._scalars[index, SEED])))
             self.outcomes[index] = outcome

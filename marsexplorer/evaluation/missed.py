@@ -41,11 +41,9 @@ class Missed:
 
 def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> list[Missed]:
     """Return what was missed by each of some losses of an episode, in their order."""
-    first_seen, player = (
-        _first_seen(record),
-        GreedyRollouts(
-            record.config, 1, net.rules_that_count(record.config.rows, record.config.cols)
-        ),
+    first_seen = _first_seen(record)
+    player = GreedyRollouts(
+        record.config, 1, net.rules_that_count(record.config.rows, record.config.cols)
     )
     player.worlds.start_on(0, record.terrain_map(), record.start)
     wanted = {loss.step: loss for loss in losses}

@@ -185,10 +185,8 @@ def branch_lengths(record: Record, net: ActionScorer) -> NDArray[np.int64]:
     """Return int64[moves, 4]: moves of the whole episode for each action at each move, `limit` for an invalid one."""
     config, terrain = record.config, record.terrain_map()
     lengths = np.full((len(record.actions), 4), config.limit, np.int64)
-    rollouts, only = (
-        GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols)),
-        np.zeros(1, np.intp),
-    )
+    rollouts = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
+    only = np.zeros(1, np.intp)
     rollouts.worlds.start_on(0, terrain, record.start)
     states: list[Snapshot] = []
     branches: list[tuple[int, int]] = []

@@ -166,10 +166,8 @@ def play_branches(
     lengths, started = limits.copy(), min(PARALLEL_BRANCHES, num_branches)
     if not num_branches:
         return lengths
-    rollouts, branches = (
-        GreedyRollouts(config, started, net.rules_that_count(config.rows, config.cols)),
-        np.arange(started),
-    )
+    rollouts = GreedyRollouts(config, started, net.rules_that_count(config.rows, config.cols))
+    branches = np.arange(started)
     rollouts.restore(branches, {name: array[branches] for name, array in worlds.items()})
     next_actions = actions[branches]
     while True:

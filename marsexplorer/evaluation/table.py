@@ -286,10 +286,8 @@ def evaluate(
     for config in configs:  # refuse what cannot be played before anything is played
         for name in names:
             policy_files.load(name, config.sensor_radius)
-    chunks, total = (
-        make_chunks(names, configs, chosen_seeds, traces),
-        len(names) * len(configs) * len(chosen_seeds),
-    )
+    chunks = make_chunks(names, configs, chosen_seeds, traces)
+    total = len(names) * len(configs) * len(chosen_seeds)
     results: list[Result] = []
     for part in play_chunks(chunks, executor):
         results += part

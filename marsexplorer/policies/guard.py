@@ -74,10 +74,8 @@ class LoopGuard:
         rows, cols = memory.codes.shape
         if self._known_before.shape[1] != rows * cols:
             self._known_before = np.full((1, rows * cols), -1)
-        cell, known = (
-            memory.position[0] * cols + memory.position[1],
-            int(np.count_nonzero(memory.codes)),
-        )
+        cell = memory.position[0] * cols + memory.position[1]
+        known = int(np.count_nonzero(memory.codes))
         update_guard(
             np.array([cell]),
             np.array([known]),

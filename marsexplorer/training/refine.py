@@ -371,11 +371,9 @@ class RefineRun:
 
     def _gradient_step(self, transposed: bool) -> float:
         """Make one gradient step, on the grids as they were or with rows and columns exchanged; return its loss."""
-        config, num_pairs, num_anchors = (
-            self.config,
-            self.config.batch_size,
-            self.config.anchor_batch_size,
-        )
+        config = self.config
+        num_pairs = self.config.batch_size
+        num_anchors = self.config.anchor_batch_size
         # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor the network to.
         halves = (
             self._pairs.sample(num_pairs // 2),
@@ -461,10 +459,8 @@ def branch_episodes(
     pairs_per_episode  about how many pairs an episode gives in the mean
     """
     rng = np.random.default_rng(first_seed)
-    steps, rate = (
-        np.zeros(num_episodes, np.int64),
-        pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n),
-    )
+    steps = np.zeros(num_episodes, np.int64)
+    rate = pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n)
     found: list[tuple[Snapshot, Snapshot]] = []
     for joint in play_greedily(config, net, first_seed, steps):
         rollouts, decisions = joint.rollouts, joint.decisions
@@ -484,10 +480,8 @@ def branch_episodes(
             "other": (np.cumsum(weights[chosen], axis=1) <= thresholds).sum(1),
         }
         found.append((rollouts.snapshot(chosen), pairs))
-    worlds, pairs = (
-        concatenate([snapshot for snapshot, _ in found]),
-        concatenate([pairs for _, pairs in found]),
-    )
+    worlds = concatenate([snapshot for snapshot, _ in found])
+    pairs = concatenate([pairs for _, pairs in found])
     cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
     most = MAX_COST * relative_side(config)
     return ActionPairs(**pairs, cost=np.clip(cost, -most, most).astype(np.float32), steps=steps)

@@ -147,10 +147,8 @@ def validate(run: TrainingRun) -> tuple[float, float]:
     """Return (mean moves, share explored) of the greedy policy on 100 terrains; unfinished episodes count max_steps."""
     config = run.env_configs[0]
     envs = TrainingEnvs(config, VALIDATION_EPISODES, VALIDATION_SEED, run.config.make_encoder)
-    steps, explored = (
-        np.zeros(VALIDATION_EPISODES, np.int64),
-        np.zeros(VALIDATION_EPISODES, np.bool_),
-    )
+    steps = np.zeros(VALIDATION_EPISODES, np.int64)
+    explored = np.zeros(VALIDATION_EPISODES, np.bool_)
     with torch.no_grad():
         for count in range(1, config.limit + 1):
             result = envs.step(forward(run, envs.observe())[0].argmax(1).cpu().numpy())

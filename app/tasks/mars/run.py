@@ -76,11 +76,9 @@ class View:
         self._episode = episode
         self.config = episode.config
         self.codes = episode.codes.copy()
-        self.position, self.discovered, self.cells = (
-            episode.position,
-            episode.discovered,
-            episode.cells,
-        )
+        self.position = episode.position
+        self.discovered = episode.discovered
+        self.cells = episode.cells
         self.steps, self.outcome = episode.steps, episode.outcome
         self.reward, self.total, self.score = episode.reward, episode.total, episode.score
         self.ended = episode.ended

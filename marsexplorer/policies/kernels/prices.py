@@ -140,10 +140,8 @@ class PricedBoard:
     def __init__(self, shape: tuple[int, ...], radius: int) -> None:
         rows, cols = shape
         self.shape, self.changed_columns = (rows, cols), np.zeros((rows, 2), np.int64)
-        known, counts = (
-            np.full(rows * cols, NO_CODE, np.uint8),
-            np.zeros((SQUARES, rows * cols), np.int16),
-        )
+        known = np.full(rows * cols, NO_CODE, np.uint8)
+        counts = np.zeros((SQUARES, rows * cols), np.int16)
         self.board = (known, counts, VisibilityMap(shape, radius).view)
         self.scratch = price_scratch(rows * cols)
 
@@ -154,11 +152,9 @@ PriceScratch = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], ND
 
 def price_scratch(cells: int, rules: int = 1) -> PriceScratch:
     """Return `scratch` of the module's header for boards of so many cells and so many rules."""
-    price, region, queue = (
-        np.zeros((cells, rules), np.int32),
-        np.zeros(cells, np.int32),
-        np.zeros(cells, np.int32),
-    )
+    price = np.zeros((cells, rules), np.int32)
+    region = np.zeros(cells, np.int32)
+    queue = np.zeros(cells, np.int32)
     return price, region, queue, np.zeros(rules, np.int64)
 
 

@@ -147,16 +147,12 @@ def look_ahead(candidates, count, distance, first_actions, action, new_cells, di
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
     for k in range(count):
         cell = candidates[k]
-        new, moves = (
-            float(new_cells[cell]),
-            distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1),
-        )
+        new = float(new_cells[cell])
+        moves = distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1)
         nearest = min(nearest, float(moves))
-        short, middle, long = (
-            max(short, new * discounts[0, moves]),
-            max(middle, new * discounts[1, moves]),
-            max(long, new * discounts[2, moves]),
-        )
+        short = max(short, new * discounts[0, moves])
+        middle = max(middle, new * discounts[1, moves])
+        long = max(long, new * discounts[2, moves])
     features[3] = nearest * 0.05
     features[4] = short * 0.1
     features[5] = middle * 0.1
@@ -196,10 +192,8 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
-        reached, count = (
-            search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue),
-            0,
-        )
+        reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
+        count = 0
         for k in range(reached):
             there = queue[k]
             candidates[count] = there

@@ -64,10 +64,8 @@ class PricedRuleTables:
 
     def __init__(self, rows: int, cols: int, radius: int, first: int, rules: Sequence[int]) -> None:
         """first: the column of the numbers of RULES[0]; rules: indices into RULES, at least one."""
-        tables, count = (
-            RuleTables([RULES[rule] for rule in rules], (rows, cols), radius),
-            len(rules),
-        )
+        tables = RuleTables([RULES[rule] for rule in rules], (rows, cols), radius)
+        count = len(rules)
         self.columns: NDArray[np.int64] = first + NUMBERS_PER_RULE * np.asarray(rules, np.int64)
         self.half_sides: NDArray[np.int64] = tables.prices[0]
         self.arrays = (

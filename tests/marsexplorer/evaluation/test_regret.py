@@ -37,10 +37,8 @@ def drive(seed, moves, rng):
 
 def literal_length(net, record, step, action):
     """The moves of the whole episode, played board by board as the policy is served, its guard beginning at the branch."""
-    episode, policy = (
-        Episode.begin(record.config, terrain=record.terrain_map()),
-        NetworkPolicy("p", net, CONFIG.sensor_radius),
-    )
+    episode = Episode.begin(record.config, terrain=record.terrain_map())
+    policy = NetworkPolicy("p", net, CONFIG.sensor_radius)
     policy.reset(0)
     for made in record.actions[:step]:
         policy.extract_features(episode.codes)
@@ -115,10 +113,8 @@ def test_an_episode_without_a_move_has_no_regret(estimator):
 def test_a_loss_of_the_last_cells_is_one_after_95_percent(estimator, net):
     rng, kinds = np.random.default_rng(5), []
     for seed in range(SEED, SEED + 3):
-        episode, policy = (
-            Episode.begin(CONFIG, seed=seed),
-            NetworkPolicy("p", net, CONFIG.sensor_radius),
-        )
+        episode = Episode.begin(CONFIG, seed=seed)
+        policy = NetworkPolicy("p", net, CONFIG.sensor_radius)
         policy.reset(0)
         while not episode.ended and episode.steps < 120:
             action = policy.act(episode.codes)
@@ -195,10 +191,8 @@ def test_what_was_missed_is_what_the_policy_sees_soon_after_the_better_move(net,
         known.append(own.codes != UNKNOWN)
         before, soon = known[loss.step], known[min(loss.step + SOON, len(record.actions))]
         # 2. The policy's way after the better action.
-        other, policy = (
-            Episode.begin(CONFIG, terrain=terrain),
-            NetworkPolicy("p", net, CONFIG.sensor_radius),
-        )
+        other = Episode.begin(CONFIG, terrain=terrain)
+        policy = NetworkPolicy("p", net, CONFIG.sensor_radius)
         policy.reset(0)
         for action in record.actions[: loss.step]:
             policy.extract_features(other.codes)

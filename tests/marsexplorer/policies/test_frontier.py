@@ -97,10 +97,8 @@ def test_a_rule_sees_all_that_can_be_seen_and_wanders_no_more_than_it_must(terra
 
 def test_straight_on_wins_a_tie():
     """Frontier cells two moves east and two moves south: east at first, south once the rover came from the north."""
-    before, codes = (
-        board("....?.. .@..?.. ....?.. ....?.. ????..."),
-        board("....?.. .@..?.. ....?.. ....?.. ????..."),
-    )
+    before = board("....?.. .@..?.. ....?.. ....?.. ????...")
+    codes = board("....?.. .@..?.. ....?.. ....?.. ????...")
     before[1, 1], before[0, 1] = 1, 2
     policy = policies.load("frontier-cost")
     policy.reset(0)
@@ -144,10 +142,8 @@ def test_every_terrain_is_explored(name, level):
 
 @pytest.mark.parametrize("name", ["frontier-cost", "frontier-utility", "frontier-priced"])
 def test_a_rule_says_which_cell_it_goes_to(name):
-    policy, episode = (
-        policies.load(name, 3),
-        Episode.begin(EnvConfig("random", 9, 13, sensor_radius=3), seed=5),
-    )
+    policy = policies.load(name, 3)
+    episode = Episode.begin(EnvConfig("random", 9, 13, sensor_radius=3), seed=5)
     assert policies.goal_of(policy) is None
     policy.reset(0)
     while not episode.ended:

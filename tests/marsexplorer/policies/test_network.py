@@ -124,11 +124,9 @@ def test_a_stack_of_boards_has_the_features_of_each_alone():
     config = EnvConfig("random", 13, 22)
     episodes = [Episode.begin(config, seed=seed) for seed in range(3)]
     codes = np.stack([episode.codes for episode in episodes])
-    visited, places, headings = (
-        np.zeros((3, config.n), np.uint8),
-        np.zeros(3, np.int64),
-        np.array([1, 2, 1]),
-    )
+    visited = np.zeros((3, config.n), np.uint8)
+    places = np.zeros(3, np.int64)
+    headings = np.array([1, 2, 1])
     visited[:, 0] = 1
     together = [
         part.copy() for part in FeatureExtractor(3, 13, 22, 6)(codes, places, visited, headings)

@@ -32,11 +32,9 @@ def test_the_compiled_rule_is_the_literal_one(radius, rule):
     terrain = np.random.default_rng(radius).random((9, 14)) < 0.2
     terrain[0, 0] = False
     config = EnvConfig("random", 9, 14, sensor_radius=radius, beta=1.0, max_steps=20)
-    episode, policy, heading = (
-        Episode.begin(config, terrain=terrain),
-        FrontierPriced(radius, rule),
-        1,
-    )
+    episode = Episode.begin(config, terrain=terrain)
+    policy = FrontierPriced(radius, rule)
+    heading = 1
     policy.reset(0)
     while not episode.ended:
         codes, visited = episode.codes.copy(), set(episode.path)

@@ -23,10 +23,8 @@ RADIUS = 3
 
 def explored(rows, cols, steps):
     """An episode some moves after its start, its moves drawn at random, and the cells visited."""
-    episode, rng = (
-        Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4),
-        np.random.default_rng(2),
-    )
+    episode = Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4)
+    rng = np.random.default_rng(2)
     while episode.steps < steps:
         row, col = episode.position
         beyond = np.pad(episode.codes, 1, constant_values=3)

@@ -72,10 +72,8 @@ def untrained_net():
 
 def literal(net, seed, at=None, other=None):
     """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
-    policy, episode = (
-        NetworkPolicy("net", net, CONFIG.sensor_radius),
-        Episode.begin(CONFIG, seed=seed),
-    )
+    policy = NetworkPolicy("net", net, CONFIG.sensor_radius)
+    episode = Episode.begin(CONFIG, seed=seed)
     policy.reset(0)
     while not episode.ended and episode.steps < int(MAX_MOVES_PER_CELL * CONFIG.n):
         action = policy.act(episode.codes)
@@ -225,10 +223,8 @@ def test_a_run_that_is_gone_on_with_comes_to_the_same_weights_on_any_number_of_w
 
 
 def test_a_network_begins_with_the_moves_that_it_made(net, scorer, tmp_path):
-    begun, rollouts = (
-        playing(RefineRun(deepcopy(net), 4, SMALL).net, tmp_path),
-        GreedyRollouts(EnvConfig("random", 42, 42), 4),
-    )
+    begun = playing(RefineRun(deepcopy(net), 4, SMALL).net, tmp_path)
+    rollouts = GreedyRollouts(EnvConfig("random", 42, 42), 4)
     rollouts.worlds.start(np.arange(SEED, SEED + 4))
     for _ in range(20):
         decisions = rollouts.decide(scorer)

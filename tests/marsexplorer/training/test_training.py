@@ -203,10 +203,8 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
 
 
 def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_and_of_its_clipped_self():
-    old, returns = (
-        torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0]),
-        torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0]),
-    )
+    old = torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0])
+    returns = torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0])
     values = torch.tensor([8.0, 30.0, 30.0, 12.0, 25.0], requires_grad=True)
     minibatch = ppo.Minibatch((), torch.zeros(5), torch.zeros(5, 4), old, torch.zeros(5), returns)
     errors = ppo.value_errors(LETTER, values, minibatch)
@@ -242,10 +240,8 @@ def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
             )
         )
         with torch.no_grad():
-            rewards, new = (
-                ppo.compute_rewards(run, envs, step),
-                (envs.codes != 0).sum((1, 2)) - known,
-            )
+            rewards = ppo.compute_rewards(run, envs, step)
+            new = (envs.codes != 0).sum((1, 2)) - known
         goes_on, scale = ~step.dones, config.reward_per_cell
         assert rewards[goes_on] == pytest.approx((scale * new - 1 if scale else new - 0.5)[goes_on])
         assert rewards[step.failed] == pytest.approx(-1.0 if scale else 0.0)
@@ -324,10 +320,8 @@ def test_the_priced_recipe_begins_as_the_rules(tmp_path):
     """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
     torch.manual_seed(0)
     config = EnvConfig("random", 42, 42)
-    net, rollouts = (
-        playing(RECIPES["priced"].make_network([config]), tmp_path),
-        GreedyRollouts(config, 3),
-    )
+    net = playing(RECIPES["priced"].make_network([config]), tmp_path)
+    rollouts = GreedyRollouts(config, 3)
     rollouts.worlds.start(np.arange(3))
     made = 0
     for _ in range(60):
