@@ -26,10 +26,8 @@ from marsexplorer.policies import find_shipped, is_rule
 from marsexplorer.policies.files.card import of_paper, shipped
 
 OFFERED = (
-    *(EnvConfig.of(level, 21) for level in LEVELS),
-    EnvConfig.of("random", 42),
-    EnvConfig.of("random", 84),
-)
+    *(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random", 42), EnvConfig.of("random", 84),
+)  # fmt: skip
 """The configurations that the page's terrain dialog offers: each has a board of figures, even if unplayed."""
 
 __all__ = [

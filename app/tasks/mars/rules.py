@@ -77,9 +77,10 @@ class MarsRules:
 
     def environment(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
-        size = (config.rows, config.cols)
-        rest = {name: getattr(config, name) for name in ("sensor_radius", "beta", "max_steps")}
-        given = {"level": config.level, "size": size, **rest, "observation": "uint8"}
+        given = {
+            name: getattr(config, name) for name in ("level", "sensor_radius", "beta", "max_steps")
+        }
+        given |= {"size": (config.rows, config.cols), "observation": "uint8"}
         return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
 
     def observations(self, record: Record) -> list[NDArray[np.uint8]]:
@@ -196,9 +197,7 @@ class MarsRules:
     def cells(self, was: Cause) -> int:
         """Return how many cells coverage refers to: all, or those that can be discovered."""
         config: EnvConfig = was.config
-        if not config.discoverable_only:
-            return config.n
-        return _cells(config, was.terrain, was.start)
+        return _cells(config, was.terrain, was.start) if config.discoverable_only else config.n
 
     def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
@@ -206,15 +205,11 @@ class MarsRules:
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        outcome = "abandoned" if ended else "running"
-        came_to = {
-            "outcome": outcome,
-            "total": 0.0,
-            "steps": 0,
-            "discovered": 0,
-            "trajectory_hash": "",
-        }
-        return self.replay_record(self.record(was, actions, came_to))
+        cause, outcome = (
+            (was.config, was.seed, was.terrain, was.start),
+            "abandoned" if ended else "running",
+        )
+        return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
 
     def replay_record(self, record: Record) -> MarsRun:
         """Return the run of a record; ValueError where the core's version is another one."""

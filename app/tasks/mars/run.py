@@ -141,13 +141,9 @@ class View:
 
     def history(self, episode_id: str) -> str:
         """Return the path so far as JSON text."""
-        history = {
-            "kind": "history",
-            "episode": episode_id,
-            "positions": [[int(row), int(col)] for row, col in self.path],
-            "discovered": [int(count) for count in self.discoveries],
-        }
-        return _ENCODER.encode(history).decode()
+        history = {"kind": "history", "episode": episode_id}
+        told = {"positions": self.path, "discovered": self.discoveries}
+        return _ENCODER.encode(history | told).decode()
 
     def expected(self, episode_id: str) -> str:
         """Return how many unknown cells a look from each cell should show, as JSON text; unknown cells hide nothing."""
