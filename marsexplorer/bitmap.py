@@ -25,19 +25,9 @@ def shape_of(config: EnvConfig) -> NDArray[np.int64]:
     """
     level = ALL_LEVELS[config.level]
     least = {BUILDING: 0, CAVE: (config.n + 1) // 2}.get(level.generator, config.target)
-    return np.array(
-        [
-            config.rows,
-            config.cols,
-            config.sensor_radius,
-            row_words(config.cols, config.sensor_radius),
-            level.topology,
-            level.morphology,
-            least,
-            level.generator,
-        ],
-        np.int64,
-    )
+    words = row_words(config.cols, config.sensor_radius)
+    sizes = (config.rows, config.cols, config.sensor_radius, words)
+    return np.array([*sizes, level.topology, level.morphology, least, level.generator], np.int64)
 
 
 @inlined
@@ -162,7 +152,6 @@ def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
     """Return bool[rows, cols] from rows of bits with margins."""
     radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     stacked = bits.reshape(config.rows + 2 * radius, words)[radius : radius + config.rows]
-    flat = np.unpackbits(
-        np.ascontiguousarray(stacked).astype("<u8").view(np.uint8), axis=1, bitorder="little"
-    )
+    octets = np.ascontiguousarray(stacked).astype("<u8").view(np.uint8)
+    flat = np.unpackbits(octets, axis=1, bitorder="little")
     return flat[:, radius : radius + config.cols].astype(np.bool_)

@@ -116,9 +116,7 @@ def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]  # numba'
         number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
         function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
-        builder.call(
-            function, [place, number(0), number(3), number(1)]
-        )  # to read, into every level, data
+        builder.call(function, [place, *map(number, (0, 3, 1))])  # to read, into every level, data
         return context.get_dummy_value()
 
     return types.void(array, int64), code

@@ -109,9 +109,9 @@ def draw_building(bits, stack, shape, key):
         # 2. Cut it across its longer side, with at least three cells left on both sides: by a wall, or by two with a
         #    corridor between them.
         is_row = height >= width
-        begin, side, across, length = (
-            (top, height, left, width) if is_row else (left, width, top, height)
-        )
+        begin, side, across, length = top, height, left, width
+        if not is_row:
+            begin, side, across, length = left, width, top, height
         thickness = 1
         if length >= CORRIDOR_SIDE:
             k += 1
@@ -138,9 +138,8 @@ def draw_building(bits, stack, shape, key):
 def is_set(bits, shape, row, col):
     """Return the bit of a cell, 0 or 1."""
     bit = col + shape[RADIUS]
-    return np.int64(
-        bits[(row + shape[RADIUS]) * shape[WORDS] + (bit >> 6)] >> np.uint64(bit & 63) & ONE
-    )
+    word = bits[(row + shape[RADIUS]) * shape[WORDS] + (bit >> 6)]
+    return np.int64(word >> np.uint64(bit & 63) & ONE)
 
 
 @kernel

@@ -62,16 +62,13 @@ class EpisodeRegret:
     @cached_property
     def regret(self) -> NDArray[np.int64]:
         """int64[moves]."""
-        made: NDArray[np.int64] = self.lengths[
-            np.arange(len(self.actions)), self.actions
-        ] - self.lengths.min(1, initial=2**31)
-        return made
+        made = self.lengths[np.arange(len(self.actions)), self.actions]
+        return np.asarray(made - self.lengths.min(1, initial=2**31))
 
     @cached_property
     def best_actions(self) -> NDArray[np.int64]:
         """int64[moves]: the action made where none is better, else the first best one in the order of the codes."""
-        best: NDArray[np.int64] = np.where(self.regret > 0, self.lengths.argmin(1), self.actions)
-        return best
+        return np.where(self.regret > 0, self.lengths.argmin(1), self.actions)
 
     @property
     def total(self) -> int:
@@ -85,14 +82,9 @@ class EpisodeRegret:
 
     def loss(self, step: int) -> Loss:
         """Return what is known of the move number `step`, from 0."""
-        return Loss(
-            step=step,
-            action=int(self.actions[step]),
-            best_action=int(self.best_actions[step]),
-            regret=int(self.regret[step]),
-            coverage=float(self.coverage[step]),
-            kind=self.kinds[step],
-        )
+        action, best = int(self.actions[step]), int(self.best_actions[step])
+        regret, coverage = int(self.regret[step]), float(self.coverage[step])
+        return Loss(step, action, best, regret, coverage, self.kinds[step])
 
     def by_kind(self) -> dict[LossKind, int]:
         """Return the regret of each kind of loss; giving up counts as `ended early`."""

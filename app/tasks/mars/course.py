@@ -108,8 +108,7 @@ def course_of(name: str, record: Record) -> Course:
     """Return the course of a finished episode; ValueError when this version's rules cannot replay it."""
     ended = replay(record)
     actions = iter(record.actions)
-    again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-    return _course(name, again, lambda _: next(actions, None), ended)
+    return _course(name, Episode.again(record), lambda _: next(actions, None), ended)
 
 
 def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode) -> Course:
@@ -177,7 +176,7 @@ def play_ghost(source: str, record: Record) -> Course:
             f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
         )
     policy.reset(0)
-    episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
+    episode = Episode.again(record)
 
     def next_action(codes: NDArray[np.uint8]) -> int | None:
         return None if episode.ended else policy.act(codes.copy())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import marsexplorer  # noqa: F401  # registers the environment
 from app.task import Cause, Messages, Metric, Words
 from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
-from app.tasks.mars.run import MarsRun, compile_rules
+from app.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, unpack_terrain
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
@@ -85,7 +85,7 @@ class MarsRules:
 
     def observations(self, record: Record) -> list[NDArray[np.uint8]]:
         """Return what was seen before each move and after the last: uint8[rows, cols]."""
-        again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+        again = Episode.again(record)
         found = [again.codes.copy()]
         for action in record.actions:
             again.step(action)
@@ -183,7 +183,7 @@ class MarsRules:
 
     def prepare(self) -> None:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""
-        compile_rules()
+        Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
 
     def drawn(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""
@@ -219,7 +219,7 @@ class MarsRules:
         """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
         config = record.config
         stride = max(1, -(-len(record.actions) * config.n // MAX_REPLAY_CELLS))
-        run = MarsRun(Episode.begin(config, terrain=record.terrain_map(), start=record.start))
+        run = MarsRun(Episode.again(record))
         texts = [run.view().frame(episode_id)]
         for number, action in enumerate(record.actions, 1):
             run.step(action)

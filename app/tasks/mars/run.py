@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 
@@ -155,11 +155,6 @@ class View:
         cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
         message = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": cells}
         return json.dumps(message, separators=(",", ":"))
-
-
-def compile_rules() -> None:
-    """Let the rules be compiled now: a moment where it has been done before, seconds else."""
-    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
