@@ -95,11 +95,9 @@ def refine(
         with written(f"to {folder}"):
             refine_policy(output, processes)
     except KeyboardInterrupt:
-        left = (
-            f"{file} is as it was after round {run.rounds_done}"
-            if run.rounds_done
-            else "nothing is written before the first round is done"
-        )
+        left = "nothing is written before the first round is done"
+        if run.rounds_done:
+            left = f"{file} is as it was after round {run.rounds_done}"
         click.echo(f"stopped; {left}", err=True)
         raise
     click.echo(f"{file}: {measure_policy(file, output.save_policy, [EnvConfig()])}")
