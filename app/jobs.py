@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import pickle
 import queue
@@ -28,7 +29,7 @@ from importlib import import_module
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from marsexplorer.config import CORE_VERSION
 
@@ -50,6 +51,8 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 """The libraries of a worker compute in one thread: the workers share the cores already."""
+
+CLOSED = "the server was closed before this was done"
 
 Progress = Callable[[int, int], None]
 T = TypeVar("T")
@@ -114,7 +117,7 @@ class Jobs(Executor):
         self._most_workers = self._cluster.cpus if self._cluster else workers or cores()
         self._per_owner, self._most_waiting = per_owner or self._most_workers, most_waiting
         self._changed = threading.Condition()
-        self._threads: dict[threading.Thread, _Worker | None] = {}
+        self._threads: dict[threading.Thread, _Process | _Cluster | None] = {}
         self._idle = 0
         self._waiting: dict[str, deque[_Job]] = {}
         self._running: Counter[str] = Counter()
@@ -173,16 +176,9 @@ class Jobs(Executor):
             self._changed.notify_all()
         return future
 
-    async def run(
-        self,
-        function: Callable[..., T],
-        *arguments: Any,
-        owner: str = "",
-        key: Hashable | None = None,
-        limit_s: float | None = None,
-    ) -> T:
+    async def run(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
         """Return what a job comes to; see `submit`. Whoever stops waiting leaves it to the others who wait for it."""
-        future = self.submit(function, *arguments, owner=owner, key=key, limit_s=limit_s)
+        future = self.submit(function, *arguments, **options)
         return await asyncio.shield(asyncio.wrap_future(future))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
@@ -200,7 +196,7 @@ class Jobs(Executor):
             self._changed.notify_all()
         for job in left:
             if job.future.set_running_or_notify_cancel():
-                job.future.set_exception(JobError("the server was closed before this was done"))
+                job.future.set_exception(JobError(CLOSED))
         for worker in threads.values():
             if worker is not None:
                 worker.end()
@@ -275,11 +271,7 @@ class Jobs(Executor):
         try:
             result = self._worker_of(thread).run(job)
         except Exception as raised:
-            error = (
-                JobError("the server was closed before this was done")
-                if self._is_closed
-                else raised
-            )
+            error = JobError(CLOSED) if self._is_closed else raised
         with self._changed:
             self._running[job.owner] -= 1
             if not self._running[job.owner]:
@@ -295,13 +287,13 @@ class Jobs(Executor):
         else:
             job.future.set_exception(error)
 
-    def _worker_of(self, thread: threading.Thread) -> _Worker:
+    def _worker_of(self, thread: threading.Thread) -> _Process | _Cluster:
         """Return the worker of a thread, a new one where it has none that lives."""
         worker = self._threads[thread]
         if worker is None or not worker.is_alive():
             if worker is not None:
                 worker.end()
-            made = _Process(self._nice) if self._cluster is None else self._cluster
+            made = self._cluster or _Process(self._nice)
             with self._changed:
                 self._threads[thread] = made
                 is_closed = self._is_closed
@@ -309,17 +301,6 @@ class Jobs(Executor):
                 made.end()
             return made
         return worker
-
-
-class _Worker(Protocol):
-    """What runs one job at a time for a thread of the runner."""
-
-    def is_alive(self) -> bool: ...
-
-    def run(self, job: _Job) -> Any:
-        """Return what a job returns, or raise what it raises; JobError when it takes too long or ends early."""
-
-    def end(self) -> None: ...
 
 
 def _too_long(limit_s: float | None) -> JobError:
@@ -331,14 +312,14 @@ class _Process:
 
     def __init__(self, nice: int) -> None:
         self._connection, others = Pipe()
-        search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-        command = (sys.executable, "-P", "-m", "app.jobs", str(others.fileno()), str(nice))
+        search, number = (
+            os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
+            others.fileno(),
+        )
+        command = (sys.executable, "-P", "-m", "app.jobs", str(number), str(nice))
+        env = {**os.environ, **ONE_THREAD, "PYTHONPATH": search}
         self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            pass_fds=(others.fileno(),),
-            env={**os.environ, **ONE_THREAD, "PYTHONPATH": search},
-            start_new_session=True,
+            command, stdin=subprocess.DEVNULL, pass_fds=[number], env=env, start_new_session=True
         )
         others.close()
 
@@ -346,6 +327,7 @@ class _Process:
         return self._process.poll() is None
 
     def run(self, job: _Job) -> Any:
+        """Return what a job returns, or raise what it raises; JobError when it takes too long or ends early."""
         deadline = None if job.limit_s is None else time.monotonic() + job.limit_s
         try:
             self._connection.send((job.function, job.arguments, job.on_progress is not None))
@@ -361,9 +343,8 @@ class _Process:
         except (EOFError, ConnectionError, pickle.UnpicklingError) as error:
             self.end()
             code = self._process.returncode
-            raise JobError(
-                f"its process ended early, with code {code}; ask again in {REMEMBERED_S / 60:.0f} minutes"
-            ) from error
+            again = f"ask again in {REMEMBERED_S / 60:.0f} minutes"
+            raise JobError(f"its process ended early, with code {code}; {again}") from error
         except BaseException:
             self.end()  # else its answer would be taken for the next job's
             raise
@@ -397,10 +378,9 @@ class _Cluster:
         if self._is_ours:
             _check_reachable(address)
             local = {"num_cpus": workers, "include_dashboard": False} if address == LOCAL else {}
+            quiet = {"log_to_driver": False, "logging_level": logging.CRITICAL}
             try:
-                self._ray.init(
-                    address=address, log_to_driver=False, logging_level=logging.CRITICAL, **local
-                )
+                self._ray.init(address=address, **quiet, **local)
             except (ConnectionError, ValueError, RuntimeError) as error:
                 raise _no_cluster(address) from error
         self.cpus = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
@@ -412,15 +392,13 @@ class _Cluster:
         return not self._is_closed
 
     def run(self, job: _Job) -> Any:
-        arguments = [
+        arguments = (
             self._send(each) if isinstance(each, bytes) else each for each in job.arguments
-        ]
+        )
         reference = self._perform.remote(CORE_VERSION, job.function, *arguments)
-        began = time.monotonic()
+        until = time.monotonic() + (math.inf if job.limit_s is None else job.limit_s)
         while not self._ray.wait([reference], timeout=LOOK_S)[0]:
-            if self._is_closed or (
-                job.limit_s is not None and time.monotonic() - began > job.limit_s
-            ):
+            if self._is_closed or time.monotonic() > until:
                 self._ray.cancel(reference, force=True)
                 raise _too_long(job.limit_s)
         try:
@@ -428,9 +406,8 @@ class _Cluster:
         except self._ray.exceptions.RayTaskError as error:
             raise error.cause if isinstance(error.cause, Exception) else error from None
         except self._ray.exceptions.RayError as error:
-            raise JobError(
-                f"its process ended early: {str(error).strip().splitlines()[-1]}"
-            ) from error
+            said = str(error).strip().splitlines()[-1]
+            raise JobError(f"its process ended early: {said}") from error
 
     def end(self) -> None:
         """Leave the connection to the other threads."""

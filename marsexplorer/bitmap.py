@@ -25,19 +25,9 @@ def shape_of(config: EnvConfig) -> NDArray[np.int64]:
     """
     level = ALL_LEVELS[config.level]
     least = {BUILDING: 0, CAVE: (config.n + 1) // 2}.get(level.generator, config.target)
-    return np.array(
-        [
-            config.rows,
-            config.cols,
-            config.sensor_radius,
-            row_words(config.cols, config.sensor_radius),
-            level.topology,
-            level.morphology,
-            least,
-            level.generator,
-        ],
-        np.int64,
-    )
+    words = row_words(config.cols, config.sensor_radius)
+    sizes = (config.rows, config.cols, config.sensor_radius, words)
+    return np.array([*sizes, level.topology, level.morphology, least, level.generator], np.int64)
 
 
 @inlined
@@ -47,10 +37,8 @@ def fill_rectangle(bits, base, shape, top, left, height, width):
     bottom, right = min(top + height, shape[ROWS]), min(left + width, shape[COLS])
     top, left = max(top, 0), max(left, 0)
     bit = left + radius
-    shift, run = (
-        np.uint64(bit & 63),
-        (np.uint64(1) << np.uint64(max(right - left, 0))) - np.uint64(1),
-    )
+    shift = np.uint64(bit & 63)
+    run = (np.uint64(1) << np.uint64(max(right - left, 0))) - np.uint64(1)
     low, high = run << shift, (run >> np.uint64(1)) >> (np.uint64(63) - shift)
     for row in range(top, bottom):
         at = base + (row + radius) * words + (bit >> 6)
@@ -142,10 +130,8 @@ def flood(bits, base, reach, offset, shape, masks, row, col):
 
 def row_masks(config: EnvConfig) -> NDArray[np.uint64]:
     """Return uint64[words]: the bits of a row that are cells of the grid."""
-    words, cells = (
-        row_words(config.cols, config.sensor_radius),
-        (1 << config.cols) - 1 << config.sensor_radius,
-    )
+    words = row_words(config.cols, config.sensor_radius)
+    cells = (1 << config.cols) - 1 << config.sensor_radius
     return np.array([cells >> 64 * word & 2**64 - 1 for word in range(words)], np.uint64)
 
 
@@ -166,7 +152,6 @@ def unpack(bits: NDArray[np.uint64], config: EnvConfig) -> NDArray[np.bool_]:
     """Return bool[rows, cols] from rows of bits with margins."""
     radius, words = config.sensor_radius, row_words(config.cols, config.sensor_radius)
     stacked = bits.reshape(config.rows + 2 * radius, words)[radius : radius + config.rows]
-    flat = np.unpackbits(
-        np.ascontiguousarray(stacked).astype("<u8").view(np.uint8), axis=1, bitorder="little"
-    )
+    octets = np.ascontiguousarray(stacked).astype("<u8").view(np.uint8)
+    flat = np.unpackbits(octets, axis=1, bitorder="little")
     return flat[:, radius : radius + config.cols].astype(np.bool_)

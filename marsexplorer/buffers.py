@@ -38,9 +38,8 @@ def _array_on(out: Any, wanted: str) -> NDArray[Any]:
     if isinstance(out, np.ndarray):
         return out
     try:
-        if hasattr(out, "__array__") or hasattr(
-            out, "__array_interface__"
-        ):  # NumPy before 2.1 makes DLPack's read-only
+        # NumPy before 2.1 makes DLPack's read-only
+        if hasattr(out, "__array__") or hasattr(out, "__array_interface__"):
             return np.asarray(out)
         return np.from_dlpack(out)
     except (TypeError, RuntimeError, BufferError, AttributeError) as error:

@@ -74,10 +74,8 @@ def step_block(
             count += 1
             if not begin_next(state, record, codes, sight, rules, masks, last, last_codes, i):
                 return np.int64(-1) - i
-        discovered, moves = (
-            float(np.int64(state[base + np.uint64(DISCOVERED)])),
-            float(np.int64(state[base + np.uint64(STEPS)])),
-        )
+        discovered = float(np.int64(state[base + np.uint64(DISCOVERED)]))
+        moves = float(np.int64(state[base + np.uint64(STEPS)]))
         total = discovered - float(np.int64(state[base + np.uint64(AT_START)])) - R_MOVE * moves
         shares[at] = np.true_divide(discovered, cells)
         shares[at + ONE] = np.true_divide(total + bonus, whole)

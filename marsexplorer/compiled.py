@@ -112,15 +112,11 @@ def prefetch(typingctx, array, index):  # type: ignore[no-untyped-def]  # numba'
 
     def code(context, builder, signature, args):  # type: ignore[no-untyped-def]
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        place, number = (
-            builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer()),
-            ir.IntType(32),
-        )
+        place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
         function = builder.module.declare_intrinsic("llvm.prefetch", (place.type,), kind)
-        builder.call(
-            function, [place, number(0), number(3), number(1)]
-        )  # to read, into every level, data
+        builder.call(function, [place, *map(number, (0, 3, 1))])  # to read, into every level, data
         return context.get_dummy_value()
 
     return types.void(array, int64), code

@@ -9,6 +9,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import product
 from types import MappingProxyType
 from typing import Any
 
@@ -57,18 +58,15 @@ class Level:
 
 
 def _levels() -> dict[str, Level]:
-    levels = {
-        "random": Level(
-            "random", 0, 0, True, "rectangles of 1 to 3 cells a side anywhere (section 3.2)"
-        ),
-    }
-    for t in (1, 2, 3):
-        for m in (1, 2):
-            for b in (1, 2):
-                sides = "1 to 2" if m == 1 else "1 to 4"
-                pay = "with bonus and penalty" if b == 1 else "without bonus and penalty"
-                summary = f"a lattice moved by up to {t}, rectangles of {sides} cells a side, {pay} (section 3.3)"
-                levels[f"{t}-{m}-{b}"] = Level(f"{t}-{m}-{b}", t, m, b == 1, summary)
+    summary = "rectangles of 1 to 3 cells a side anywhere (section 3.2)"
+    levels = {"random": Level("random", 0, 0, True, summary)}
+    for t, m, b in product((1, 2, 3), (1, 2), (1, 2)):
+        sides = "1 to 2" if m == 1 else "1 to 4"
+        pay = "with bonus and penalty" if b == 1 else "without bonus and penalty"
+        summary = (
+            f"a lattice moved by up to {t}, rectangles of {sides} cells a side, {pay} (section 3.3)"
+        )
+        levels[f"{t}-{m}-{b}"] = Level(f"{t}-{m}-{b}", t, m, b == 1, summary)
     return levels
 
 
@@ -78,19 +76,13 @@ LEVELS: MappingProxyType[str, Level] = MappingProxyType(_levels())
 MAP = "map"
 """The level of given maps, which has no terrains of its own."""
 
+_OTHERS = (
+    ("building", "rooms, corridors and doors, with solid blocks in rooms", BUILDING),
+    ("cave", "a cave, entered at its mouth", CAVE),
+    (MAP, "a given map", GIVEN),
+)
 OTHER_LEVELS: MappingProxyType[str, Level] = MappingProxyType(
-    {
-        "building": Level(
-            "building",
-            0,
-            0,
-            True,
-            "rooms, corridors and doors, with solid blocks in rooms",
-            BUILDING,
-        ),
-        "cave": Level("cave", 0, 0, True, "a cave, entered at its mouth", CAVE),
-        MAP: Level(MAP, 0, 0, True, "a given map", GIVEN),
-    }
+    {name: Level(name, 0, 0, True, summary, generator) for name, summary, generator in _OTHERS}
 )
 """Levels unlike those of the paper. Of their terrains, what can be discovered counts (`EnvConfig.discoverable_only`)."""
 
@@ -149,11 +141,8 @@ class EnvConfig:
         _check_whole("rows", self.rows, MIN_SIDE, MAX_SIDE)
         _check_whole("cols", self.cols, MIN_SIDE, MAX_SIDE)
         _check_whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS)
-        if (
-            isinstance(self.beta, bool)
-            or not isinstance(self.beta, (int, float))
-            or not 0 < self.beta <= 1
-        ):
+        is_number = isinstance(self.beta, (int, float)) and not isinstance(self.beta, bool)
+        if not is_number or not 0 < self.beta <= 1:
             raise ValueError(f"beta must be a number above 0 and at most 1, got {self.beta!r}")
         if self.max_steps is None:
             object.__setattr__(self, "max_steps", self.rows * self.cols)
@@ -217,6 +206,5 @@ class EnvConfig:
     @cached_property
     def hash(self) -> str:
         """SHA-256 (hex) of the canonical JSON: keys sorted, no spaces."""
-        return hashlib.sha256(
-            json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":")).encode()
-        ).hexdigest()
+        text = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()

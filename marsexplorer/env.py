@@ -80,9 +80,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         options = options or {}
         unknown = set(options) - {"terrain", "start", "map"}
         if unknown:
-            raise ValueError(
-                f"options may hold terrain and start, or map, got {', '.join(sorted(map(str, unknown)))}"
-            )
+            came = ", ".join(sorted(map(str, unknown)))
+            raise ValueError(f"options may hold terrain and start, or map, got {came}")
         if "map" in options:
             if len(options) > 1:
                 raise ValueError("a map has its own terrain and start: options={'map': ...} alone")
@@ -122,13 +121,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self._total += reward
         outcome = self._scalars[OUTCOME]
         self._running = outcome == RUNNING
-        return (
-            self._observe(),
-            reward,
-            RUNNING < outcome < TIMED_OUT,
-            outcome == TIMED_OUT,
-            self._info(),
-        )
+        terminated, truncated = RUNNING < outcome < TIMED_OUT, outcome == TIMED_OUT
+        return self._observe(), reward, terminated, truncated, self._info()
 
     @property
     def terrain(self) -> NDArray[np.bool_]:
@@ -137,10 +131,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return bool[4]: which moves stay on the grid and off known obstacles."""
-        mask: NDArray[np.bool_] = action_masks(self._worlds.codes, positions(self._worlds.scalars))[
-            0
-        ]
-        return mask
+        masks = action_masks(self._worlds.codes, positions(self._worlds.scalars))
+        return np.asarray(masks[0])
 
     def render(self) -> Any:
         """Return what the rover knows as an RGB picture (12 pixels a cell) or as text, or None without a render mode."""

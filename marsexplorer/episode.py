@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,9 +27,8 @@ def score(config: EnvConfig, episode_return: float, cells: int | None = None) ->
 
     (return + r_invalid) / (r_invalid + r_bonus + cells), Koutras et al. 2021, section 3.2, where cells is n.
     """
-    return (episode_return + config.r_invalid) / (
-        config.r_invalid + config.r_bonus + (config.n if cells is None else cells)
-    )
+    counted = config.n if cells is None else cells
+    return (episode_return + config.r_invalid) / (config.r_invalid + config.r_bonus + counted)
 
 
 def steps_to_target(config: EnvConfig, outcome: str, steps: int) -> int:
@@ -62,11 +62,9 @@ class Record:
     @property
     def cells(self) -> int:
         """Cells that beta, coverage and the score refer to, counted from the terrain: all, or those that can be discovered."""
-        return (
-            cells_that_count(self.config, self.terrain_map(), self.start)
-            if self.config.discoverable_only
-            else self.config.n
-        )
+        if not self.config.discoverable_only:
+            return self.config.n
+        return cells_that_count(self.config, self.terrain_map(), self.start)
 
     @property
     def score(self) -> float:
@@ -138,6 +136,11 @@ class Episode:
         assert terrain is not None
         worlds.start_on(0, terrain, start)
         return cls(worlds, (int(start[0]), int(start[1])))
+
+    @classmethod
+    def again(cls, record: Record) -> Episode:
+        """Return an episode at the start of a record, on its terrain."""
+        return cls.begin(record.config, terrain=record.terrain_map(), start=record.start)
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
@@ -225,18 +228,17 @@ class Episode:
 
     def record(self) -> Record:
         """Return the episode's cause and totals as they stand."""
-        return Record(
-            config=self.config,
-            seed=self.seed,
-            terrain=self._packed,
-            start=self.start,
-            actions=bytes(self.actions),
-            outcome=self.outcome,
-            total=self.total,
-            steps=self.steps,
-            discovered=self.discovered,
-            trajectory_hash=self._hash.hexdigest(),
-        )
+        cause = (self.config, self.seed, self._packed, self.start, bytes(self.actions))
+        came_to = (self.outcome, self.total, self.steps, self.discovered)
+        return Record(*cause, *came_to, self._hash.hexdigest())
+
+
+def moves_of(record: Record) -> Iterator[tuple[Episode, int]]:
+    """Yield the episode of a record as it stood before each move, with the move; it is the same object each time."""
+    episode = Episode.again(record)
+    for action in record.actions:
+        yield episode, action
+        episode.step(action)
 
 
 def replay(record: Record) -> Episode:
@@ -250,7 +252,7 @@ def replay(record: Record) -> Episode:
             f"the record was made by core version {record.core_version}, this is version {CORE_VERSION}; "
             "install the release that made it to replay it"
         )
-    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    episode = Episode.again(record)
     episode.seed = record.seed
     for number, action in enumerate(record.actions):
         if episode.ended:

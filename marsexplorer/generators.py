@@ -39,10 +39,8 @@ def mark_rectangle(bits, shape, top, left, height, width, value):
     radius, words = shape[RADIUS], shape[WORDS]
     for row in range(top, top + height):
         for col in range(left, left + width):
-            at, bit = (
-                (row + radius) * words + ((col + radius) >> 6),
-                ONE << np.uint64((col + radius) & 63),
-            )
+            at = (row + radius) * words + ((col + radius) >> 6)
+            bit = ONE << np.uint64((col + radius) & 63)
             if value:
                 bits[at] |= bit
             else:
@@ -99,12 +97,10 @@ def draw_building(bits, stack, shape, key):
         # 1. Take a region. A small one is a room.
         waiting -= 1
         region = np.int64(stack[waiting])
-        top, left, height, width = (
-            region >> 48,
-            region >> 32 & 0xFFFF,
-            region >> 16 & 0xFFFF,
-            region & 0xFFFF,
-        )
+        top = region >> 48
+        left = region >> 32 & 0xFFFF
+        height = region >> 16 & 0xFFFF
+        width = region & 0xFFFF
         k += 1
         if max(height, width) <= 6 + numbered_below(key, k, 5):
             k = furnish(bits, shape, key, k, top, left, height, width)
@@ -113,9 +109,9 @@ def draw_building(bits, stack, shape, key):
         # 2. Cut it across its longer side, with at least three cells left on both sides: by a wall, or by two with a
         #    corridor between them.
         is_row = height >= width
-        begin, side, across, length = (
-            (top, height, left, width) if is_row else (left, width, top, height)
-        )
+        begin, side, across, length = top, height, left, width
+        if not is_row:
+            begin, side, across, length = left, width, top, height
         thickness = 1
         if length >= CORRIDOR_SIDE:
             k += 1
@@ -142,9 +138,8 @@ def draw_building(bits, stack, shape, key):
 def is_set(bits, shape, row, col):
     """Return the bit of a cell, 0 or 1."""
     bit = col + shape[RADIUS]
-    return np.int64(
-        bits[(row + shape[RADIUS]) * shape[WORDS] + (bit >> 6)] >> np.uint64(bit & 63) & ONE
-    )
+    word = bits[(row + shape[RADIUS]) * shape[WORDS] + (bit >> 6)]
+    return np.int64(word >> np.uint64(bit & 63) & ONE)
 
 
 @kernel

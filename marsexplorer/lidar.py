@@ -98,18 +98,8 @@ def window_row(bits, base, col, side):  # uint64[:], uint64, uint64, uint64
 
 @inlined
 def find_visible(
-    unknown,
-    unknown_at,
-    flip,
-    obstacles,
-    obstacles_at,
-    stride,
-    col,
-    radius,
-    sight,
-    visible,
-    visible_at,
-):
+    unknown, unknown_at, flip, obstacles, obstacles_at, stride, col, radius, sight, visible, visible_at
+):  # fmt: skip
     """Write the window of unknown cells that the lidar sees to visible[visible_at:] and return their number (eq. 4).
 
     unknown, unknown_at      uint64[:] and the place of the window's first row in it; bits that differ from `flip` are unknown
@@ -130,10 +120,8 @@ def find_visible(
     for k in range(words):
         packed = np.uint64(0)
         for j in range(min(per_word, side - i)):
-            found = (
-                window_row(unknown, np.uint64(unknown_at + (i + j) * stride), first, width) ^ flip
-            ) & row_mask
-            packed |= found << np.uint64(j * lane)
+            found = window_row(unknown, np.uint64(unknown_at + (i + j) * stride), first, width)
+            packed |= ((found ^ flip) & row_mask) << np.uint64(j * lane)
         i += per_word
         packed &= sight[HEADER + k]
         visible[visible_at + k] = packed
@@ -146,9 +134,8 @@ def find_visible(
         #    no ray is cast: a few words are combined for each obstacle.
         shadows = HEADER + 2 * words
         for i in range(side):
-            found = (
-                window_row(obstacles, np.uint64(obstacles_at + i * stride), first, width) & row_mask
-            )
+            found = window_row(obstacles, np.uint64(obstacles_at + i * stride), first, width)
+            found &= row_mask
             while found != np.uint64(0):
                 c = np.int64(lowest(found))
                 found &= found - ONE

@@ -55,26 +55,19 @@ class GridMap:
 
     def to_metres(self, position: tuple[int, int]) -> tuple[float, float]:
         """Return (x, y) of the middle of a cell (row, col) in the robot's frame."""
-        east, north = (
-            (position[1] + 0.5) * self.cell,
-            (self.terrain.shape[0] - position[0] - 0.5) * self.cell,
-        )
+        east = (position[1] + 0.5) * self.cell
+        north = (self.terrain.shape[0] - position[0] - 0.5) * self.cell
         x, y, yaw = self.origin
-        return x + east * math.cos(yaw) - north * math.sin(yaw), y + east * math.sin(
-            yaw
-        ) + north * math.cos(yaw)
+        x, y = x + east * math.cos(yaw), y + east * math.sin(yaw)
+        return x - north * math.sin(yaw), y + north * math.cos(yaw)
 
     def to_cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, col) of the cell that a point in the robot's frame lies in; ValueError off the map."""
         dx, dy, yaw = x - self.origin[0], y - self.origin[1], self.origin[2]
-        east, north = (
-            dx * math.cos(yaw) + dy * math.sin(yaw),
-            dy * math.cos(yaw) - dx * math.sin(yaw),
-        )
-        row, col = (
-            self.terrain.shape[0] - 1 - math.floor(north / self.cell),
-            math.floor(east / self.cell),
-        )
+        east = dx * math.cos(yaw) + dy * math.sin(yaw)
+        north = dy * math.cos(yaw) - dx * math.sin(yaw)
+        row = self.terrain.shape[0] - 1 - math.floor(north / self.cell)
+        col = math.floor(east / self.cell)
         if not (0 <= row < self.terrain.shape[0] and 0 <= col < self.terrain.shape[1]):
             raise ValueError(
                 f"the point ({x:g}, {y:g}) m lies off the map of {self.terrain.shape} cells of {self.cell:g} m"
@@ -118,9 +111,7 @@ def read_map(
         )
     unplaced = GridMap(terrain, cell, origin, (0, 0))
     points = np.array([unplaced.to_metres((int(row), int(col))) for row, col in free])
-    nearest = free[
-        int(np.hypot(*(points - (0.0, 0.0) if start is None else points - start).T).argmin())
-    ]
+    nearest = free[int(np.hypot(*(points - (start or (0.0, 0.0))).T).argmin())]
     chosen = (int(nearest[0]), int(nearest[1]))
     if start is not None:
         try:
@@ -163,17 +154,11 @@ def _read_fields(path: Path) -> dict[str, Any]:
     fields: dict[str, Any] = {"image": found.get("image")}
     if not isinstance(fields["image"], str) or not fields["image"]:
         raise MapFileError(f"{path}: image must name the picture, got {found.get('image')!r}")
-    for name, low, high in (
-        ("resolution", 1e-4, 1e3),
-        ("occupied_thresh", 0, 1),
-        ("free_thresh", 0, 1),
-        ("negate", 0, 1),
-    ):
-        fields[name] = _number(path, name, found.get(name), low, high)
-    if fields["free_thresh"] > fields["occupied_thresh"]:
-        raise MapFileError(
-            f"{path}: free_thresh must not exceed occupied_thresh, got {fields['free_thresh']}"
-        )
+    fields["resolution"] = _number(path, "resolution", found.get("resolution"), 1e-4, 1e3)
+    for name in ("occupied_thresh", "free_thresh", "negate"):
+        fields[name] = _number(path, name, found.get(name), 0, 1)
+    if (free := fields["free_thresh"]) > fields["occupied_thresh"]:
+        raise MapFileError(f"{path}: free_thresh must not exceed occupied_thresh, got {free}")
     if found.get("mode", "trinary") != "trinary":
         raise MapFileError(
             f"{path}: mode must be trinary, got {found['mode']!r}; save the map in that mode"
@@ -228,36 +213,22 @@ def _form_cells(
     height, width = blocked.shape
     rows, cols = (math.ceil(side * resolution / cell - 1e-9) for side in (height, width))
     if max(rows, cols) > MAX_SIDE:  # refused by the caller, in words
-        return (
-            np.ones((rows, cols), np.bool_)
-            if rows * cols <= MAX_PIXELS
-            else np.ones((MAX_SIDE + 1, 1), np.bool_)
-        )
+        return np.ones((rows, cols) if rows * cols <= MAX_PIXELS else (MAX_SIDE + 1, 1), np.bool_)
     at_row, at_col = np.nonzero(blocked)
     south, west = (height - 1 - at_row) * resolution, at_col * resolution
     terrain = np.zeros((rows, cols), np.bool_)
     low, high = 1e-9 - inflation, inflation - 1e-9
     reach = math.ceil((resolution + 2 * inflation) / cell) + 1
-    first_row, first_col = (
-        np.floor((south + low) / cell).astype(int),
-        np.floor((west + low) / cell).astype(int),
-    )
+    first_row = np.floor((south + low) / cell).astype(int)
+    first_col = np.floor((west + low) / cell).astype(int)
     for step_row in range(reach + 1):
         for step_col in range(reach + 1):
             r, c = first_row + step_row, first_col + step_col
             gap_y = np.maximum(0, np.maximum(r * cell - south - resolution, south - (r + 1) * cell))
             gap_x = np.maximum(0, np.maximum(c * cell - west - resolution, west - (c + 1) * cell))
-            overlaps = (r * cell < south + resolution + high) & (
-                c * cell < west + resolution + high
-            )
-            near = (
-                overlaps
-                & (np.hypot(gap_x, gap_y) <= max(inflation, 0.0))
-                & (r >= 0)
-                & (r < rows)
-                & (c >= 0)
-                & (c < cols)
-            )
+            is_on_grid = (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
+            near = is_on_grid & (np.hypot(gap_x, gap_y) <= max(inflation, 0.0))
+            near &= (r * cell < south + resolution + high) & (c * cell < west + resolution + high)
             terrain[rows - 1 - r[near], c[near]] = True
     if rows * cell > height * resolution + 1e-9:
         terrain[0] = True

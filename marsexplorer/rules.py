@@ -120,22 +120,10 @@ def start_seed(state, base, codes, cbase, sight, rules, masks, seed):
     size = (rules[ROWS] + 2 * rules[RADIUS]) * rules[WORDS]
     draws = draw_solvable(state, base + HEAD, state, size, rules, masks, seed)
     if draws:
-        start = np.int64(
-            0
-        )  # not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone
-        begin(
-            state,
-            base,
-            codes,
-            cbase,
-            sight,
-            rules,
-            masks,
-            start,
-            start,
-            rules[ROWS] * rules[COLS],
-            rules[TARGET],
-        )
+        # Not 0 itself: numba would compile `begin` and `scan`, which take longest, for this number alone.
+        start = np.int64(0)
+        cells, enough = rules[ROWS] * rules[COLS], rules[TARGET]
+        begin(state, base, codes, cbase, sight, rules, masks, start, start, cells, enough)
         state[base + SEED] = seed
     return draws
 
@@ -193,12 +181,8 @@ def scan_listed(state, record, codes, sight, rules, rewards, listed, count):
         if k + AHEAD < count:
             base = listed[k + AHEAD] * record
             where = state[base + POSITION]
-            first = (
-                base
-                + HEAD
-                + np.int64(where >> np.uint64(32)) * words
-                + (np.int64(where & np.uint64(0xFFFFFFFF)) >> 6)
-            )
+            first = base + HEAD + np.int64(where >> np.uint64(32)) * words
+            first += np.int64(where & np.uint64(0xFFFFFFFF)) >> 6
             for line in range(0, 16 * words, LINE):
                 prefetch(state, first + line)
                 prefetch(state, first + known + line)

@@ -30,22 +30,10 @@ def scan(state, obstacles, codes, cbase, sight, rules, row, col):
     size = (np.uint64(rules[ROWS]) + radius + radius) * words
     first = np.uint64(obstacles) + row * words + (col >> np.uint64(6))
     corner = np.uint64(cbase) + row * cols + col - radius * cols - radius
+    known, shift = first + size, col & np.uint64(63)
     if sight[0] == np.uint64(NARROW):
-        return scan_narrow(
-            state,
-            first,
-            first + size,
-            words,
-            codes,
-            corner,
-            cols,
-            sight,
-            radius,
-            col & np.uint64(63),
-        )
-    return scan_wide(
-        state, first, first + size, words, codes, corner, cols, sight, radius, col & np.uint64(63)
-    )
+        return scan_narrow(state, first, known, words, codes, corner, cols, sight, radius, shift)
+    return scan_wide(state, first, known, words, codes, corner, cols, sight, radius, shift)
 
 
 @inlined

@@ -66,9 +66,7 @@ def draw_terrain(bits, base, shape, key):
     # 1. Level random (section 3.2): rectangles anywhere, round(12 n / 441) of them in whole numbers.
     if shape[TOPOLOGY] == 0:
         count = max(1, (24 * rows * cols + 441) // 882)
-        longest = np.int64(
-            3
-        )  # not 3 itself: numba would compile `numbered_below` for this number alone
+        longest = np.int64(3)  # not 3: numba would compile `numbered_below` for this number alone
         for _ in range(count):
             height = 1 + numbered_below(key, k + 1, longest)
             width = 1 + numbered_below(key, k + 2, longest)
@@ -100,18 +98,14 @@ def reached_or_adjacent(reach, at, word, words, corners):
     across = reach[here] | vertical if corners else reach[here]
     found = reach[here] | vertical | (across << np.uint64(1)) | (across >> np.uint64(1))
     if word > 0:
-        across = (
-            reach[here - 1] | reach[here - 1 - words] | reach[here - 1 + words]
-            if corners
-            else reach[here - 1]
-        )
+        across = reach[here - 1]
+        if corners:
+            across |= reach[here - 1 - words] | reach[here - 1 + words]
         found |= across >> np.uint64(63)
     if word + 1 < words:
-        across = (
-            reach[here + 1] | reach[here + 1 - words] | reach[here + 1 + words]
-            if corners
-            else reach[here + 1]
-        )
+        across = reach[here + 1]
+        if corners:
+            across |= reach[here + 1 - words] | reach[here + 1 + words]
         found |= across << np.uint64(63)
     return found
 
@@ -191,9 +185,8 @@ def draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
         )
     shape, bits = shape_of(config), np.zeros(bitmap_words(config), np.uint64)
     draw_one = draw_solvable_alone if shape[GENERATOR] == RECTANGLES else draw_other
-    return bits, int(
-        draw_one(bits, np.zeros_like(bits), shape, row_masks(config), np.uint64(check_seed(seed)))
-    )
+    reach, number = np.zeros_like(bits), np.uint64(check_seed(seed))
+    return bits, int(draw_one(bits, reach, shape, row_masks(config), number))
 
 
 def unsolvable(config: EnvConfig, seed: int) -> ValueError:

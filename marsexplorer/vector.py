@@ -72,17 +72,13 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._raw = observation == "uint8"
         shape = (num_envs, self.config.rows, self.config.cols)
-        self._out = (
-            None if out is None else shared_array(out, shape, self.single_observation_space.dtype)
-        )
+        dtype = self.single_observation_space.dtype
+        self._out = None if out is None else shared_array(out, shape, dtype)
         self._worlds = Worlds(self.config, num_envs, self._out if self._raw else None)
         self._seeds: list[int] | None = None
-        self._info = self._columns(
-            self._worlds.shares, self._worlds.scalars, np.ones(num_envs, np.bool_)
-        )
-        self._final_info = self._columns(
-            self._worlds.last_shares, self._worlds.last_scalars, self._worlds.ended
-        )
+        worlds, always = self._worlds, np.ones(num_envs, np.bool_)
+        self._info = self._columns(worlds.shares, worlds.scalars, always)
+        self._final_info = self._columns(worlds.last_shares, worlds.last_scalars, worlds.ended)
         self._final_obs: NDArray[np.object_] = np.full(num_envs, None, object)
         self._which: NDArray[np.int64] = np.zeros(0, np.int64)
 
@@ -201,10 +197,5 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             observations, ended = np.full(self.num_envs, None, object), self._worlds.ended.copy()
             for i in which:
                 observations[i] = STATE_VALUES[self._worlds.last_codes[i]]
-        final_info = self._lasting(self._final_info)
-        return {
-            "final_obs": observations,
-            "_final_obs": ended,
-            "final_info": final_info,
-            "_final_info": ended,
-        }
+        found = {"final_obs": observations, "final_info": self._lasting(self._final_info)}
+        return found | {"_final_obs": ended, "_final_info": ended}

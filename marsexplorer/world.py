@@ -59,10 +59,7 @@ class Worlds:
     """
 
     def __init__(
-        self,
-        config: EnvConfig,
-        num: int = 1,
-        codes: NDArray[np.uint8] | None = None,
+        self, config: EnvConfig, num: int = 1, codes: NDArray[np.uint8] | None = None
     ) -> None:
         self.config = config
         self.num = num
@@ -70,15 +67,10 @@ class Worlds:
         self._size = (config.rows + 2 * config.sensor_radius) * words
         self._record = HEAD + 3 * self._size
         self._state = np.zeros(num * self._record, np.uint64)
-        self.codes: NDArray[np.uint8] = (
-            np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
-        )
-        self._codes = self.codes.reshape(-1)
-        self._tables = (
-            sight_table(config.sensor_radius).copy(),
-            rules_of(config),
-            row_masks(config),
-        )
+        codes = np.zeros((num, config.rows, config.cols), np.uint8) if codes is None else codes
+        self.codes = codes
+        self._codes, sight = self.codes.reshape(-1), sight_table(config.sensor_radius).copy()
+        self._tables = (sight, rules_of(config), row_masks(config))
         self.rewards: NDArray[np.float64] = np.zeros(num)
         self.outcomes: NDArray[np.uint8] = np.zeros(num, np.uint8)
         self._listed = np.zeros(num, np.int64)
@@ -108,10 +100,8 @@ class Worlds:
             self._start_on_bits(index, terrains.draw_bits(self.config, seed), (0, 0), seed)
             return
         base, cells = index * self._record, self.config.n
-        state, codes = (
-            self._state[base : base + self._record],
-            self._codes[index * cells : (index + 1) * cells],
-        )
+        state = self._state[base : base + self._record]
+        codes = self._codes[index * cells : (index + 1) * cells]
         seeds = np.array([check_seed(seed)], np.uint64)
         if start_all(state, self._record, codes, *self._tables, seeds):
             raise terrains.unsolvable(self.config, seed)
@@ -123,9 +113,8 @@ class Worlds:
         terrain  bool[rows, cols], True where blocked
         start    (row, col) of a free cell
         """
-        self._start_on_bits(
-            index, pack(check_terrain(self.config, terrain, start), self.config), start, NO_SEED
-        )
+        bits = pack(check_terrain(self.config, terrain, start), self.config)
+        self._start_on_bits(index, bits, start, NO_SEED)
 
     def _start_on_bits(
         self, index: int, bits: NDArray[np.uint64], start: tuple[int, int], seed: int
@@ -181,11 +170,9 @@ class Worlds:
             self._step_and_start(actions)
             self.describe()
             describe(self._last, HEAD, self._tables[1], self.last_shares)
-            self.ended[:], truncated[:], rewards[:] = (
-                self.outcomes != RUNNING,
-                self.outcomes == TIMED_OUT,
-                self.rewards,
-            )
+            self.ended[:] = self.outcomes != RUNNING
+            truncated[:] = self.outcomes == TIMED_OUT
+            rewards[:] = self.rewards
             terminated[:] = self.ended & ~truncated
             which = np.flatnonzero(self.outcomes)
         else:
@@ -202,18 +189,15 @@ class Worlds:
         failed = -1 - count
         if failed == self.num:
             raise not_actions(self.num, actions)
-        raise terrains.unsolvable(
-            self.config, terrains.next_seed(int(self._last[failed * HEAD + SEED]))
-        )
+        seed = int(self._last[failed * HEAD + SEED])
+        raise terrains.unsolvable(self.config, terrains.next_seed(seed))
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
         self.step(actions)
         for index in np.flatnonzero(self.outcomes != RUNNING):
-            self.last_scalars[index], self.last_codes[index] = (
-                self._scalars[index],
-                self.codes[index],
-            )
+            self.last_scalars[index] = self._scalars[index]
+            self.last_codes[index] = self.codes[index]
             outcome = self.outcomes[index]
             self.start_one(int(index), terrains.next_seed(int(self._scalars[index, SEED])))
             self.outcomes[index] = outcome
@@ -233,17 +217,8 @@ class Worlds:
     def _described_arrays(self) -> tuple[Any, ...]:
         """What the compiled `step_described` takes besides the actions and what it writes for the caller."""
         *worlds, _, outcomes, listed, last, last_codes = self._arrays
-        return (
-            *worlds,
-            outcomes,
-            listed,
-            last,
-            last_codes,
-            self.shares,
-            self.last_shares,
-            self.ended,
-            self._which,
-        )
+        ends = (self.shares, self.last_shares, self.ended, self._which)
+        return (*worlds, outcomes, listed, last, last_codes, *ends)
 
     def take(self, which: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
         """Return copies of the worlds of these indices: all that changes with a step.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Record, moves_of
 from marsexplorer.policies import Policy
 
 
@@ -29,10 +29,6 @@ def agreement_with(policy: Policy, record: Record, seed: int = 0) -> Agreement:
 
     seed  of what the policy draws, if it draws anything
     """
-    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
     policy.reset(seed)
-    agreed = 0
-    for action in record.actions:
-        agreed += policy.act(episode.codes) == action
-        episode.step(action)
+    agreed = sum(policy.act(episode.codes) == action for episode, action in moves_of(record))
     return Agreement(len(record.actions), agreed)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -72,6 +73,10 @@ class Result:
     cells: int
     trace: EpisodeTrace | None = None
 
+    def figures(self) -> dict[str, object]:
+        """Return everything but the trace, by name."""
+        return {name: value for name, value in vars(self).items() if name != "trace"}
+
 
 @dataclass(frozen=True)
 class EpisodeChunk:
@@ -109,7 +114,11 @@ def play_chunk(chunk: EpisodeChunk) -> list[Result]:
 
 def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
     """Play a policy on the terrain of a seed to the end of the episode; the policy is reset with the same seed."""
-    episode = Episode.begin(config, seed=seed)
+    return play_out(policy, Episode.begin(config, seed=seed), seed)
+
+
+def play_out(policy: Policy, episode: Episode, seed: int) -> Episode:
+    """Return an episode at its start played to its end by a policy, which is reset with `seed`."""
     policy.reset(seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
@@ -118,11 +127,7 @@ def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
 
 def play_terrain(policy: Policy, record: Record, seed: int = 0) -> Episode:
     """Play a policy on the terrain of a recorded episode to the end; the policy is reset with `seed`."""
-    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-    policy.reset(seed)
-    while not episode.ended:
-        episode.step(policy.act(episode.codes))
-    return episode
+    return play_out(policy, Episode.again(record), seed)
 
 
 def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) -> Result:
@@ -131,51 +136,29 @@ def result_of(policy: str, episode: Episode, seed: int, traces: bool = False) ->
     policy  the name or path to put into the result
     """
     config = episode.config
-    return Result(
-        policy=policy,
-        level=config.level,
-        rows=config.rows,
-        cols=config.cols,
-        config_hash=config.hash,
-        seed=seed,
-        outcome=episode.outcome,
-        score=episode.score,
-        total=episode.total,
-        steps=episode.steps,
-        steps_to_99=steps_to_target(config, episode.outcome, episode.steps),
-        coverage=episode.coverage,
-        auc=area_under_coverage(config, episode.discoveries, episode.cells),
-        cells=episode.cells,
-        trace=_trace(episode) if traces else None,
-    )
+    where = (policy, config.level, config.rows, config.cols, config.hash, seed)
+    came_to = (episode.outcome, episode.score, episode.total, episode.steps)
+    steps_to_99 = steps_to_target(config, episode.outcome, episode.steps)
+    area = area_under_coverage(config, episode.discoveries, episode.cells)
+    trace = _trace(episode) if traces else None
+    return Result(*where, *came_to, steps_to_99, episode.coverage, area, episode.cells, trace)
 
 
 def _trace(episode: Episode) -> EpisodeTrace:
-    path = (row * episode.config.cols + col for row, col in episode.path)
-    obstacles = np.flatnonzero(episode.codes == OBSTACLE).tolist()
-    return EpisodeTrace(
-        tuple(episode.discoveries),
-        tuple(path),
-        tuple(obstacles),
-        tuple(episode.actions),
-        episode.record().trajectory_hash,
-    )
+    path = tuple(row * episode.config.cols + col for row, col in episode.path)
+    obstacles = tuple(np.flatnonzero(episode.codes == OBSTACLE).tolist())
+    discovered, actions = tuple(episode.discoveries), tuple(episode.actions)
+    return EpisodeTrace(discovered, path, obstacles, actions, episode.record().trajectory_hash)
 
 
 def make_chunks(
     policies: Sequence[str], configs: Sequence[EnvConfig], seeds: Sequence[int], traces: bool
 ) -> list[EpisodeChunk]:
     """Return chunks of all episodes to play."""
-    parts = [
-        tuple(seeds[start : start + EPISODES_PER_CHUNK])
-        for start in range(0, len(seeds), EPISODES_PER_CHUNK)
-    ]
-    return [
-        EpisodeChunk(name, config, part, traces)
-        for config in configs
-        for name in policies
-        for part in parts
-    ]
+    starts = range(0, len(seeds), EPISODES_PER_CHUNK)
+    parts = [tuple(seeds[start : start + EPISODES_PER_CHUNK]) for start in starts]
+    each = product(configs, policies, parts)
+    return [EpisodeChunk(name, config, part, traces) for config, name, part in each]
 
 
 def play_chunks(
@@ -185,14 +168,10 @@ def play_chunks(
     if executor is None:
         yield from map(play_chunk, chunks)
         return
-    contents = {
-        name: Path(name).read_bytes()
-        for name in {chunk.policy for chunk in chunks}
-        if Path(name).is_file()
-    }
-    futures = [
-        executor.submit(play_sent_chunk, chunk, contents.get(chunk.policy)) for chunk in chunks
-    ]
+    files = {name: Path(name) for name in {chunk.policy for chunk in chunks}}
+    contents = {name: path.read_bytes() for name, path in files.items() if path.is_file()}
+    jobs = ((chunk, contents.get(chunk.policy)) for chunk in chunks)
+    futures = [executor.submit(play_sent_chunk, *job) for job in jobs]
     try:
         for future in as_completed(futures):
             yield future.result()

@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from marsexplorer.config import UNKNOWN
-from marsexplorer.episode import Episode, Record
+from marsexplorer.episode import Record, moves_of
 from marsexplorer.observation import DISPLACEMENTS
 
 LAST_CELLS = 0.95
@@ -64,9 +64,8 @@ def classify_losses(
     lengths  int64[moves, 4], of `regret.branch_lengths`
     """
     terrain = record.terrain_map()
-    episode = Episode.begin(record.config, terrain=terrain, start=record.start)
     coverage, kinds = np.zeros(len(record.actions)), list[LossKind | None]()
-    for step, action in enumerate(record.actions):
+    for step, (episode, action) in enumerate(moves_of(record)):
         coverage[step] = episode.coverage
         best, kind = int(lengths[step].argmin()), None
         if lengths[step, action] > lengths[step, best]:
@@ -76,12 +75,10 @@ def classify_losses(
             elif coverage[step] >= LAST_CELLS:
                 kind = LossKind.LAST_CELLS
             else:
-                leaves = leaves_pocket(
-                    episode.codes, terrain, episode.position, towards, record.config.sensor_radius
-                )
+                position, radius = episode.position, record.config.sensor_radius
+                leaves = leaves_pocket(episode.codes, terrain, position, towards, radius)
                 kind = LossKind.HIDDEN_POCKET if leaves else LossKind.EARLY_DETOUR
         kinds.append(kind)
-        episode.step(action)
     return coverage, tuple(kinds)
 
 
@@ -102,9 +99,8 @@ def leaves_pocket(
         cells = np.argwhere(groups == number)
         if len(cells) > POCKET_CELLS or not (~terrain[tuple(cells.T)]).any():
             continue
-        before, made, best = (
-            int(np.abs(cells - np.array(cell)).sum(1).min()) for cell in (position, *towards)
-        )
+        places = (np.array(cell) for cell in (position, *towards))
+        before, made, best = (int(np.abs(cells - place).sum(1).min()) for place in places)
         if int(np.abs(cells - np.array(position)).max(1).min()) <= radius and best < before <= made:
             return True
     return False
@@ -119,6 +115,5 @@ def moved(position: tuple[int, int], action: int) -> tuple[int, int]:
 def is_blocked(terrain: NDArray[np.bool_], cell: tuple[int, int]) -> bool:
     """Return whether a cell is an obstacle or off the grid."""
     row, col = cell
-    return not (0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]) or bool(
-        terrain[row, col]
-    )
+    is_on_grid = 0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]
+    return not is_on_grid or bool(terrain[row, col])

@@ -41,12 +41,9 @@ class Missed:
 
 def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> list[Missed]:
     """Return what was missed by each of some losses of an episode, in their order."""
-    first_seen, player = (
-        _first_seen(record),
-        GreedyRollouts(
-            record.config, 1, net.rules_that_count(record.config.rows, record.config.cols)
-        ),
-    )
+    first_seen = _first_seen(record)
+    config = record.config
+    player = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
     player.worlds.start_on(0, record.terrain_map(), record.start)
     wanted = {loss.step: loss for loss in losses}
     found: dict[int, Missed] = {}
@@ -57,7 +54,7 @@ def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> li
             shown = _seen_soon(player, wanted[step].best_action, net) & (codes == UNKNOWN)
             late = np.argwhere(shown & (first_seen > step + SOON))
             last = int(first_seen[tuple(late.T)].max(initial=0))
-            row, col = divmod(int(rover[0]), record.config.cols)
+            row, col = divmod(int(rover[0]), config.cols)
             seen_at = last if len(late) and last <= len(record.actions) else None
             found[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
         player.step(np.array([action]))
@@ -66,7 +63,7 @@ def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> li
 
 def _first_seen(record: Record) -> NDArray[np.int64]:
     """Return the moves that had been made when each cell was seen, int64[rows, cols]; more than all moves for never."""
-    episode = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+    episode = Episode.again(record)
     seen = np.where(episode.codes == UNKNOWN, len(record.actions) + SOON + 1, 0)
     for step, action in enumerate(record.actions, 1):
         episode.step(action)

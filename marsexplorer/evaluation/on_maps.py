@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import CORE_VERSION
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.episodes import Result, play_terrain, result_of
+from marsexplorer.evaluation.episodes import Result, play_out, result_of
 from marsexplorer.evaluation.table import RULES
 from marsexplorer.maps import GridMap
 
@@ -46,25 +46,19 @@ def evaluate_on_maps(
     names = list(dict.fromkeys(policies))
     for name in names:
         policy_files.load(name)
-    return [
-        MapResults(
-            title,
-            found.start,
-            tuple(result_of(name, _play(name, found, seed), seed) for name in names),
-        )
-        for title, found in maps.items()
-    ]
+    results = []
+    for title, found in maps.items():
+        played = tuple(result_of(name, _play(name, found, seed), seed) for name in names)
+        results.append(MapResults(title, found.start, played))
+    return results
 
 
 def to_json(found: Sequence[MapResults]) -> str:
     """Return everything as JSON: core_version, and of each map its name, start and results."""
+    results = ([one.figures() for one in each.results] for each in found)
     maps = [
-        {
-            "name": each.name,
-            "start": each.start,
-            "results": [_without_trace(one) for one in each.results],
-        }
-        for each in found
+        {"name": each.name, "start": each.start, "results": own}
+        for each, own in zip(found, results, strict=True)
     ]
     return json.dumps({"core_version": CORE_VERSION, "maps": maps}, indent=1)
 
@@ -72,10 +66,4 @@ def to_json(found: Sequence[MapResults]) -> str:
 def _play(name: str, found: GridMap, seed: int) -> Episode:
     config = found.config()
     episode = Episode.begin(config, terrain=found.terrain, start=found.start)
-    return play_terrain(policy_files.load(name, config.sensor_radius), episode.record(), seed)
-
-
-def _without_trace(result: Result) -> dict[str, object]:
-    fields = asdict(result)
-    del fields["trace"]
-    return fields
+    return play_out(policy_files.load(name, config.sensor_radius), episode, seed)

@@ -20,15 +20,8 @@ from marsexplorer.evaluation.table import EvaluationTable
 from marsexplorer.files import replace_whole
 
 PLOT_COLOURS = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#F0E442",
-    "#000000",
-)
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442", "#000000",
+)  # fmt: skip
 """Colours that colour-blind people can tell apart (Okabe and Ito)."""
 
 POLICY_LINE_STYLES = ("-", "--", "-.", ":")
@@ -40,7 +33,8 @@ def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
     """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths."""
     folder.mkdir(parents=True, exist_ok=True)
     figures = {
-        f"coverage-{_place(config)}": coverage_figure(table, config) for config in table.configs
+        f"coverage-{config.level}-{config.rows}x{config.cols}": coverage_figure(table, config)
+        for config in table.configs
     }
     policies = dict.fromkeys(row.policy for row in table.rows)
     figures |= {f"heat-{Path(policy).stem}": heat_figure(table, policy) for policy in policies}
@@ -59,19 +53,12 @@ def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:
         steps, colour = np.arange(moves + 1), PLOT_COLOURS[number % len(PLOT_COLOURS)]
         low, high = np.percentile(curves, (5, 95), axis=0)
         axes.fill_between(steps, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(
-            steps,
-            curves.mean(axis=0),
-            color=colour,
-            linestyle=POLICY_LINE_STYLES[number % len(POLICY_LINE_STYLES)],
-            label=Path(policy).stem,
-        )
+        style, name = POLICY_LINE_STYLES[number % len(POLICY_LINE_STYLES)], Path(policy).stem
+        axes.plot(steps, curves.mean(axis=0), color=colour, linestyle=style, label=name)
     axes.axhline(100 * config.beta, color="0.4", linewidth=0.8, linestyle=(0, (1, 2)))
     axes.set(xlabel="moves", ylabel="coverage (%)", xlim=(0, moves), ylim=(0, 101))
-    axes.set_title(
-        f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile",
-        fontsize=10,
-    )
+    title = f"{_title(config)}, {len(table.seeds)} terrains: mean and 5th to 95th percentile"
+    axes.set_title(title, fontsize=10)
     axes.legend(loc="lower right", frameon=False)
     axes.grid(color="0.9")
     return figure
@@ -90,11 +77,8 @@ def heat_figure(table: EvaluationTable, policy: str) -> Figure:
         axes.set_title(_title(config), fontsize=9)
     for axes in panels[len(configs) :]:
         axes.set_axis_off()
-    count = len(table.seeds)
-    figure.suptitle(
-        f"{Path(policy).stem}: blue visits, green obstacles found, {count} terrains each",
-        fontsize=10,
-    )
+    title = f"blue visits, green obstacles found, {len(table.seeds)} terrains each"
+    figure.suptitle(f"{Path(policy).stem}: {title}", fontsize=10)
     return figure
 
 
@@ -153,15 +137,8 @@ def _trace(result: Result) -> EpisodeTrace:
 
 
 def _results(table: EvaluationTable, config: EnvConfig, policy: str) -> list[Result]:
-    return [
-        result
-        for result in table.results
-        if result.config_hash == config.hash and result.policy == policy
-    ]
-
-
-def _place(config: EnvConfig) -> str:
-    return f"{config.level}-{config.rows}x{config.cols}"
+    key = (config.hash, policy)
+    return [result for result in table.results if (result.config_hash, result.policy) == key]
 
 
 def _title(config: EnvConfig) -> str:

@@ -28,12 +28,7 @@ from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss, LossKind, classify_losses, is_blocked, moved
 from marsexplorer.evaluation.missed import Missed, find_missed
-from marsexplorer.evaluation.rollouts import (
-    GreedyRollouts,
-    Snapshot,
-    concatenate,
-    play_branches,
-)
+from marsexplorer.evaluation.rollouts import GreedyRollouts, Snapshot, concatenate, play_branches
 from marsexplorer.files import write_whole
 from marsexplorer.policies.files.card import refuse
 from marsexplorer.policies.loading import find_file, load
@@ -67,16 +62,13 @@ class EpisodeRegret:
     @cached_property
     def regret(self) -> NDArray[np.int64]:
         """int64[moves]."""
-        made: NDArray[np.int64] = self.lengths[
-            np.arange(len(self.actions)), self.actions
-        ] - self.lengths.min(1, initial=2**31)
-        return made
+        made = self.lengths[np.arange(len(self.actions)), self.actions]
+        return np.asarray(made - self.lengths.min(1, initial=2**31))
 
     @cached_property
     def best_actions(self) -> NDArray[np.int64]:
         """int64[moves]: the action made where none is better, else the first best one in the order of the codes."""
-        best: NDArray[np.int64] = np.where(self.regret > 0, self.lengths.argmin(1), self.actions)
-        return best
+        return np.where(self.regret > 0, self.lengths.argmin(1), self.actions)
 
     @property
     def total(self) -> int:
@@ -90,14 +82,9 @@ class EpisodeRegret:
 
     def loss(self, step: int) -> Loss:
         """Return what is known of the move number `step`, from 0."""
-        return Loss(
-            step=step,
-            action=int(self.actions[step]),
-            best_action=int(self.best_actions[step]),
-            regret=int(self.regret[step]),
-            coverage=float(self.coverage[step]),
-            kind=self.kinds[step],
-        )
+        action, best = int(self.actions[step]), int(self.best_actions[step])
+        regret, coverage = int(self.regret[step]), float(self.coverage[step])
+        return Loss(step, action, best, regret, coverage, self.kinds[step])
 
     def by_kind(self) -> dict[LossKind, int]:
         """Return the regret of each kind of loss; giving up counts as `ended early`."""
@@ -190,10 +177,8 @@ def branch_lengths(record: Record, net: ActionScorer) -> NDArray[np.int64]:
     """Return int64[moves, 4]: moves of the whole episode for each action at each move, `limit` for an invalid one."""
     config, terrain = record.config, record.terrain_map()
     lengths = np.full((len(record.actions), 4), config.limit, np.int64)
-    rollouts, only = (
-        GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols)),
-        np.zeros(1, np.intp),
-    )
+    rollouts = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
+    only = np.zeros(1, np.intp)
     rollouts.worlds.start_on(0, terrain, record.start)
     states: list[Snapshot] = []
     branches: list[tuple[int, int]] = []

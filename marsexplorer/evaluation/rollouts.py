@@ -58,16 +58,12 @@ class GreedyRollouts:
     """
 
     def __init__(
-        self,
-        config: EnvConfig,
-        num_worlds: int,
-        rules: Sequence[int] | None = None,
+        self, config: EnvConfig, num_worlds: int, rules: Sequence[int] | None = None
     ) -> None:
         self.config, self.num_worlds, self._rules = config, num_worlds, rules
         self.worlds = Worlds(config, num_worlds)
-        self._extractor = FeatureExtractor(
-            num_worlds, config.rows, config.cols, config.sensor_radius, rules
-        )
+        shape = (num_worlds, config.rows, config.cols)
+        self._extractor = FeatureExtractor(*shape, config.sensor_radius, rules)
         self._frontier = FrontierCost(config.sensor_radius)
         self._indices = np.arange(num_worlds)
         self.memory: Snapshot = {
@@ -87,9 +83,8 @@ class GreedyRollouts:
     def decide(self, net: ActionScorer) -> Decisions:
         """Return the decisions for what the worlds show now; call it once for each step, as the guard remembers it."""
         memory, rovers, cells = self.memory, positions(self.worlds.scalars), self.mark_visited()
-        planes, moves = self._extractor(
-            self.worlds.codes, cells, memory["visited"], memory["headings"]
-        )
+        remembered = (memory["visited"], memory["headings"])
+        planes, moves = self._extractor(self.worlds.codes, cells, *remembered)
         logits, _ = net.infer(planes, moves)
         actions = logits.argmax(1)
         guarded = self._update_guards(cells)
@@ -108,9 +103,8 @@ class GreedyRollouts:
         """Return where the guard decides, bool[num_worlds]: `LoopGuard.overrule` for all worlds at once."""
         memory, guarded = self.memory, np.zeros(self.num_worlds, np.bool_)
         known = np.count_nonzero(self.worlds.codes.reshape(self.num_worlds, -1) != UNKNOWN, axis=1)
-        update_guard(
-            cells, known, memory["known_at"], memory["remaining"], memory["stuck_at"], guarded
-        )
+        kept = (memory["known_at"], memory["remaining"], memory["stuck_at"])
+        update_guard(cells, known, *kept, guarded)
         return guarded
 
     def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:
@@ -130,10 +124,8 @@ class GreedyRollouts:
 
     def snapshot(self, indices: NDArray[np.intp]) -> Snapshot:
         """Return copies of the worlds of these indices and of what is remembered of them."""
-        return {
-            **self.worlds.take(indices),
-            **{name: array[indices] for name, array in self.memory.items()},
-        }
+        memory = {name: array[indices] for name, array in self.memory.items()}
+        return self.worlds.take(indices) | memory
 
     def restore(self, indices: NDArray[np.intp], snapshot: Snapshot) -> None:
         """Put the worlds of a snapshot in the places of these indices."""
@@ -169,10 +161,8 @@ def play_branches(
     lengths, started = limits.copy(), min(PARALLEL_BRANCHES, num_branches)
     if not num_branches:
         return lengths
-    rollouts, branches = (
-        GreedyRollouts(config, started, net.rules_that_count(config.rows, config.cols)),
-        np.arange(started),
-    )
+    rollouts = GreedyRollouts(config, started, net.rules_that_count(config.rows, config.cols))
+    branches = np.arange(started)
     rollouts.restore(branches, {name: array[branches] for name, array in worlds.items()})
     next_actions = actions[branches]
     while True:
@@ -181,10 +171,8 @@ def play_branches(
         finished = (branches >= 0) & (~rollouts.running | (steps >= limits[branches]))
         lengths[branches[finished]] = steps[finished]
         branches[finished] = -1
-        if (
-            started == num_branches
-            and (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds
-        ):
+        are_few = (branches >= 0).sum() < MIN_RUNNING_SHARE * rollouts.num_worlds
+        if started == num_branches and are_few:
             kept = np.flatnonzero(branches >= 0)
             if not len(kept):
                 return lengths

@@ -23,6 +23,8 @@ from marsexplorer.files import to_cell
 Progress = Callable[[int, int], None]
 """Called with (done, in all)."""
 
+COMPARED = ("reference", "difference_", "ratio_")
+"""How the names of a comparison's own columns begin."""
 RULES = ("frontier-cost", "frontier-utility")
 """The rule policies; the one of the fewest mean steps is the reference of the comparisons."""
 
@@ -92,42 +94,26 @@ class EvaluationTable:
     def compared(self, row: EvaluationRow) -> Comparison | None:
         """Return the comparison of a row's policy with the better rule, None when there is none."""
         key = (row.policy, row.level, row.rows, row.cols)
-        found = (
-            each
-            for each in self.comparisons
-            if (each.policy, each.level, each.rows, each.cols) == key
-        )
-        return next(found, None)
+        keys = {(each.policy, each.level, each.rows, each.cols): each for each in self.comparisons}
+        return keys.get(key)
 
     def to_json(self) -> str:
         """Return everything but the traces as JSON: core_version, configs, seeds, rows, comparisons, results."""
+        configs = ((each, {"hash": each.hash, "horizon": horizon(each)}) for each in self.configs)
         document = {
             "core_version": CORE_VERSION,
-            "configs": [
-                {**config.to_dict(), "hash": config.hash, "horizon": horizon(config)}
-                for config in self.configs
-            ],
+            "configs": [config.to_dict() | derived for config, derived in configs],
             "seeds": list(self.seeds),
             "rows": [asdict(row) for row in self.rows],
             "comparisons": [asdict(comparison) for comparison in self.comparisons],
-            "results": [_without_trace(result) for result in self.results],
+            "results": [result.figures() for result in self.results],
         }
         return json.dumps(document, indent=1)
 
     def to_csv(self) -> str:
         """Return the rows as CSV, each with its comparison beside it; a cell is empty where there is none."""
-        fields = (
-            "reference",
-            *(
-                f"{what}_{end}"
-                for what in ("difference", "ratio")
-                for end in ("mean", "low", "high")
-            ),
-        )
-        names = [
-            *EvaluationRow.__dataclass_fields__,
-            *(f"rule_{name}" for name in fields),
-        ]
+        fields = [name for name in Comparison.__dataclass_fields__ if name.startswith(COMPARED)]
+        names = [*EvaluationRow.__dataclass_fields__, *(f"rule_{name}" for name in fields)]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)
@@ -149,17 +135,18 @@ def tabulate(
     config_of = {config.hash: number for number, config in enumerate(configs)}
     policy_of = {name: number for number, name in enumerate(policies)}
     seed_of = {seed: number for number, seed in enumerate(seeds)}
-    ordered = sorted(
-        results,
-        key=lambda one: (config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]),
-    )
+
+    def place(one: Result) -> tuple[int, int, int]:
+        return config_of[one.config_hash], policy_of[one.policy], seed_of[one.seed]
+
+    ordered = sorted(results, key=place)
     rows: list[EvaluationRow] = []
     comparisons: list[Comparison] = []
     for config in configs:
-        by_policy = {
-            name: [one for one in ordered if one.config_hash == config.hash and one.policy == name]
-            for name in policies
-        }
+        by_policy: dict[str, list[Result]] = {name: [] for name in policies}
+        for one in ordered:
+            if one.config_hash == config.hash:
+                by_policy[one.policy].append(one)
         rows += [summarize_policy(own) for own in by_policy.values()]
         comparisons += compare(by_policy)
     return EvaluationTable(
@@ -169,31 +156,15 @@ def tabulate(
 
 def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
     """Return the row of one policy's episodes of one configuration (at least two)."""
-    scores, steps, areas = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
-    outcomes = [result.outcome for result in results]
-    first = results[0]
-    (score_low, score_high), (steps_low, steps_high), (auc_low, auc_high) = map(
-        _interval, (scores, steps, areas)
+    first, outcomes = results[0], [result.outcome for result in results]
+    where = (first.policy, first.level, first.rows, first.cols, len(results))
+    score, steps, area = (
+        mean_interval(_column(results, name)) for name in ("score", "steps_to_99", "auc")
     )
-    return EvaluationRow(
-        policy=first.policy,
-        level=first.level,
-        rows=first.rows,
-        cols=first.cols,
-        episodes=len(results),
-        score_mean=float(scores.mean()),
-        score_low=score_low,
-        score_high=score_high,
-        completion=outcomes.count("explored") / len(results),
-        steps_mean=float(steps.mean()),
-        steps_low=steps_low,
-        steps_high=steps_high,
-        collisions=outcomes.count("collided") + outcomes.count("out_of_bounds"),
-        coverage_mean=float(_column(results, "coverage").mean()),
-        auc_mean=float(areas.mean()),
-        auc_low=auc_low,
-        auc_high=auc_high,
-    )
+    completion = outcomes.count("explored") / len(results)
+    collisions = outcomes.count("collided") + outcomes.count("out_of_bounds")
+    coverage = float(_column(results, "coverage").mean())
+    return EvaluationRow(*where, *score, completion, *steps, collisions, coverage, *area)
 
 
 def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
@@ -202,39 +173,25 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
     by_policy   name -> results, all on the same seeds in the same order
     """
     steps = {name: _column(results, "steps_to_99") for name, results in by_policy.items()}
-    rules = sorted(
-        (name for name in RULES if name in steps), key=lambda name: float(steps[name].mean())
-    )
+    rules = [name for name in RULES if name in steps]
     if not rules:
         return []
-    reference, comparisons = rules[0], []
+    reference = min(rules, key=lambda name: float(steps[name].mean()))
+    comparisons: list[Comparison] = []
     for name, results in by_policy.items():
         if name != reference:
-            first, differences = results[0], steps[name] - steps[reference]
-            difference_low, difference_high = _interval(differences)
-            ratio, ratio_low, ratio_high = ratio_interval(steps[name], steps[reference])
-            comparison = Comparison(
-                policy=name,
-                reference=reference,
-                level=first.level,
-                rows=first.rows,
-                cols=first.cols,
-                episodes=len(results),
-                difference_mean=float(differences.mean()),
-                difference_low=difference_low,
-                difference_high=difference_high,
-                ratio_mean=ratio,
-                ratio_low=ratio_low,
-                ratio_high=ratio_high,
-            )
-            comparisons.append(comparison)
+            first = results[0]
+            where = (first.level, first.rows, first.cols, len(results))
+            difference = mean_interval(steps[name] - steps[reference])
+            ratio = ratio_interval(steps[name], steps[reference])
+            comparisons.append(Comparison(name, reference, *where, *difference, *ratio))
     return comparisons
 
 
-def _interval(values: Floats) -> tuple[float, float]:
-    """Return the t interval of the mean of at least two values, low and high."""
+def mean_interval(values: Floats) -> tuple[float, float, float]:
+    """Return the mean of at least two values, and its t interval low and high."""
     low, high = t_interval(values)
-    return float(low), float(high)
+    return float(values.mean()), float(low), float(high)
 
 
 def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, float]:
@@ -250,10 +207,6 @@ def ratio_interval(values: Floats, references: Floats) -> tuple[float, float, fl
 
 def _column(results: Sequence[Result], name: str) -> Floats:
     return np.array([getattr(result, name) for result in results], np.float64)
-
-
-def _without_trace(result: Result) -> dict[str, object]:
-    return {name: getattr(result, name) for name in Result.__dataclass_fields__ if name != "trace"}
 
 
 def evaluate(
@@ -289,10 +242,8 @@ def evaluate(
     for config in configs:  # refuse what cannot be played before anything is played
         for name in names:
             policy_files.load(name, config.sensor_radius)
-    chunks, total = (
-        make_chunks(names, configs, chosen_seeds, traces),
-        len(names) * len(configs) * len(chosen_seeds),
-    )
+    chunks = make_chunks(names, configs, chosen_seeds, traces)
+    total = len(names) * len(configs) * len(chosen_seeds)
     results: list[Result] = []
     for part in play_chunks(chunks, executor):
         results += part

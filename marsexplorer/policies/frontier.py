@@ -24,8 +24,9 @@ from marsexplorer.compiled import kernel
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies.base import Memory, cell_at
 from marsexplorer.policies.kernels.grid import (
-    GridScratch,
+    Scratch,
     find_open_cells,
+    grid_scratch,
     is_frontier,
     neighbour,
     search_breadth_first,
@@ -122,7 +123,7 @@ class Frontier:
     def __init__(self, sensor_radius: int = 6) -> None:
         self.sensor_radius = sensor_radius
         self.memory = Memory()
-        self._arrays: tuple[VisibilityMap, GridScratch] | None = None
+        self._arrays: tuple[VisibilityMap, Scratch] | None = None
         self._goal: NDArray[np.int64] = np.full(1, -1)
 
     def reset(self, seed: int) -> None:
@@ -140,28 +141,17 @@ class Frontier:
         """Return the action for an episode remembered elsewhere (other policies fall back on a rule)."""
         codes = memory.codes
         if self._arrays is None or self._arrays[0].shape != codes.shape:
-            self._arrays = VisibilityMap(codes.shape, self.sensor_radius), GridScratch(codes.shape)
+            self._arrays = VisibilityMap(codes.shape, self.sensor_radius), grid_scratch(codes.shape)
         visibility, scratch = self._arrays
         row, col = memory.position
-        action = self.rule(
-            codes,
-            memory.visited,
-            row,
-            col,
-            memory.heading,
-            visibility.view,
-            scratch.arrays,
-            self._goal,
-        )
+        arrays = (visibility.view, scratch, self._goal)
+        action = self.rule(codes, memory.visited, row, col, memory.heading, *arrays)
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
-        return (
-            cell_at(int(self._goal[0]), self._arrays[0].shape[1])
-            if self._arrays is not None
-            else None
-        )
+        cols = self._arrays[0].shape[1] if self._arrays else 1
+        return cell_at(int(self._goal[0]), cols)
 
 
 class FrontierCost(Frontier):

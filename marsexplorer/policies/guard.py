@@ -74,18 +74,10 @@ class LoopGuard:
         rows, cols = memory.codes.shape
         if self._known_before.shape[1] != rows * cols:
             self._known_before = np.full((1, rows * cols), -1)
-        cell, known = (
-            memory.position[0] * cols + memory.position[1],
-            int(np.count_nonzero(memory.codes)),
-        )
-        update_guard(
-            np.array([cell]),
-            np.array([known]),
-            self._known_before,
-            self._steps_left,
-            self._known_at_start,
-            self._is_guarded,
-        )
+        cell = memory.position[0] * cols + memory.position[1]
+        known = int(np.count_nonzero(memory.codes))
+        kept = (self._known_before, self._steps_left, self._known_at_start, self._is_guarded)
+        update_guard(np.array([cell]), np.array([known]), *kept)
         if not self._is_guarded[0]:
             return None
         self.overruled += 1

@@ -24,17 +24,13 @@ if TYPE_CHECKING:
 
 BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
     "frontier-priced": (
-        FrontierPriced,
-        "Prices unknown cells by how closed in they are, and goes where they are highest for the way.",
+        FrontierPriced, "Prices unknown cells by how closed in they are, and goes where they are highest for the way.",
     ),
-    "frontier-utility": (
-        FrontierUtility,
-        "Goes where the most new cells are expected for the squared way.",
-    ),
+    "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
     "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
     "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),
     "random": (lambda sensor_radius: RandomPolicy(), "Makes valid moves at random."),
-}
+}  # fmt: skip
 """Name -> what makes the policy for a sensor radius, and its summary."""
 
 
@@ -82,9 +78,8 @@ def try_out(policy: Policy, path: Path) -> None:
         policy.reset(0)
         policy.act(codes)
         probabilities, value = getattr(policy, "thought", lambda: (np.zeros(4), math.nan))()
-    is_value = math.isfinite(value) or (
-        math.isnan(value) and not getattr(policy, "has_value", False)
-    )
+    has_none = math.isnan(value) and not getattr(policy, "has_value", False)
+    is_value = math.isfinite(value) or has_none
     if not np.isfinite(probabilities).all() or not is_value:
         raise refuse(path, "finite numbers from a first decision", "others")
     policy.reset(0)

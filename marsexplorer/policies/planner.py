@@ -9,6 +9,8 @@ it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,9 +20,10 @@ from marsexplorer.policies.base import Memory
 from marsexplorer.policies.guard import GuardedRule
 from marsexplorer.policies.kernels.grid import (
     UNREACHABLE,
-    GridScratch,
+    Scratch,
     completion_target,
     find_open_cells,
+    grid_scratch,
     neighbour,
 )
 from marsexplorer.policies.kernels.visibility import (
@@ -150,9 +153,7 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
                 cell, rows, cols, visited, imagined, scratch, weights[power], noise, largest, state
             )
             if goal < 0:
-                length += (
-                    rows * cols
-                )  # the target is out of reach: worse than any tour that gets there
+                length += rows * cols  # out of reach: worse than any tour that gets there
                 break
             length += distance[goal]
             known += walk_back(goal, preferred, rows, cols, visited, imagined, distance, first)
@@ -166,6 +167,10 @@ def plan(codes, visited, start, target, tours, view, imagined, scratch, weights,
     return best_action
 
 
+PlannerArrays = tuple[VisibilityMap, VisibilityMap, Scratch, NDArray[np.float64]]
+"""(known, imagined, scratch, weights), see `plan`."""
+
+
 class Planner(GuardedRule):
     """Randomised optimistic tours with the loop guard; the draws are a pure function of (seed, moves made)."""
 
@@ -177,9 +182,7 @@ class Planner(GuardedRule):
         super().__init__(sensor_radius)
         self.tours = tours
         self._state = np.zeros(1, np.uint64)
-        self._arrays: (
-            tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]] | None
-        ) = None
+        self._arrays: PlannerArrays | None = None
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -198,22 +201,17 @@ class Planner(GuardedRule):
         self._state[0] = mix(self._seed ^ memory.steps)
         action = plan(
             codes, memory.visited.reshape(-1), row * codes.shape[1] + col, target, tours,
-            known_map.view, imagined.view, scratch.arrays, weights, self._state,
+            known_map.view, imagined.view, scratch, weights, self._state,
         )  # fmt: skip
         return int(action) if action >= 0 else next(iter(valid_actions(codes, row, col)), 0)
 
-    def _arrays_for(
-        self, shape: tuple[int, ...]
-    ) -> tuple[VisibilityMap, VisibilityMap, GridScratch, NDArray[np.float64]]:
+    def _arrays_for(self, shape: tuple[int, ...]) -> PlannerArrays:
         if self._arrays is None or self._arrays[0].shape != shape:
-            known_map = VisibilityMap(shape, self.sensor_radius)
-            imagined = known_map.with_own_unknown()
-            self._arrays = (
-                known_map,
-                imagined,
-                GridScratch(shape),
-                distance_weights(shape[0] * shape[1]),
+            known_map, weights = (
+                VisibilityMap(shape, self.sensor_radius),
+                distance_weights(math.prod(shape)),
             )
+            self._arrays = known_map, known_map.with_own_unknown(), grid_scratch(shape), weights
         return self._arrays
 
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,6 @@ from marsexplorer.policies.kernels.prices import (
     PricedBoard,
     PriceParameters,
     PriceTables,
-    Triple,
     forget_prices,
     sum_prices,
     update_board,
@@ -86,50 +86,30 @@ class SizedRule:
         """Return the parameters for a grid and a sensor radius; a grid counts as large as it is in units of the radius."""
         side = (rows * cols) ** 0.5 * TUNED_RADIUS / radius
         place = float(np.clip(np.log(side / SIDES[0]) / np.log(SIDES[1] / SIDES[0]), 0.0, 2.0))
-        return (
-            between(self.small, self.middle, place)
-            if place <= 1
-            else between(self.middle, self.large, place - 1)
-        )
+        if place <= 1:
+            return between(self.small, self.middle, place)
+        return between(self.middle, self.large, place - 1)
 
 
 def between(first: PricedRule, last: PricedRule, share: float) -> PricedRule:
     """Return the rule whose every parameter is (1 - share) of that of the first and `share` of that of the last."""
 
-    def mix(one: float, other: float) -> float:
+    def mix(one: Any, other: Any) -> Any:
+        if isinstance(one, tuple):
+            return tuple(map(mix, one, other))
+        if isinstance(one, (PricedRule, PriceParameters)):
+            return type(one)(*map(mix, vars(one).values(), vars(other).values()))
         return (1 - share) * one + share * other
 
-    def mix_all(one: Triple, other: Triple) -> Triple:
-        return mix(one[0], other[0]), mix(one[1], other[1]), mix(one[2], other[2])
-
-    prices = PriceParameters(
-        mix_all(first.prices.weights, last.prices.weights),
-        mix_all(first.prices.powers, last.prices.powers),
-        *(
-            mix(getattr(first.prices, name), getattr(last.prices, name))
-            for name in ("pocket", "pocket_cells", "fade")
-        ),
-    )
-    return PricedRule(
-        prices,
-        *(mix(getattr(first, name), getattr(last, name)) for name in ("limit", "offset", "power")),
-    )
+    mixed: PricedRule = mix(first, last)
+    return mixed
 
 
 TUNED = SizedRule(
-    PricedRule(
-        PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 150.0, 0.68, 1.345
-    ),
-    PricedRule(
-        PriceParameters((1.6, 17.25, 2.65), (5.0, 4.6, 2.925), 13.5, 18.75, 0.095),
-        225.0,
-        0.84,
-        1.2325,
-    ),
-    PricedRule(
-        PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335
-    ),
-)
+    PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 150.0, 0.68, 1.345),
+    PricedRule(PriceParameters((1.6, 17.25, 2.65), (5.0, 4.6, 2.925), 13.5, 18.75, 0.095), 225.0, 0.84, 1.2325),
+    PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335),
+)  # fmt: skip
 """The parameters that the policy has."""
 
 
@@ -145,14 +125,12 @@ class RuleTables:
     def __init__(self, rules: Sequence[PricedRule], shape: tuple[int, ...], radius: int) -> None:
         tables = PriceTables([rule.prices for rule in rules], radius)
         self.prices = tables.arrays
-        self.limits: NDArray[np.int64] = np.array(
-            [round(rule.limit * PRICE_UNIT * FADE_UNIT) for rule in rules]
-        )
+        limits = [round(rule.limit * PRICE_UNIT * FADE_UNIT) for rule in rules]
+        self.limits: NDArray[np.int64] = np.array(limits)
         self.highest: NDArray[np.int64] = np.minimum(tables.highest, self.limits)
         ways = np.maximum(np.arange(shape[0] * shape[1] + 1.0), 1.0)
-        self.weights: NDArray[np.float64] = np.stack(
-            [(ways + rule.offset) ** -rule.power for rule in rules], axis=1
-        )
+        weights = [(ways + rule.offset) ** -rule.power for rule in rules]
+        self.weights: NDArray[np.float64] = np.stack(weights, axis=1)
 
 
 @kernel
@@ -193,9 +171,8 @@ def toward_most_priced(
             if new > 0 and highest[new, 0] * weights[moves, 0] >= best_value:
                 sum_prices(r, c, rows, cols, board, tables, scratch)
                 value = min(totals[0], limit) * weights[moves, 0]
-                if value > best_value or (
-                    value == best_value and moves == best_moves and cell < best
-                ):
+                is_before = value == best_value and moves == best_moves and cell < best
+                if value > best_value or is_before:
                     best, best_value, best_moves = cell, value, moves
 
         # 3. Go on to its neighbours, and hand on the actions that begin a shortest path.
@@ -255,14 +232,12 @@ class FrontierPriced(GuardedRule):
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the last action leads towards; None before the first, or where nothing is left."""
-        return self.guard.goal() or (
-            cell_at(int(self._goal[0]), self._board.shape[1]) if self._board is not None else None
-        )
+        cols = self._board.shape[1] if self._board else 1
+        return self.guard.goal() or cell_at(int(self._goal[0]), cols)
 
     def _begin(self, shape: tuple[int, ...]) -> None:
         self._board, cells = PricedBoard(shape, self.sensor_radius), shape[0] * shape[1]
-        self._tables = RuleTables(
-            [self.rules.of(shape[0], shape[1], self.sensor_radius)], shape, self.sensor_radius
-        )
+        rule = self.rules.of(shape[0], shape[1], self.sensor_radius)
+        self._tables = RuleTables([rule], shape, self.sensor_radius)
         arrays = np.zeros(cells, np.int32), np.zeros(cells, np.uint8), np.zeros(cells, np.int32)
         self._search = (self._board.scratch, *arrays)

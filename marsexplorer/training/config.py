@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -94,21 +94,6 @@ class TrainConfig:
         """Write the policy file of a network that `make_network` returned, whole or not at all, with its limits in the card."""
         assert isinstance(net, Net)
         save_network(net, path, {"limits": LIMITS, **card})
-
-    @classmethod
-    def from_dict(cls, stored: dict[str, Any]) -> TrainConfig:
-        """Return the configuration that `to_dict` gave; ValueError when it has other settings."""
-        unknown = set(stored) - {field.name for field in fields(cls)}
-        if unknown:
-            raise ValueError(
-                f"the settings {', '.join(sorted(unknown))} are of a later version; use that version"
-            )
-        values: dict[str, Any] = {
-            name: float("inf") if value is None else value for name, value in stored.items()
-        }
-        values["target_entropy"] = stored["target_entropy"]
-        tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return cls(**{**values, **tuples})
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields as JSON-ready values (None for no bound)."""

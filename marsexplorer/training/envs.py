@@ -28,9 +28,9 @@ EVALUATION_SEEDS = range(10**9, 10**9 + 10**6)
 
 Observation = tuple[Tensor, ...]
 """The arguments of a network's `forward` for a batch of environments, each [num_envs, ...]."""
-Encoder = Callable[
-    [NDArray[np.uint8], NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]], Observation
-]
+Codes = NDArray[np.uint8]
+Numbers = NDArray[np.int64]
+Encoder = Callable[[Codes, Numbers, Codes, Numbers], Observation]
 """(codes, cells, visited, headings) of some environments -> the observation that the network is given."""
 EncoderFactory = Callable[[EnvConfig, int], Encoder]
 """(configuration, number of environments) -> an encoder for them."""
@@ -128,14 +128,13 @@ class TrainingEnvs:
         dones, late = terminated | truncated, np.flatnonzero(truncated)
         explored, final_obs = np.zeros(self.num_envs, np.bool_), None
         if dones.any():
-            explored = dones & (
-                info["final_info"]["outcome"] == "explored"
-            )  # the column holds older endings too
+            outcomes = info["final_info"]["outcome"]  # older endings too
+            explored = dones & (outcomes == "explored")
             self.recent.steps += self.steps[dones].tolist()
             self.recent.explored += explored[dones].tolist()
             self.recent.returns += self.returns[dones].tolist()
             self.recent.coverages += info["final_info"]["coverage"][dones].tolist()
-            self.recent.outcomes += info["final_info"]["outcome"][dones].tolist()
+            self.recent.outcomes += outcomes[dones].tolist()
             self.recent.count += int(dones.sum())
             if len(late):
                 final_obs = self._final_observations(late, info)
@@ -152,36 +151,26 @@ class TrainingEnvs:
         visited = self.visited[indices]
         visited[np.arange(len(indices)), cells] = 1
         codes = np.stack([info["final_obs"][i] for i in indices])
-        return self._make_encoder(self.config, len(indices))(
-            codes, cells, visited, self.headings[indices]
-        )
+        encode = self._make_encoder(self.config, len(indices))
+        return encode(codes, cells, visited, self.headings[indices])
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors and lists."""
         arrays = {name: torch.from_numpy(getattr(self, name).copy()) for name in STATE_ARRAYS}
         worlds = {name: torch.from_numpy(array) for name, array in self.env.snapshot().items()}
-        recent = {
-            name: list(values) for name, values in vars(self.recent).items() if name != "count"
-        }
-        return {
-            "arrays": arrays,
-            "worlds": worlds,
-            "recent_episodes": recent,
-            "num_episodes": self.recent.count,
-        }
+        recent = {name: list(each) for name, each in vars(self.recent).items() if name != "count"}
+        episodes = {"recent_episodes": recent, "num_episodes": self.recent.count}
+        return {"arrays": arrays, "worlds": worlds, **episodes}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it."""
         for name in STATE_ARRAYS:
             setattr(self, name, state["arrays"][name].numpy().copy())
-        self.codes = self.env.restore(
-            {name: tensor.numpy() for name, tensor in state["worlds"].items()}
-        )
-        for name, values in state[
-            "recent_episodes"
-        ].items():  # earlier checkpoints have no coverages and outcomes
+        worlds = {name: tensor.numpy() for name, tensor in state["worlds"].items()}
+        self.codes = self.env.restore(worlds)
+        for name, values in state["recent_episodes"].items():
             getattr(self.recent, name).extend(values)
-        self.recent.count = state.get("num_episodes", len(self.recent.steps))
+        self.recent.count = state["num_episodes"]
 
 
 class MixedEnvs:
@@ -194,30 +183,20 @@ class MixedEnvs:
 
     def observe(self) -> Observation:
         """Return the observation of all environments, part by part."""
-        return tuple(
-            torch.cat(each) for each in zip(*(part.observe() for part in self.parts), strict=True)
-        )
+        observations = (part.observe() for part in self.parts)
+        return tuple(torch.cat(each) for each in zip(*observations, strict=True))
 
     def step(self, actions: NDArray[np.int64]) -> list[StepResult]:
         """Step every environment with actions int64[num_envs]; return the result of each part."""
-        return [
-            part.step(own)
-            for part, own in zip(self.parts, np.split(actions, self._splits), strict=True)
-        ]
+        each = zip(self.parts, np.split(actions, self._splits), strict=True)
+        return [part.step(own) for part, own in each]
 
 
 def make_vector_env(config: EnvConfig, num_envs: int) -> MarsExplorerVector:
     """Return `num_envs` environments of this very configuration that observe uint8 codes."""
-    fields = config.to_dict()
-    size = (fields.pop("rows"), fields.pop("cols"))
-    env = gymnasium.make_vec(
-        "MarsExplorer-v0",
-        num_envs=num_envs,
-        vectorization_mode="vector_entry_point",
-        size=size,
-        observation="uint8",
-        **fields,
-    )
+    given = config.to_dict() | {"observation": "uint8"}
+    given["size"] = (given.pop("rows"), given.pop("cols"))
+    env = gymnasium.make_vec("MarsExplorer-v0", num_envs, "vector_entry_point", **given)
     assert isinstance(env, MarsExplorerVector)
     assert env.config == config
     return env
@@ -230,12 +209,9 @@ def make_envs(
 
     ValueError when there are more configurations than environments.
     """
-    levels = {config.level for config in configs}
-    weight_of_first = max(1, len(levels) - 1)
-    weights = [
-        (weight_of_first if config.level == configs[0].level else 1) / config.n
-        for config in configs
-    ]
+    others = {config.level for config in configs} - {configs[0].level}
+    shares = {configs[0].level: max(1, len(others))}
+    weights = [shares.get(config.level, 1) / config.n for config in configs]
     counts = [max(1, int(num_envs * weight / sum(weights))) for weight in weights]
     counts[0] += num_envs - sum(counts)
     if counts[0] < 1:
@@ -243,9 +219,8 @@ def make_envs(
             f"{len(configs)} levels and sizes are too many for {num_envs} environments; choose fewer"
         )
     seeds = [10**12 * (seed + 1) + 10**7 * k for k in range(len(configs))]
-    return MixedEnvs(
-        [TrainingEnvs(*each, make_encoder) for each in zip(configs, counts, seeds, strict=True)]
-    )
+    parts = zip(configs, counts, seeds, strict=True)
+    return MixedEnvs([TrainingEnvs(*each, make_encoder) for each in parts])
 
 
 def rewards_in_moves(

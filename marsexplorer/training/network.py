@@ -76,9 +76,8 @@ def save_network(net: Net, path: Path, card: Mapping[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     own = {name: value for name, value in card.items() if name != "format"}
     samples, outputs = sample_inputs(MOVE_NUMBERS), ["logits", "value"]
-    copy = (
-        deepcopy(net).cpu().train()
-    )  # the exporter makes equal weights one unless they are trained
+    # The exporter makes equal weights one unless they are trained.
+    copy = deepcopy(net).cpu().train()
     export_onnx(copy, path, samples, outputs, {"format": FORMAT, **own}, any_number=True)
 
 
@@ -125,9 +124,8 @@ def load_net(path: Path) -> Net:
         raise model.refuse(f"the {len(expected)} weights of our network", f"{len(weights)} others")
     for name, array in weights.items():
         if array.shape != expected[name] or array.dtype != np.float32:
-            raise model.refuse(
-                f"{name} float32{list(expected[name])}", f"{array.dtype} {list(array.shape)}"
-            )
+            came = f"{array.dtype} {list(array.shape)}"
+            raise model.refuse(f"{name} float32{list(expected[name])}", came)
         if not np.isfinite(array).all():
             raise model.refuse(f"finite numbers in {name}", "others")
     net.load_state_dict({name: torch.from_numpy(array.copy()) for name, array in weights.items()})

@@ -11,8 +11,12 @@ seed and steps give the same weights on one CPU, also when the run was interrupt
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -30,7 +34,6 @@ from marsexplorer.training.envs import (
     make_envs,
     rewards_in_moves,
 )
-from marsexplorer.training.interrupts import postponed_interrupt
 from marsexplorer.training.prior import rule_probabilities
 
 ENT_COEF_FACTOR = 1.05
@@ -195,28 +198,54 @@ def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Mo
     return run.net.eval()
 
 
+@contextmanager
+def postponed_interrupt() -> Iterator[None]:
+    """Let a Ctrl-C that comes in the block wait for its end, and raise KeyboardInterrupt there; a second one does not wait.
+
+    Where Ctrl-C is handled otherwise, and outside of the main thread, where it never arrives, the block runs as it is.
+    """
+    is_ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not is_ours or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[int] = []
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        if waiting:
+            signal.default_int_handler(number, frame)
+        waiting.append(number)
+
+    signal.signal(signal.SIGINT, wait)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if waiting:
+        raise KeyboardInterrupt
+
+
 def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
     """Play one rollout into the buffer and learn from it; return entropy, ratio_change and explained_variance."""
     config = run.config
     run.is_between_updates = False
     progress = run.updates_done / run.num_updates
-    learning_rate = (
-        config.learning_rate + (config.final_learning_rate - config.learning_rate) * progress
-    )
-    run.optimizer.param_groups[0]["lr"] = learning_rate
+    rates = (config.learning_rate, config.final_learning_rate)
+    run.optimizer.param_groups[0]["lr"] = between(*rates, progress)
     next_values = collect_rollout(run, buffer)
     advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
     metrics = update(run, buffer, advantages)
     run.updates_done += 1
     if config.target_entropy is not None and run.updates_done > config.value_warmup_updates:
-        target_entropy = (
-            config.target_entropy[0]
-            + (config.target_entropy[1] - config.target_entropy[0]) * progress
-        )
-        factor = ENT_COEF_FACTOR if metrics["entropy"] < target_entropy else 1 / ENT_COEF_FACTOR
+        is_low = metrics["entropy"] < between(*config.target_entropy, progress)
+        factor = ENT_COEF_FACTOR if is_low else 1 / ENT_COEF_FACTOR
         run.ent_coef = min(MAX_ENT_COEF, run.ent_coef * factor)
     run.is_between_updates = True
     return metrics
+
+
+def between(first: float, last: float, share: float) -> float:
+    """Return what lies `share` (0..1) of the way from the first number to the last."""
+    return first + (last - first) * share
 
 
 def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
@@ -238,14 +267,11 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
         buffer.log_probs[t], buffer.values[t] = log_probs, values.cpu()
         buffer.actions[t] = torch.multinomial(log_probs.exp(), 1).squeeze(1)
         steps = run.envs.step(buffer.actions[t].numpy())
-        rewards = [
-            compute_rewards(run, envs, step)
-            for envs, step in zip(run.envs.parts, steps, strict=True)
-        ]
+        parts = zip(run.envs.parts, steps, strict=True)
+        rewards = [compute_rewards(run, envs, step) for envs, step in parts]
         buffer.rewards[t] = torch.from_numpy(np.concatenate(rewards))
-        buffer.dones[t] = torch.from_numpy(
-            np.concatenate([step.dones for step in steps]).astype(np.float32)
-        )
+        dones = np.concatenate([step.dones for step in steps]).astype(np.float32)
+        buffer.dones[t] = torch.from_numpy(dones)
     return forward(run, run.envs.observe())[1].cpu()
 
 
@@ -298,12 +324,6 @@ class Minibatch:
     advantages: Tensor
     returns: Tensor
 
-    def to(self, device: str) -> Minibatch:
-        """Return the minibatch on a device."""
-        parts = (self.actions, self.log_probs, self.values, self.advantages, self.returns)
-        tensors = (each.to(device) for each in parts)
-        return Minibatch(self.obs, *tensors)
-
 
 def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[str, float]:
     """Improve the network on a rollout; return entropy, ratio_change and explained_variance."""
@@ -314,30 +334,22 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
     advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     obs = [part.flatten(0, 1) for part in buffer.obs]
     actions, log_probs = buffer.actions.flatten(), buffer.log_probs.flatten(0, 1)
-    passes = []
+    columns, passes = (actions, log_probs, values, advantages, returns), []
     for _ in range(config.update_epochs):
         for indices in torch.split(torch.randperm(len(actions)), config.minibatch_size):
-            minibatch = Minibatch(
-                obs=tuple(part[indices] for part in obs),
-                actions=actions[indices],
-                log_probs=log_probs[indices],
-                values=values[indices],
-                advantages=advantages[indices],
-                returns=returns[indices],
-            )
-            passes.append(gradient_step(run, minibatch.to(run.device)))
+            own = (column[indices].to(run.device) for column in columns)
+            minibatch = Minibatch(tuple(part[indices] for part in obs), *own)
+            passes.append(gradient_step(run, minibatch))
     entropy, ratio_change, kl = np.mean(passes, axis=0)
     if config.kl_coef:
         if config.kl_of_last_epoch:
             kl = np.mean(passes[-(len(passes) // config.update_epochs) :], axis=0)[2]
-        run.kl_coef *= (
-            1.5 if kl > 2 * config.kl_target else 0.5 if kl < config.kl_target / 2 else 1.0
-        )
-    return {
-        "entropy": float(entropy),
-        "ratio_change": float(ratio_change),
-        "explained_variance": explained_variance,
-    }
+        if kl > 2 * config.kl_target:
+            run.kl_coef *= 1.5
+        elif kl < config.kl_target / 2:
+            run.kl_coef *= 0.5
+    means = {"entropy": float(entropy), "ratio_change": float(ratio_change)}
+    return means | {"explained_variance": explained_variance}
 
 
 def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float, float]:
@@ -350,14 +362,8 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
     policy_objective = torch.min(ratio * advantages, clipped_ratio * advantages).mean()
     value_loss = value_errors(config, values, minibatch).mean()
     entropy = -(log_probs.exp() * log_probs.clamp(min=MIN_LOG_PROB)).sum(1).mean()
-    kl = (
-        (
-            old_log_probs.exp()
-            * (old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB))
-        )
-        .sum(1)
-        .mean()
-    )
+    fallen = old_log_probs.clamp(min=MIN_LOG_PROB) - log_probs.clamp(min=MIN_LOG_PROB)
+    kl = (old_log_probs.exp() * fallen).sum(1).mean()
     loss = config.vf_coef * value_loss
     if run.updates_done >= config.value_warmup_updates:
         loss = loss - policy_objective
@@ -400,10 +406,6 @@ def value_errors(config: TrainConfig, values: Tensor, minibatch: Minibatch) -> T
 def episode_means(run: TrainingRun) -> dict[str, float]:
     """Return the means over the episodes that the first environments ended lately, NaN when there are none."""
     recent = run.envs.parts[0].recent
-    if not recent.steps:
-        return dict.fromkeys(("episode_steps", "explored", "episode_return"), float("nan"))
-    return {
-        "episode_steps": float(np.mean(recent.steps)),
-        "explored": float(np.mean(recent.explored)),
-        "episode_return": float(np.mean(recent.returns)),
-    }
+    columns = (recent.steps, recent.explored, recent.returns)
+    means = (float(np.mean(each)) if each else float("nan") for each in columns)
+    return dict(zip(("episode_steps", "explored", "episode_return"), means, strict=True))

@@ -38,9 +38,8 @@ def prior_logits(moves: Tensor, weights: Tensor) -> Tensor:
     weights  float32[len(SIDES), numbers of a move]
     """
     nearness = size_nearness(moves[:, :, -1] / LOG_CELLS_SCALE)
-    return ((moves[:, :, None] * weights).sum(3) * nearness).sum(
-        2
-    )  # float32, unlike matrix products in bfloat16
+    by_side = (moves[:, :, None] * weights).sum(3)  # float32, unlike matrix products in bfloat16
+    return (by_side * nearness).sum(2)
 
 
 def prior_weights() -> Tensor:
@@ -61,10 +60,7 @@ def rule_probabilities(moves: Tensor, scale: float) -> tuple[Tensor, Tensor]:
     moves  float32[b, 4, numbers of a move], of which at least one is valid
     scale  factor of the rules' logits
     """
-    logits = prior_logits(moves, scale * prior_weights().to(moves.device)).masked_fill(
-        moves[:, :, 0] < 0.5, INVALID_LOGIT
-    )
-    log_cells = (
-        moves[:, :, -1].amax(1) / LOG_CELLS_SCALE
-    )  # of an invalid move even this number is 0
-    return logits.softmax(1), size_nearness(log_cells)
+    logits = prior_logits(moves, scale * prior_weights().to(moves.device))
+    logits = logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT)
+    largest = moves[:, :, -1].amax(1)  # of an invalid move even this number is 0
+    return logits.softmax(1), size_nearness(largest / LOG_CELLS_SCALE)

@@ -46,7 +46,7 @@ from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.policy import rules_that_count
 from marsexplorer.training.envs import refuse_evaluation_seeds
 from marsexplorer.training.network import Net
-from marsexplorer.training.ppo import MIN_LOG_PROB
+from marsexplorer.training.ppo import MIN_LOG_PROB, between
 
 SIDE = 21
 """Side of the grids that costs are stated for, cells."""
@@ -178,17 +178,10 @@ class SampleBuffer:
     def append(self, rows: list[NDArray[Any]], permanent: bool = False) -> None:
         """Append rows, the same number to each column; the oldest that are not permanent are dropped."""
         new = [torch.from_numpy(each) for each in rows]
-        excess = (
-            max(0, len(self) - self._num_permanent + len(new[0]) - self._capacity)
-            if not permanent
-            else 0
-        )
-        columns = self.columns or [each[:0] for each in new]
         kept = self._num_permanent
-        self.columns = [
-            torch.cat([column[:kept], column[kept + excess :], added])
-            for column, added in zip(columns, new, strict=True)
-        ]
+        excess = 0 if permanent else max(0, len(self) - kept + len(new[0]) - self._capacity)
+        both = zip(self.columns or [each[:0] for each in new], new, strict=True)
+        self.columns = [torch.cat([old[:kept], old[kept + excess :], added]) for old, added in both]
         if permanent:
             self._num_permanent = len(self)
 
@@ -223,20 +216,15 @@ class RefineRun:
         self._original = deepcopy(net).eval().requires_grad_(False)
         self._learner = deepcopy(net).train()
         with torch.no_grad():
-            prior = [
-                weights for name, weights in self._learner.named_parameters() if name == "prior"
-            ]
-            for weights in [*self._learner.policy_head[-1].parameters(), *prior]:
+            for weights in [*self._learner.policy_head[-1].parameters(), self._learner.prior]:
                 weights.mul_(self.config.logit_scale)
         self.net = deepcopy(self._learner).eval().requires_grad_(False)
         others = [weights for name, weights in self._learner.named_parameters() if name != "prior"]
         groups: list[dict[str, Any]] = [
-            {"params": others},
-            *({"params": [each], "weight_decay": 0.0} for each in prior),
+            {"params": others, "weight_decay": self.config.weight_decay},
+            {"params": [self._learner.prior], "weight_decay": 0.0},
         ]
-        self._optimizer = torch.optim.AdamW(
-            groups, lr=self.config.learning_rate, weight_decay=self.config.weight_decay
-        )
+        self._optimizer = torch.optim.AdamW(groups, lr=self.config.learning_rate)
         self._pairs = SampleBuffer(self.config.max_pairs)
         self._observations = SampleBuffer(self.config.max_observations)
         self._next_seed = 2 * 10**15 + 10**12 * seed
@@ -244,23 +232,14 @@ class RefineRun:
     @property
     def identity(self) -> dict[str, Any]:
         """What must agree for a state to go on in this run, as JSON has it: configuration, seed and first weights."""
-        digest = hashlib.sha256()
-        for tensor in self._original.state_dict().values():
-            digest.update(tensor.numpy().tobytes())
-        identity = {
-            "config": asdict(self.config),
-            "seed": self.seed,
-            "began_with": digest.hexdigest(),
-        }
+        weights = (tensor.numpy().tobytes() for tensor in self._original.state_dict().values())
+        digest = hashlib.sha256(b"".join(weights)).hexdigest()
+        identity = {"config": asdict(self.config), "seed": self.seed, "began_with": digest}
         return cast(dict[str, Any], json.loads(json.dumps(identity)))
 
     def state_dict(self, with_samples: bool = True) -> dict[str, Any]:
         """Return everything that changes; without the samples where no further round is to be made."""
-        buffers = (
-            {"pairs": self._pairs.state_dict(), "observations": self._observations.state_dict()}
-            if with_samples
-            else {}
-        )
+        buffers = {"pairs": self._pairs, "observations": self._observations} if with_samples else {}
         return {
             "rounds_done": self.rounds_done,
             "num_pairs": self.num_pairs,
@@ -269,14 +248,13 @@ class RefineRun:
             "learner": self._learner.state_dict(),
             "optimizer": self._optimizer.state_dict(),
             "rng_state": torch.get_rng_state(),
-            **buffers,
+            **{name: buffer.state_dict() for name, buffer in buffers.items()},
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set everything as `state_dict` returned it, the state of torch's random numbers included."""
-        self.rounds_done, self.num_pairs, self._next_seed = (
-            state[name] for name in ("rounds_done", "num_pairs", "next_seed")
-        )
+        self.rounds_done, self.num_pairs = state["rounds_done"], state["num_pairs"]
+        self._next_seed = state["next_seed"]
         self.net.load_state_dict(state["net"])
         self._learner.load_state_dict(state["learner"])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -287,30 +265,22 @@ class RefineRun:
 
     def make_tasks(self) -> list[EpisodeTask]:
         """Return what the next round plays; larger grids first, as they take longest."""
-        config, tasks = self.config, []
-        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes] or list(
-            config.anchor_sizes[:1]
-        )
-        kinds = [
-            (level, size, episodes, 0)
-            for size, episodes in anchors
-            for level in config.anchor_levels
-        ]
-        factor = config.first_round_tasks if self.rounds_done == 0 else 1
-        kinds += [
-            (
-                level,
-                size,
-                max(1, config.episodes_per_task * SIDE**2 // size**2),
-                config.pairs_per_episode,
-            )
-            for size in sorted(config.sizes, reverse=True)
-            for level, count in config.tasks_per_level
-            for _ in range(max(1, count * SIDE // size) * factor)
-        ]
-        for level, size, episodes, pairs in kinds:
+        config, tasks = self.config, list[EpisodeTask]()
+
+        def add(level: str, size: int, episodes: int, pairs: int) -> None:
             tasks.append(EpisodeTask(level, size, self._next_seed, episodes, pairs))
             self._next_seed += episodes
+
+        anchors = [each for each in config.anchor_sizes if each[0] not in config.sizes]
+        for size, episodes in anchors or config.anchor_sizes[:1]:
+            for level in config.anchor_levels:
+                add(level, size, episodes, 0)
+        factor = config.first_round_tasks if self.rounds_done == 0 else 1
+        for size in sorted(config.sizes, reverse=True):
+            episodes = max(1, config.episodes_per_task * SIDE**2 // size**2)
+            for level, count in config.tasks_per_level:
+                for _ in range(max(1, count * SIDE // size) * factor):
+                    add(level, size, episodes, config.pairs_per_episode)
         return tasks
 
     def train_round(
@@ -323,9 +293,8 @@ class RefineRun:
             results.append(result)
             on_progress(len(results) / len(tasks) / 2)
         pairs = [result for result in results if isinstance(result, ActionPairs)]
-        self._store(
-            pairs, [result for result in results if isinstance(result, SampledObservations)]
-        )
+        sampled = [result for result in results if isinstance(result, SampledObservations)]
+        self._store(pairs, sampled)
         loss = self._optimize(lambda done: on_progress((1 + done) / 2))
         self.rounds_done += 1
         cost = np.concatenate([one.cost for one in pairs])
@@ -334,13 +303,9 @@ class RefineRun:
         for task, result in zip(tasks, results, strict=True):
             if task.level == "random":
                 steps.setdefault(f"{task.size}x{task.size}", []).extend(result.steps.tolist())
-        return RoundMetrics(
-            round=self.rounds_done,
-            num_pairs=self.num_pairs,
-            better_share=float((cost < 0).mean()),
-            loss=loss,
-            episode_steps={size: fmean(each) for size, each in steps.items()},
-        )
+        means = {size: fmean(each) for size, each in steps.items()}
+        better = float((cost < 0).mean())
+        return RoundMetrics(self.rounds_done, self.num_pairs, better, loss, means)
 
     def _store(self, pairs: list[ActionPairs], observations: list[SampledObservations]) -> None:
         """Append a round's pairs and observations to the buffers; the pairs of the first round stay."""
@@ -348,21 +313,18 @@ class RefineRun:
         columns = [np.concatenate([getattr(one, name) for one in pairs]) for name in names]
         self._pairs.append(columns, permanent=self.rounds_done == 0)
         if observations:
-            self._observations.append(
-                [np.concatenate([getattr(one, name) for one in observations]) for name in names[:2]]
-            )
+            planes = np.concatenate([one.planes for one in observations])
+            moves = np.concatenate([one.moves for one in observations])
+            self._observations.append([planes, moves])
 
     def _optimize(self, on_progress: Callable[[float], None]) -> float:
         """Make the gradient steps of a round and return their mean loss."""
         config, is_first = self.config, self.rounds_done == 0
         count, total = config.gradient_steps * (config.first_round_steps if is_first else 1), 0.0
         for step in range(count):
-            done, first_rate = step / count, config.first_round_learning_rate
-            rate = (
-                first_rate + (config.learning_rate - first_rate) * done
-                if is_first
-                else config.learning_rate
-            )
+            done, rate = step / count, config.learning_rate
+            if is_first:
+                rate = between(config.first_round_learning_rate, rate, done)
             for group in self._optimizer.param_groups:
                 group["lr"] = rate
             total += self._gradient_step(transposed=step % 2 == 1)
@@ -371,17 +333,14 @@ class RefineRun:
 
     def _gradient_step(self, transposed: bool) -> float:
         """Make one gradient step, on the grids as they were or with rows and columns exchanged; return its loss."""
-        config, num_pairs, num_anchors = (
-            self.config,
-            self.config.batch_size,
-            self.config.anchor_batch_size,
-        )
+        config = self.config
+        num_pairs = self.config.batch_size
+        num_anchors = self.config.anchor_batch_size
         # 1. Draw pairs, half of them from the newest, and observations of larger grids to anchor the network to.
-        halves = (
-            self._pairs.sample(num_pairs // 2),
-            self._pairs.sample(num_pairs // 2, config.newest_pairs),
-        )
-        planes, moves, own, other, cost = (torch.cat(each) for each in zip(*halves, strict=True))
+        any_pairs = self._pairs.sample(num_pairs // 2)
+        newest = self._pairs.sample(num_pairs // 2, config.newest_pairs)
+        both = zip(any_pairs, newest, strict=True)
+        planes, moves, own, other, cost = (torch.cat(each) for each in both)
         anchors = self._observations.sample(num_anchors)
         planes, moves = (torch.cat(each) for each in zip((planes, moves), anchors, strict=True))
         if transposed:
@@ -396,12 +355,8 @@ class RefineRun:
         with torch.no_grad():
             original_logits, original_values = self._original(planes[anchored], moves[anchored])
         probabilities = (config.logit_scale * original_logits[num_anchors:]).softmax(1)
-        loss = (
-            loss
-            - (probabilities * logits[num_pairs:].log_softmax(1).clamp(min=MIN_LOG_PROB))
-            .sum(1)
-            .mean()
-        )
+        log_probs = logits[num_pairs:].log_softmax(1).clamp(min=MIN_LOG_PROB)
+        loss = loss - (probabilities * log_probs).sum(1).mean()
         loss = loss + config.vf_coef * (values[anchored] - original_values).square().mean()
         # 4. Step the learner, and move the network that plays towards it.
         self._optimizer.zero_grad(set_to_none=True)
@@ -409,10 +364,9 @@ class RefineRun:
         torch.nn.utils.clip_grad_norm_(self._learner.parameters(), config.max_grad_norm)
         self._optimizer.step()
         with torch.no_grad():
-            for average, newest in zip(
-                self.net.parameters(), self._learner.parameters(), strict=True
-            ):
-                average.lerp_(newest, 1 - config.ema_decay)
+            averages = zip(self.net.parameters(), self._learner.parameters(), strict=True)
+            for average, learned in averages:
+                average.lerp_(learned, 1 - config.ema_decay)
         return float(loss.detach())
 
 
@@ -461,10 +415,8 @@ def branch_episodes(
     pairs_per_episode  about how many pairs an episode gives in the mean
     """
     rng = np.random.default_rng(first_seed)
-    steps, rate = (
-        np.zeros(num_episodes, np.int64),
-        pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n),
-    )
+    steps = np.zeros(num_episodes, np.int64)
+    rate = pairs_per_episode / (TYPICAL_MOVES_PER_CELL * config.n)
     found: list[tuple[Snapshot, Snapshot]] = []
     for joint in play_greedily(config, net, first_seed, steps):
         rollouts, decisions = joint.rollouts, joint.decisions
@@ -484,10 +436,8 @@ def branch_episodes(
             "other": (np.cumsum(weights[chosen], axis=1) <= thresholds).sum(1),
         }
         found.append((rollouts.snapshot(chosen), pairs))
-    worlds, pairs = (
-        concatenate([snapshot for snapshot, _ in found]),
-        concatenate([pairs for _, pairs in found]),
-    )
+    worlds = concatenate([snapshot for snapshot, _ in found])
+    pairs = concatenate([pairs for _, pairs in found])
     cost = extra_moves(config, net, worlds, pairs["other"], steps[pairs.pop("episode")])
     most = MAX_COST * relative_side(config)
     return ActionPairs(**pairs, cost=np.clip(cost, -most, most).astype(np.float32), steps=steps)
@@ -500,9 +450,8 @@ def sample_observations(
     rng = np.random.default_rng(first_seed)
     steps, planes, moves = np.zeros(num_episodes, np.int64), [], []
     for joint in play_greedily(config, net, first_seed, steps):
-        chosen = joint.rollouts.running & (
-            rng.random(joint.rollouts.num_worlds) < OBSERVATION_SHARE
-        )
+        is_drawn = rng.random(joint.rollouts.num_worlds) < OBSERVATION_SHARE
+        chosen = joint.rollouts.running & is_drawn
         planes.append(joint.decisions.planes[chosen])
         moves.append(joint.decisions.moves[chosen])
     return SampledObservations(np.concatenate(planes), np.concatenate(moves), steps)
@@ -543,13 +492,10 @@ def alternative_weights(decisions: Decisions, headings: NDArray[np.int64]) -> ND
     Turning back is tried half as often; the network's own action and invalid ones never.
     """
     rows = np.arange(len(decisions.actions))
-    margins = np.clip(
-        decisions.logits - decisions.logits[rows, decisions.actions][:, None], -50.0, 0.0
-    ).astype(np.float64)
-    probability = 1 / (1 + np.exp(-margins))
-    weights = np.where(
-        decisions.moves[:, :, 0] > 0, BASE_WEIGHT + 4 * probability * (1 - probability), 0.0
-    )
+    margins = decisions.logits - decisions.logits[rows, decisions.actions][:, None]
+    probability = 1 / (1 + np.exp(-np.clip(margins, -50.0, 0.0).astype(np.float64)))
+    doubts = BASE_WEIGHT + 4 * probability * (1 - probability)
+    weights = np.where(decisions.moves[:, :, 0] > 0, doubts, 0.0)
     weights[rows, headings ^ 2] *= 0.5
     weights[rows, decisions.actions] = 0.0
     return weights
@@ -566,12 +512,8 @@ def extra_moves(
 
     actions, steps  int64[num_branches]; so is the result, at 21x21 at most MAX_EXTRA_MOVES
     """
-    return (
-        play_branches(
-            config, net, worlds, actions, steps + round(MAX_EXTRA_MOVES * relative_side(config))
-        )
-        - steps
-    )
+    limits = steps + round(MAX_EXTRA_MOVES * relative_side(config))
+    return play_branches(config, net, worlds, actions, limits) - steps
 
 
 def relative_side(config: EnvConfig) -> float:
@@ -587,13 +529,11 @@ def play_task(
     torch.set_num_threads(1)
     net = _Bfloat16Net().eval()
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
-    config = EnvConfig.of(task.level, task.size)
+    config, terrains = EnvConfig.of(task.level, task.size), (task.first_seed, task.num_episodes)
     if task.pairs_per_episode:
-        pairs = branch_episodes(
-            config, net, task.first_seed, task.num_episodes, task.pairs_per_episode
-        )
+        pairs = branch_episodes(config, net, *terrains, task.pairs_per_episode)
         return replace(pairs, cost=(pairs.cost / relative_side(config)).astype(np.float32))
-    return sample_observations(config, net, task.first_seed, task.num_episodes)
+    return sample_observations(config, net, *terrains)
 
 
 class _Bfloat16Net(Net):

@@ -65,7 +65,9 @@ class RunFolder:
         self.policy = folder / f"{folder.resolve().name}{suffix}.onnx"
         self._lines: list[dict[str, Any]] = []
         self._seconds_before, self._started, self._saved = 0.0, time.monotonic(), time.monotonic()
-        self._tensorboard = make_summary_writer(folder)
+        from tensorboardX import SummaryWriter  # it takes a second to load
+
+        self._tensorboard = SummaryWriter(str(folder))
 
     @property
     def seconds(self) -> float:
@@ -80,17 +82,13 @@ class RunFolder:
                 f"no checkpoint in {self.folder}; leave --resume out to begin a run there"
             )
         checkpoint = torch.load(path, weights_only=True)
-        expected = json.loads(json.dumps(self._run.identity))
-        found = json.loads(checkpoint["identity"])
-        if found != expected:
-            differing = ", ".join(name for name in expected if found.get(name) != expected[name])
+        if differing := differing_names(checkpoint["identity"], self._run.identity):
             raise ValueError(
                 f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with"
             )
         self._run.load_state_dict(checkpoint["run"])
         self._seconds_before = checkpoint["seconds"]
-        log = self.folder / "log.jsonl"
-        lines = [json.loads(line) for line in log.read_text().splitlines()] if log.is_file() else []
+        lines = read_log(self.folder / "log.jsonl")
         self._lines = [line for line in lines if line["moves"] <= self._run.global_step]
 
     def on_update(self, metrics: UpdateMetrics) -> None:
@@ -120,9 +118,7 @@ class RunFolder:
         }
         with replace_whole(self.folder / "checkpoint.pt") as path:
             torch.save(checkpoint, path)
-        text = "".join(json.dumps(line) + "\n" for line in self._lines)
-        with write_whole(self.folder / "log.jsonl") as file:
-            file.write(text.encode())
+        write_log(self.folder / "log.jsonl", self._lines)
         with replace_whole(self.folder / "curve.png") as path:
             plot_learning_curve(self._lines, path)
         self.save_policy({})
@@ -130,27 +126,41 @@ class RunFolder:
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         run = self._run
-        numbers = {
+        training = {
             "moves": run.global_step,
             "updates": run.updates_done,
             "seconds": round(self.seconds),
             "seed": run.seed,
+            "recipe": run.config.to_dict(),
+            "curve": [line for line in self._lines if "greedy" in line],
         }
-        curve = [line for line in self._lines if "greedy" in line]
-        training = {**numbers, "recipe": run.config.to_dict(), "curve": curve}
-        run.config.save_policy(
-            run.net, self.policy, {**self._card, **results, "training": training}
-        )
+        card = {**self._card, **results, "training": training}
+        run.config.save_policy(run.net, self.policy, card)
+
+
+def differing_names(stored: str, identity: dict[str, Any]) -> str:
+    """Return where the identity in a checkpoint, as JSON, is not that of this run: the names; "" where they agree."""
+    found, expected = json.loads(stored), json.loads(json.dumps(identity))
+    return ", ".join(name for name in expected | found if found.get(name) != expected.get(name))
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a log, none where there is no such file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+
+
+def write_log(path: Path, lines: list[dict[str, Any]]) -> None:
+    """Write a log, whole or not at all."""
+    with write_whole(path) as file:
+        file.write("".join(json.dumps(line) + "\n" for line in lines).encode())
 
 
 def validate(run: TrainingRun) -> tuple[float, float]:
     """Return (mean moves, share explored) of the greedy policy on 100 terrains; unfinished episodes count max_steps."""
     config = run.env_configs[0]
     envs = TrainingEnvs(config, VALIDATION_EPISODES, VALIDATION_SEED, run.config.make_encoder)
-    steps, explored = (
-        np.zeros(VALIDATION_EPISODES, np.int64),
-        np.zeros(VALIDATION_EPISODES, np.bool_),
-    )
+    steps = np.zeros(VALIDATION_EPISODES, np.int64)
+    explored = np.zeros(VALIDATION_EPISODES, np.bool_)
     with torch.no_grad():
         for count in range(1, config.limit + 1):
             result = envs.step(forward(run, envs.observe())[0].argmax(1).cpu().numpy())
@@ -160,13 +170,6 @@ def validate(run: TrainingRun) -> tuple[float, float]:
             if steps.all():
                 break
     return float(np.where(steps == 0, config.limit, steps).mean()), float(explored.mean())
-
-
-def make_summary_writer(folder: Path) -> Any:
-    """Return a writer of TensorBoard events."""
-    from tensorboardX import SummaryWriter
-
-    return SummaryWriter(str(folder))
 
 
 def plot_learning_curve(lines: list[dict[str, Any]], path: Path) -> None:

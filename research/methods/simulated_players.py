@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from marsexplorer.compiled import kernel
 from marsexplorer.observation import EAST, is_valid
 from marsexplorer.policies.frontier import toward_nearest
-from marsexplorer.policies.kernels.grid import GridScratch
+from marsexplorer.policies.kernels.grid import grid_scratch
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 from marsexplorer.random_numbers import GAMMA, below, uniform
 
@@ -145,7 +145,7 @@ class DecisionKernel:
         self.heading = np.full(num, EAST)
         self._actions = np.zeros(num, np.int64)
         self._state = np.zeros(1, np.uint64)
-        self._scratch = VisibilityMap(shape, radius).view, GridScratch(shape).arrays, np.full(1, -1)
+        self._scratch = VisibilityMap(shape, radius).view, grid_scratch(shape), np.full(1, -1)
 
     def decide(
         self,

@@ -11,6 +11,7 @@ from app.release.build import ReleaseRequest, build_release
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.network import Net, save_network
@@ -19,9 +20,8 @@ from tests.support.stored_studies import freeze, play_study
 
 @pytest.fixture(scope="module")
 def example():
-    spec = importlib.util.spec_from_file_location(
-        "clone", Path(__file__).parents[2] / "examples" / "clone.py"
-    )
+    path = Path(__file__).parents[2] / "examples" / "clone.py"
+    spec = importlib.util.spec_from_file_location("clone", path)
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
     return example
@@ -34,9 +34,8 @@ def clone(example, tmp_path, monkeypatch):
     def call(kinds, *words):
         bundle = tmp_path / "out"
         if not bundle.exists():
-            play_study(
-                tmp_path / "play.db", freeze(tmp_path / "studies", warm_up=1, ranked=2), kinds
-            )
+            study = freeze(tmp_path / "studies", warm_up=1, ranked=2)
+            play_study(tmp_path / "play.db", study, kinds)
             build_release(ReleaseRequest(tmp_path / "play.db", "dunes", bundle))
         monkeypatch.setattr(sys, "argv", ["clone.py", str(bundle), *map(str, words)])
         example.main()
@@ -70,11 +69,7 @@ def test_a_clone_learns_the_moves_it_is_shown(example, tmp_path):
     config, rule = EnvConfig("random", 9, 12, sensor_radius=4), load("frontier-cost", 4)
 
     def record(seed):
-        episode = Episode.begin(config, seed=seed)
-        rule.reset(0)
-        while not episode.ended:
-            episode.step(rule.act(episode.codes))
-        return episode.record()
+        return play_episode(rule, config, seed).record()
 
     torch.manual_seed(0)
     net = Net()

@@ -86,10 +86,8 @@ def test_the_robot_knows_in_the_end_every_cell_that_it_can_reach_and_has_hit_not
 def test_a_cell_is_known_when_its_pixels_are(robots):
     drawn = np.full((8, 12), robots.CLEAR, np.uint8)
     drawn[0, 0], drawn[1, 1], drawn[6, 9] = robots.NOT_SEEN, robots.OCCUPIED, robots.NOT_SEEN
-    assert robots.cells_known(drawn, (1, 0)).tolist() == [
-        [OBSTACLE, FREE, FREE],
-        [ROVER, FREE, UNKNOWN],
-    ]
+    known = robots.cells_known(drawn, (1, 0)).tolist()
+    assert known == [[OBSTACLE, FREE, FREE], [ROVER, FREE, UNKNOWN]]
 
 
 def test_metres_and_cells_are_two_names_of_one_place(robots):
@@ -103,9 +101,8 @@ def test_the_wheels_disturb_the_course_and_the_seed_fixes_it(robots):
         explorer = explorer_of(robots, TERRAIN[5:], noise=noise, start=(1, 0))
         assert explorer.explore(limit=200)
         assert not TERRAIN[5:][explorer.codes == FREE].any()
-        assert TERRAIN[5:][explorer.codes == OBSTACLE].all(), (
-            "at the start, beams meet corners of pixels exactly"
-        )
+        # At the start, beams meet corners of pixels exactly.
+        assert TERRAIN[5:][explorer.codes == OBSTACLE].all()
         courses.append(explorer.course)
     assert courses[0] != courses[1] == courses[2]
 

@@ -34,9 +34,8 @@ def home(name):
     if not stamp.is_file() or json.loads(stamp.read_text()) != NEEDS[name]:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
         ours = [] if name == "oldest" else ["--editable", str(ROOT)]
-        subprocess.run(
-            [str(python), "-m", "pip", "install", "--quiet", *NEEDS[name], *ours], check=True
-        )
+        install = [str(python), "-m", "pip", "install", "--quiet"]
+        subprocess.run([*install, *NEEDS[name], *ours], check=True)
         stamp.write_text(json.dumps(NEEDS[name]))
     return str(python)
 
@@ -44,14 +43,8 @@ def home(name):
 def run(python, *arguments, **rest):
     """Return what a script prints; its last words are shown when it fails."""
     env = os.environ | {"OMP_NUM_THREADS": "1", "RAY_DISABLE_DASHBOARD": "1"}
-    done = subprocess.run(
-        [python, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=env,
-        timeout=1200,
-        **rest,
-    )
+    command, rest = [python, *map(str, arguments)], {"timeout": 1200, **rest}
+    done = subprocess.run(command, capture_output=True, text=True, env=env, **rest)
     assert done.returncode == 0, done.stderr[-3000:]
     return done.stdout
 
@@ -106,22 +99,19 @@ def test_an_exported_maskable_ppo_plays_here_as_it_does_there(features, tmp_path
 def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     out = tmp_path / "mine.onnx"
     given = ["--steps", 1024, "--size", 8, "--out", out]
-    assert "1,024 moves learnt from" in run(
-        home("sb3"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT
-    )
+    said = run(home("sb3"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
+    assert "1,024 moves learnt from" in said
     rest = ["--policy", out, "--size", 8, "--episodes", 3]
     assert "mine" in run(sys.executable, "-m", "app.cli", "evaluate", *rest, cwd=ROOT)
 
 
 def test_the_cleanrl_loop_learns():
-    said = run(
-        sys.executable, "examples/cleanrl_ppo.py", "--steps", 100_000, "--size", 12, cwd=ROOT
-    )
+    options = ["--steps", 100_000, "--size", 12]
+    said = run(sys.executable, "examples/cleanrl_ppo.py", *options, cwd=ROOT)
     scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", said)]
     assert len(scores) > 20
-    assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05, (
-        "the first to end are the lucky ones; from then on it learns"
-    )
+    # The first to end are the lucky ones; from then on it learns.
+    assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05
 
 
 def test_rllib_trains():
@@ -138,42 +128,27 @@ def test_torchrl_rolls_out_with_masks():
 @pytest.mark.parametrize(
     ("script", "more", "said"),
     [
-        (
-            "envpool_style.py",
-            ["--num-envs", 128, "--batch-size", 64],
-            r", [1-9]\d* episodes ended, mean score 0",
-        ),
+        ("envpool_style.py", ["--num-envs", 128, "--batch-size", 64], r", [1-9]\d* episodes ended, mean score 0"),
         ("pufferlib_style.py", ["--num-envs", 64], ", 64 rovers in the given memory"),
     ],
-)
+)  # fmt: skip
 def test_a_stack_is_played_in_the_style_of_other_libraries(script, more, said):
-    printed = run(
-        sys.executable, f"examples/{script}", "--steps", 20_000, "--size", 8, *more, cwd=ROOT
-    )
+    options = ["--steps", 20_000, "--size", 8, *more]
+    printed = run(sys.executable, f"examples/{script}", *options, cwd=ROOT)
     assert "moves, 0 of them invalid" in printed
     assert re.search(said, printed)
 
 
 def test_the_oldest_gymnasium_in_the_range_serves_the_environment(tmp_path):
-    for name in (
-        "test_env.py",
-        "test_world.py",
-    ):  # copied, because the fixtures of the other tests need more than Gymnasium
+    # Copied, because the fixtures of the other tests need more than Gymnasium.
+    for name in ("test_env.py", "test_world.py"):
         (tmp_path / name).write_text((ROOT / "tests/marsexplorer" / name).read_text())
-    env = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [
-        home("oldest"),
-        "-W",
-        "error",
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        str(tmp_path),
-    ]
-    done = subprocess.run(
-        command, env=env, capture_output=True, text=True, cwd=tmp_path, timeout=1200
+    env, options = (
+        os.environ | {"PYTHONPATH": str(ROOT)},
+        "-W error -m pytest -q -p no:cacheprovider",
     )
+    command = [home("oldest"), *options.split(), str(tmp_path)]
+    rest = {"capture_output": True, "text": True, "timeout": 1200}
+    done = subprocess.run(command, env=env, cwd=tmp_path, **rest)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
     assert " passed" in done.stdout

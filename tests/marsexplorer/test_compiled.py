@@ -33,17 +33,12 @@ def first_step(**env):
 @pytest.mark.timeout(120)
 def test_a_cold_start_says_that_it_compiles_and_a_warm_one_says_nothing(tmp_path):
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    with subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", FIRST_STEP],
-        env=env,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as cold:
+    command = [sys.executable, "-W", "error", "-c", FIRST_STEP]
+    with subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True) as cold:
         assert "compiling the rules" in cold.stderr.readline()
         cold.kill()
-    assert (
-        not first_step() or not first_step()
-    )  # the first one fills the cache of this checkout, where it is empty
+    # The first one fills the cache of this checkout, where it is empty.
+    assert not first_step() or not first_step()
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from marsexplorer import policies
 from marsexplorer.config import MAX_SEED, EnvConfig, fewest_cells
 from marsexplorer.episode import Episode, replay
 from marsexplorer.evaluation import evaluate
+from marsexplorer.evaluation.episodes import play_out
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.rules import CELLS, ENOUGH
 from marsexplorer.terrain import generate, next_seed
@@ -19,12 +20,8 @@ from tests.support import reference
 def discoverable(terrain, start, radius):
     """The cells that are seen from the cells that moves lead to, by their definition."""
     reached = reference.reached_from(terrain, start)
-    return set().union(
-        *(
-            zip(*np.nonzero(reference.visible(terrain, *cell, radius)), strict=True)
-            for cell in reached
-        )
-    )
+    seen = (reference.visible(terrain, *cell, radius) for cell in reached)
+    return set().union(*(zip(*np.nonzero(each), strict=True) for each in seen))
 
 
 @pytest.mark.parametrize("radius", [1, 2, 5])
@@ -145,10 +142,7 @@ def test_rules_see_all_that_can_be_seen_on_given_maps(name):
         if len(reference.reached_from(terrain, start)) == 1:
             continue
         episode = Episode.begin(config, terrain=terrain, start=start)
-        policy.reset(0)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
-        assert episode.outcome == "explored"
+        assert play_out(policy, episode, 0).outcome == "explored"
 
 
 @pytest.mark.parametrize("level", ["building", "cave"])

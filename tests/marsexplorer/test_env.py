@@ -47,10 +47,8 @@ def test_steps_and_infos_are_those_of_the_rules():
         action = int(rng.choice(np.flatnonzero(env.unwrapped.action_masks())))
         observation, reward, terminated, truncated, info = env.step(action)
         assert reward == episode.step(action)
-        assert (terminated, truncated) == (
-            episode.outcome in ("explored", "collided", "out_of_bounds"),
-            episode.outcome == "timed_out",
-        )
+        assert truncated == (episode.outcome == "timed_out")
+        assert terminated == (episode.outcome in ("explored", "collided", "out_of_bounds"))
 
 
 def test_a_given_terrain_is_played():
@@ -89,9 +87,7 @@ def test_bad_arguments_say_what_was_expected():
 @pytest.mark.parametrize("observation", ["float32", "uint8"])
 def test_the_vector_environment_equals_single_ones(observation):
     options = {"size": (6, 9), "observation": observation}
-    vector = gymnasium.make_vec(
-        "MarsExplorer-v0", num_envs=3, vectorization_mode="vector_entry_point", **options
-    )
+    vector = gymnasium.make_vec("MarsExplorer-v0", 3, "vector_entry_point", **options)
     singles = [gymnasium.make("MarsExplorer-v0", **options) for _ in range(3)]
     observations, info = vector.reset(seed=20)
     for i, env in enumerate(singles):

@@ -21,14 +21,11 @@ FIELDS = {
 
 def saved(tmp_path, pixels, **changes):
     """A map of float pixels [height, width] (0 occupied, 1 free) as a YAML file with these fields."""
-    fields = {**FIELDS, **changes}
-    Image.fromarray(np.round(255 * np.asarray(pixels)).astype(np.uint8)).save(
-        tmp_path / fields["image"]
-    )
+    fields, shades = {**FIELDS, **changes}, np.round(255 * np.asarray(pixels)).astype(np.uint8)
+    Image.fromarray(shades).save(tmp_path / fields["image"])
     path = tmp_path / "hall.yaml"
-    path.write_text(
-        "".join(f"{name}: {value}\n" for name, value in fields.items() if value is not None)
-    )
+    lines = (f"{name}: {value}\n" for name, value in fields.items() if value is not None)
+    path.write_text("".join(lines))
     return path
 
 
@@ -44,10 +41,8 @@ def test_a_cell_is_blocked_when_any_pixel_of_it_is_not_free(tmp_path, image):
     found = read_map(saved(tmp_path, hall(), image=image), cell=0.5)
     assert found.terrain.shape == (6, 10)
     assert np.argwhere(found.terrain).tolist() == [[0, 1], [5, 9]]
-    assert (
-        read_map(saved(tmp_path, 1 - hall(), image=image, negate=1)).terrain.tolist()
-        == found.terrain.tolist()
-    )
+    negated = read_map(saved(tmp_path, 1 - hall(), image=image, negate=1))
+    assert (negated.terrain == found.terrain).all()
 
 
 def test_a_plain_pgm_is_read_too(tmp_path):
@@ -64,25 +59,17 @@ def test_cells_and_inflation_are_those_of_the_definition(tmp_path, cell, inflati
     found = read_map(saved(tmp_path, hall()), cell, inflation)
     rows, cols = math.ceil(3 / cell - 1e-9), math.ceil(5 / cell - 1e-9)
     expected = np.zeros((rows, cols), bool)
-    for row in range(rows):
-        for col in range(cols):
-            west, south = col * cell, (rows - 1 - row) * cell
-            expected[row, col] = west + cell > 5 + 1e-9 or south + cell > 3 + 1e-9
-            for x, y in (
-                (0.75, 2.75),
-                (4.5, 0.0),
-            ):  # the south-west corners of the two pixels that are not free
-                gap = math.hypot(
-                    max(0, west - x - 0.25, x - west - cell),
-                    max(0, south - y - 0.25, y - south - cell),
-                )
-                inside = (
-                    west < x + 0.25 - 1e-9
-                    and x < west + cell - 1e-9
-                    and south < y + 0.25 - 1e-9
-                    and y < south + cell - 1e-9
-                )
-                expected[row, col] |= inside or gap < inflation - 1e-6
+    for row, col in np.ndindex(rows, cols):
+        west, south = col * cell, (rows - 1 - row) * cell
+        expected[row, col] = west + cell > 5 + 1e-9 or south + cell > 3 + 1e-9
+        # the south-west corners of the two pixels that are not free
+        for x, y in ((0.75, 2.75), (4.5, 0.0)):
+            gap_x = max(0, west - x - 0.25, x - west - cell)
+            gap_y = max(0, south - y - 0.25, y - south - cell)
+            overlaps_x = west < x + 0.25 - 1e-9 and x < west + cell - 1e-9
+            overlaps_y = south < y + 0.25 - 1e-9 and y < south + cell - 1e-9
+            is_near = math.hypot(gap_x, gap_y) < inflation - 1e-6
+            expected[row, col] |= (overlaps_x and overlaps_y) or is_near
     assert (found.terrain == expected).all()
 
 
@@ -162,9 +149,8 @@ def test_what_is_no_map_at_all_is_refused(tmp_path):
 def test_the_environment_plays_a_map(tmp_path):
     path = saved(tmp_path, hall())
     found = read_map(path)
-    env = gymnasium.make(
-        "marsexplorer:MarsExplorer-v0", level="map", size=found.terrain.shape, sensor_radius=2
-    )
+    name, shape = "marsexplorer:MarsExplorer-v0", found.terrain.shape
+    env = gymnasium.make(name, level="map", size=shape, sensor_radius=2)
     for given in (path, str(path), found):
         _, info = env.reset(options={"map": given})
         assert info["position"] == found.start
@@ -172,13 +158,10 @@ def test_the_environment_plays_a_map(tmp_path):
     episode = Episode.begin(found.config(sensor_radius=2), terrain=found.terrain, start=found.start)
     assert info["coverage"] == episode.coverage
     with pytest.raises(ValueError, match=r'level="map"'):
-        gymnasium.make("marsexplorer:MarsExplorer-v0", size=(6, 10)).reset(options={"map": found})
-    with pytest.raises(
-        ValueError, match=r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"
-    ):
-        gymnasium.make("marsexplorer:MarsExplorer-v0", level="map", size=21).reset(
-            options={"map": found}
-        )
+        gymnasium.make(name, size=(6, 10)).reset(options={"map": found})
+    said = r"the map has 6 x 10 cells: make the environment with size=\(6, 10\)"
+    with pytest.raises(ValueError, match=said):
+        gymnasium.make(name, level="map", size=21).reset(options={"map": found})
 
 
 def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_starts():
@@ -193,12 +176,8 @@ def test_policies_are_compared_on_maps_by_what_can_be_discovered_from_their_star
     for each in found:
         cost, utility = each.results
         terrain = maps[each.name].terrain
-        assert (
-            cost.cells
-            == utility.cells
-            == cells_that_count(maps[each.name].config(), terrain, (4, 6))
-            < terrain.size
-        )
+        counted = cells_that_count(maps[each.name].config(), terrain, (4, 6))
+        assert cost.cells == utility.cells == counted < terrain.size
         assert {result.outcome for result in each.results} == {"explored"}
         assert each.to_rule(cost) == cost.steps / min(cost.steps, utility.steps)
     document = json.loads(to_json(found))

@@ -39,8 +39,6 @@ def all_of_them(key, k, limit, state, found):
 
 def test_the_generator_never_changes():
     assert mix(0) == 0xE220A8397B1DCDAF  # splitmix64's published first output for seed 0
-    assert [draw_below(7, k, 4) for k in range(12)] == [draw_below(7, k, 4) for k in range(12)]
-    assert {draw_below(3, k, 4) for k in range(50)} == {0, 1, 2, 3}
 
 
 @settings(deadline=None)

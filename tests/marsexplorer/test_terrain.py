@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from marsexplorer import bitmap
 from marsexplorer import terrain as terrains
 from marsexplorer.bitmap import fill_runs
+from marsexplorer.compiled import kernel
 from marsexplorer.config import LEVELS, MAX_SEED, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.terrain import attempts, generate, next_seed
@@ -20,9 +21,8 @@ from tests.support import reference, strategies
 @settings(max_examples=80, deadline=None)
 @given(strategies.configs(max_side=26), strategies.seeds)
 def test_the_compiled_generator_draws_what_the_documentation_says(config, seed):
-    literal = reference.terrain_of(
-        config.level, config.rows, config.cols, seed, config.sensor_radius, config.beta
-    )
+    shape, sight = (config.rows, config.cols), (config.sensor_radius, config.beta)
+    literal = reference.terrain_of(config.level, *shape, seed, *sight)
     if literal is None:
         with pytest.raises(ValueError, match="no solvable terrain"):
             generate(config, seed)
@@ -43,37 +43,21 @@ def test_the_rule_for_what_can_be_discovered_holds_for_dense_terrains(radius):
     rng = np.random.default_rng(radius)
     agreed = {True: 0, False: 0}
     for _ in range(200):
-        rows, cols = rng.integers(5, 12), rng.integers(5, 12)
-        config = EnvConfig(
-            rows=int(rows),
-            cols=int(cols),
-            sensor_radius=radius,
-            beta=float(rng.choice([0.8, 0.9, 0.97])),
-        )
+        rows, cols = rng.integers(5, 12).item(), rng.integers(5, 12).item()
+        config = EnvConfig("random", rows, cols, radius, float(rng.choice([0.8, 0.9, 0.97])))
         terrain = rng.random((rows, cols)) < rng.choice([0.05, 0.2, 0.35])
         bits = bitmap.pack(terrain, config)
-        found = bool(solvable_now(bits, np.zeros_like(bits), config))
+        shape = (bitmap.shape_of(config), bitmap.row_masks(config))
+        found = bool(is_solvable(bits, np.zeros_like(bits), *shape))
         assert found == reference.is_solvable(terrain, radius, config.beta)
         agreed[found] += 1
     assert min(agreed.values()) > 10
 
 
-def solvable_now(bits, reach, config):
-    return _solvable(bits, reach, bitmap.shape_of(config), bitmap.row_masks(config))
-
-
-def _compile():
-    from marsexplorer.compiled import kernel
-
-    solvable = terrains.is_solvable
-
-    def alone(bits, reach, shape, masks):
-        return solvable(bits, 0, reach, 0, shape, masks)
-
-    return kernel(alone)
-
-
-_solvable = _compile()
+@kernel
+def is_solvable(bits, reach, shape, masks):
+    """Do `terrain.is_solvable` for one terrain in arrays of its own."""
+    return terrains.is_solvable(bits, 0, reach, 0, shape, masks)
 
 
 def test_the_bonus_does_not_enter_the_draw():
@@ -136,10 +120,6 @@ def filled(reached, free):
 def test_runs_of_free_bits_are_filled_from_any_of_their_bits():
     random = Random(5)
     for _ in range(1500):
-        free = (
-            random.getrandbits(64) | random.getrandbits(64)
-            if random.random() < 0.7
-            else random.getrandbits(64)
-        )
+        free = random.getrandbits(64) | random.getrandbits(64) * (random.random() < 0.7)
         reached = free & (random.getrandbits(64) | random.choice([0, random.getrandbits(64)]))
         assert fill_runs(np.uint64(reached), np.uint64(free)) == filled(reached, free)

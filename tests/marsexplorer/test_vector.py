@@ -28,11 +28,9 @@ def blind(envs, steps=40):
 
 
 def copied(value):
-    return (
-        {name: copied(one) for name, one in value.items()}
-        if isinstance(value, dict)
-        else np.array(value, copy=True)
-    )
+    if isinstance(value, dict):
+        return {name: copied(one) for name, one in value.items()}
+    return np.array(value, copy=True)
 
 
 def assert_same(given, kept):
@@ -119,11 +117,7 @@ def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
         (np.zeros((3, 2), np.uint8), ValueError, r"got the shape \[3, 2\]"),
         (np.zeros((3, 2), np.uint8).T, ValueError, "not contiguous"),
         (fixed, ValueError, "read-only"),
-        (
-            torch.zeros(2, 3, dtype=torch.uint8, device="meta"),
-            TypeError,
-            "got Tensor, which shares none",
-        ),
+        (torch.zeros((2, 3), device="meta"), TypeError, "got Tensor, which shares none"),
         ([[0, 0, 0], [0, 0, 0]], TypeError, "got list, which shares none"),
     ):
         with pytest.raises(error, match=says):
@@ -132,9 +126,8 @@ def test_a_buffer_is_written_to_or_refused_with_what_was_expected():
 
 def test_gymnasium_records_the_episodes_that_ended():
     lengths, returns, count = np.zeros(4), np.zeros(4), 0
-    for _, rewards, terminated, truncated, info in blind(
-        RecordEpisodeStatistics(made(4, observation="uint8"))
-    ):
+    envs = RecordEpisodeStatistics(made(4, observation="uint8"))
+    for _, rewards, terminated, truncated, info in blind(envs):
         lengths, returns = lengths + 1, returns + rewards
         for i in np.flatnonzero(terminated | truncated):
             assert info["episode"]["l"][i] == lengths[i]

@@ -1,6 +1,7 @@
 """The compiled rules are the literal ones, alone and stacked, and keep the laws."""
 
 import gc
+from dataclasses import replace
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -138,9 +139,8 @@ def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_epis
     def looked_at(episode):
         found, waiting = {}, [vars(episode)]
         while waiting:
-            if id(each := waiting.pop()) not in found and not isinstance(
-                each, type | ModuleType | FunctionType
-            ):
+            each = waiting.pop()
+            if id(each) not in found and not isinstance(each, type | ModuleType | FunctionType):
                 found[id(each)] = each
                 waiting += gc.get_referents(each)
         return len(found)
@@ -156,9 +156,8 @@ def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_epis
 
 
 def test_a_terrain_complete_at_reset_ends_on_the_first_valid_move():
-    episode = Episode.begin(
-        EnvConfig(rows=5, cols=6, sensor_radius=8), terrain=np.zeros((5, 6), bool)
-    )
+    config = EnvConfig(rows=5, cols=6, sensor_radius=8)
+    episode = Episode.begin(config, terrain=np.zeros((5, 6), bool))
     assert (episode.coverage, episode.ended) == (1.0, False)
     assert episode.step(1) == 30 - 0.5
     assert episode.outcome == "explored"
@@ -218,8 +217,6 @@ def test_an_unknown_action_is_refused_and_changes_nothing(action):
 def test_a_record_that_goes_on_after_its_end_is_refused():
     episode = Episode.begin(EnvConfig(rows=5, cols=7), seed=3)
     episode.step(0)
-    from dataclasses import replace
-
     with pytest.raises(ValueError, match="after its end"):
         replay(replace(episode.record(), actions=b"\x00\x01"))
     with pytest.raises(ValueError, match="core version"):

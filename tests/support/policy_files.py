@@ -39,16 +39,8 @@ def runs(marker):
 
 
 def onnx_model(
-    size=(6, 7),
-    batch=1,
-    masked=False,
-    value=True,
-    dtype=TensorProto.FLOAT,
-    logits=4,
-    bias=None,
-    names=None,
-    seed=0,
-):
+    size=(6, 7), batch=1, masked=False, value=True, dtype=TensorProto.FLOAT, logits=4, bias=None, names=None, seed=0
+):  # fmt: skip
     """Return a linear policy over the flattened board as an ONNX model, its weights drawn from a seed."""
     rng = np.random.default_rng(seed)
     cells = size[0] * size[1]
@@ -87,22 +79,12 @@ def broken_onnx(kind, path, marker):
     """Write the model that is broken as `kind` says."""
     model = onnx_model()
     graph = model.graph
-    if kind == "a plain pickle":
-        path.write_bytes(pickle.dumps(runs(marker)))
+    if kind in NO_MODELS:
+        path.write_bytes(NO_MODELS[kind](marker))
         return path
     if kind == "a zip of pickles":
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("data.pkl", pickle.dumps(runs(marker)))
-        return path
-    if kind == "a text":
-        path.write_text("not a policy at all")
-        return path
-    if kind == "an empty file":
-        path.write_bytes(b"")
-        return path
-    if kind == "half a file":
-        data = model.SerializeToString()
-        path.write_bytes(data[: len(data) // 2])
         return path
     if kind == "a file too large":
         with path.open("wb") as file:
@@ -110,9 +92,8 @@ def broken_onnx(kind, path, marker):
         return path
     if kind == "weights in another file":
         marker.with_suffix(".weights").write_bytes(b"\0" * 10_000)
-        onnx.external_data_helper.set_external_data(
-            graph.initializer[0], str(marker.with_suffix(".weights"))
-        )
+        weights = str(marker.with_suffix(".weights"))
+        onnx.external_data_helper.set_external_data(graph.initializer[0], weights)
         graph.initializer[0].ClearField("raw_data")
     elif kind == "weights of the system":
         onnx.external_data_helper.set_external_data(graph.initializer[0], "../../../../etc/passwd")
@@ -129,26 +110,19 @@ def broken_onnx(kind, path, marker):
         graph.node[2].op_type = "Wish"
     elif kind == "a function":
         body = [helper.make_node("Relu", ["x"], ["y"])]
-        model.functions.append(
-            helper.make_function("ai.mine", "F", ["x"], ["y"], body, [helper.make_opsetid("", 17)])
-        )
+        opset = [helper.make_opsetid("", 17)]
+        model.functions.append(helper.make_function("ai.mine", "F", ["x"], ["y"], body, opset))
     elif kind == "a loop":
-        body = helper.make_graph(
-            [helper.make_node("Identity", ["go"], ["on"])],
-            "body",
-            [
-                helper.make_tensor_value_info("i", TensorProto.INT64, []),
-                helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-            ],
-            [helper.make_tensor_value_info("on", TensorProto.BOOL, [])],
-        )
+        kinds = {"i": TensorProto.INT64, "go": TensorProto.BOOL, "on": TensorProto.BOOL}
+        i, go, on = (helper.make_tensor_value_info(*each, []) for each in kinds.items())
+        nodes = [helper.make_node("Identity", ["go"], ["on"])]
+        body = helper.make_graph(nodes, "body", [i, go], [on])
         graph.initializer.append(numpy_helper.from_array(np.array(2**62, np.int64), "many"))
         graph.initializer.append(numpy_helper.from_array(np.array(True), "yes"))
         graph.node.append(helper.make_node("Loop", ["many", "yes"], [], body=body))
     elif kind == "a tensor as large as a planet":
-        graph.initializer.append(
-            numpy_helper.from_array(np.array([10**6, 10**6], np.int64), "huge")
-        )
+        huge = numpy_helper.from_array(np.array([10**6, 10**6], np.int64), "huge")
+        graph.initializer.append(huge)
         graph.node.append(helper.make_node("ConstantOfShape", ["huge"], ["planet"]))
         _output(graph, "planet")
     elif kind == "a product as large as a planet":
@@ -165,8 +139,14 @@ def broken_onnx(kind, path, marker):
         graph.node.append(helper.make_node("Reshape", ["whole", "once"], ["shape"]))
         graph.node.append(helper.make_node("ConstantOfShape", ["shape"], ["planet"]))
         _output(graph, "planet")
+    elif kind == "our own inputs in other shapes":
+        model = onnx_model(names=("planes", "logits"))
+        moves = helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3])
+        model.graph.input.append(moves)
+    elif kind == "any number of our boards in name alone":
+        model = _network_of_one_board()
     else:
-        model = _odd_onnx(kind)
+        model = onnx_model(**ODD_MODELS[kind])
     path.write_bytes(model.SerializeToString())
     return path
 
@@ -175,31 +155,6 @@ def _output(graph, name):
     """Make the largest number of a tensor an output, so that nobody leaves the tensor out."""
     graph.node.append(helper.make_node("ReduceMax", [name], ["peak"], keepdims=0))
     graph.output.append(helper.make_tensor_value_info("peak", TensorProto.FLOAT, []))
-
-
-def _odd_onnx(kind):
-    """Whole models that are no policy of ours."""
-    if kind == "another input":
-        return onnx_model(names=("state", "logits"))
-    if kind == "another output":
-        return onnx_model(names=("observation", "scores"))
-    if kind == "five moves":
-        return onnx_model(logits=5, value=False)
-    if kind == "not a number":
-        return onnx_model(bias=np.full(4, np.nan))
-    if kind == "whole numbers go in":
-        return onnx_model(dtype=TensorProto.INT64)
-    if kind == "a batch of two":
-        return onnx_model(size=(3, 7), batch=2)
-    if kind == "our own inputs in other shapes":
-        model = onnx_model(names=("planes", "logits"))
-        model.graph.input.append(
-            helper.make_tensor_value_info("moves", TensorProto.FLOAT, [1, 4, 3])
-        )
-        return model
-    if kind == "any number of our boards in name alone":
-        return _network_of_one_board()
-    raise AssertionError(kind)
 
 
 def _network_of_one_board():
@@ -219,12 +174,26 @@ def _network_of_one_board():
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
+NO_MODELS = {
+    "a plain pickle": lambda marker: pickle.dumps(runs(marker)),
+    "a text": lambda marker: b"not a policy at all",
+    "an empty file": lambda marker: b"",
+    "half a file": lambda marker: onnx_model().SerializeToString()[:400],
+}
+"""What it is called -> the bytes of a file that holds no model."""
+ODD_MODELS = {
+    "another input": {"names": ("state", "logits")},
+    "another output": {"names": ("observation", "scores")},
+    "five moves": {"logits": 5, "value": False},
+    "not a number": {"bias": np.full(4, np.nan)},
+    "whole numbers go in": {"dtype": TensorProto.INT64},
+    "a batch of two": {"size": (3, 7), "batch": 2},
+}
+"""What it is called -> the arguments of `onnx_model` for a whole model that is no policy of ours."""
 BROKEN_ONNX = [
-    "a plain pickle",
+    *NO_MODELS,
+    *ODD_MODELS,
     "a zip of pickles",
-    "a text",
-    "an empty file",
-    "half a file",
     "a file too large",
     "weights in another file",
     "weights of the system",
@@ -236,12 +205,6 @@ BROKEN_ONNX = [
     "a tensor as large as a planet",
     "a product as large as a planet",
     "a tensor that grows with the board",
-    "another input",
-    "another output",
-    "five moves",
-    "not a number",
-    "whole numbers go in",
-    "a batch of two",
     "our own inputs in other shapes",
     "any number of our boards in name alone",
 ]

@@ -11,6 +11,7 @@ MASK = 2**64 - 1
 GOLDEN = 0x9E3779B97F4A7C15
 
 
+@cache
 def crosses_interior(target, square):
     """Whether the open segment from the centre of cell (0, 0) to that of `target` meets the open unit square of `square`.
 
@@ -46,12 +47,8 @@ def visible(terrain, row, col, radius):
     seen = np.zeros_like(terrain)
     for (dr, dc), between in lines_of_sight(radius).items():
         r, c = row + dr, col + dc
-        if (
-            0 <= r < rows
-            and 0 <= c < cols
-            and not any(terrain[row + br, col + bc] for br, bc in between)
-        ):
-            seen[r, c] = True
+        if 0 <= r < rows and 0 <= c < cols:
+            seen[r, c] = not any(terrain[row + br, col + bc] for br, bc in between)
     return seen
 
 
@@ -87,10 +84,8 @@ class World:
         self.scan()
 
     def scan(self):
-        before = len(self.discovered)
-        self.discovered |= set(
-            zip(*np.nonzero(visible(self.terrain, *self.position, self.radius)), strict=True)
-        )
+        before, seen = len(self.discovered), visible(self.terrain, *self.position, self.radius)
+        self.discovered |= set(zip(*np.nonzero(seen), strict=True))
         return len(self.discovered) - before
 
     def step(self, action):
@@ -182,19 +177,20 @@ def draw_building(rows, cols, seed, draw):
         thickness = corridor + 2 if corridor else 1
         cut = 3 + 2 * below((side - thickness - 6) // 2 + 1)
         for place in (cut, cut + thickness - 1) if corridor else (cut,):
-            wall(
-                [(top + place, c) for c in range(left, right)]
-                if height >= width
-                else [(r, left + place) for r in range(top, bottom)]
+            if height >= width:
+                wall([(top + place, c) for c in range(left, right)])
+            else:
+                wall([(r, left + place) for r in range(top, bottom)])
+        if height >= width:
+            first, second = (
+                (top, left, top + cut, right),
+                (top + cut + thickness, left, bottom, right),
             )
-        first = (
-            (top, left, top + cut, right) if height >= width else (top, left, bottom, left + cut)
-        )
-        second = (
-            (top + cut + thickness, left, bottom, right)
-            if height >= width
-            else (top, left + cut + thickness, bottom, right)
-        )
+        else:
+            first, second = (
+                (top, left, bottom, left + cut),
+                (top, left + cut + thickness, bottom, right),
+            )
         parts = (first, second) if cut <= side - cut - thickness else (second, first)
         for part in parts:
             divide(*part)
@@ -209,10 +205,8 @@ def draw_cave(rows, cols, seed, draw):
     rock = np.array([[below(100) < 43 for _ in range(cols)] for _ in range(rows)])
     for _ in range(4):
         padded = np.pad(rock, 1, constant_values=True)
-        around = sum(
-            padded[r : r + rows, c : c + cols].astype(int) for r in range(3) for c in range(3)
-        )
-        rock = around >= 5
+        squares = (padded[r : r + rows, c : c + cols] for r in range(3) for c in range(3))
+        rock = sum(square.astype(int) for square in squares) >= 5
     for step in range(rows + cols):
         row, col = step // 2, (step + 1) // 2
         if row >= rows or col >= cols or not rock[row, col]:
@@ -228,12 +222,8 @@ def reached_from(terrain, start):
     while edge:
         row, col = edge.pop()
         for r, c in ((row - 1, col), (row, col + 1), (row + 1, col), (row, col - 1)):
-            if (
-                0 <= r < terrain.shape[0]
-                and 0 <= c < terrain.shape[1]
-                and not terrain[r, c]
-                and (r, c) not in reached
-            ):
+            is_inside = 0 <= r < terrain.shape[0] and 0 <= c < terrain.shape[1]
+            if is_inside and not terrain[r, c] and (r, c) not in reached:
                 reached.add((r, c))
                 edge.append((r, c))
     return reached

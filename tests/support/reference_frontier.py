@@ -7,23 +7,11 @@ centres against each obstacle's open square, in fractions.
 import math
 from fractions import Fraction
 from functools import cache
+from itertools import product
+
+from tests.support.reference import crosses_interior
 
 DISPLACEMENTS = [(-1, 0), (0, 1), (1, 0), (0, -1)]
-
-
-@cache
-def crosses(b_row, b_col, q_row, q_col):
-    """Whether the open segment (0, 0) - q meets the open unit square round b."""
-    low, high = Fraction(0), Fraction(1)
-    for b, q in ((b_row, q_row), (b_col, q_col)):
-        enter, leave = Fraction(2 * b - 1, 2), Fraction(2 * b + 1, 2)
-        if q == 0:
-            if not enter < 0 < leave:
-                return False
-            continue
-        first, second = sorted((enter / q, leave / q))
-        low, high = max(low, first), min(high, second)
-    return low < high
 
 
 def expected_discoveries(grid, row, col, radius):
@@ -40,7 +28,8 @@ def expected_cells(grid, row, col, radius):
             if code != 0 or d_row**2 + d_col**2 > radius**2:
                 continue
             if not any(
-                grid[b_row][b_col] == 3 and crosses(b_row - row, b_col - col, d_row, d_col)
+                grid[b_row][b_col] == 3
+                and crosses_interior((d_row, d_col), (b_row - row, b_col - col))
                 for b_row in range(min(r, row), max(r, row) + 1)
                 for b_col in range(min(c, col), max(c, col) + 1)
                 if (b_row, b_col) != (r, c)
@@ -80,20 +69,19 @@ def touches_unknown(grid, cell):
 def decide(grid, visited, rover, heading, radius, rule):
     """The action of `cost` or `utility`, or None when there is no candidate."""
     reach = distances(grid, rover)
-    discoveries = {
-        cell: expected_discoveries(grid, *cell, radius) for cell in reach if cell not in visited
-    }
+    fresh = [cell for cell in reach if cell not in visited]
+    discoveries = {cell: expected_discoveries(grid, *cell, radius) for cell in fresh}
+    shows = [cell for cell, new in discoveries.items() if new]
+
+    def place(cell):
+        return -Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell
+
     if rule == "cost":
-        shows = [cell for cell, new in discoveries.items() if new]
         goals = [cell for cell in shows if touches_unknown(grid, cell)] or shows
         nearest = min((reach[cell] for cell in goals), default=None)
         goals = [cell for cell in goals if reach[cell] == nearest]
     else:
-        goals = [cell for cell, new in discoveries.items() if new]
-        goals = sorted(
-            goals,
-            key=lambda cell: (-Fraction(discoveries[cell], reach[cell] ** 2), reach[cell], cell),
-        )[:1]
+        goals = sorted(shows, key=place)[:1]
     return first_action(grid, rover, heading, reach, goals)
 
 
@@ -101,9 +89,8 @@ def first_action(grid, rover, heading, reach, goals):
     """The action that begins a shortest path to one of the goals: straight on, else north, east, south, west; else None."""
     for action in [heading, 0, 1, 2, 3]:
         near = (rover[0] + DISPLACEMENTS[action][0], rover[1] + DISPLACEMENTS[action][1])
-        if near in reach and any(
-            distances(grid, goal).get(near) == reach[goal] - 1 for goal in goals
-        ):
+        ways = ((distances(grid, goal).get(near), reach[goal] - 1) for goal in goals)
+        if near in reach and any(way == wanted for way, wanted in ways):
             return action
     return None
 
@@ -126,30 +113,29 @@ def decide_priced(grid, visited, rover, heading, radius, rule):
 def price(grid, cell, radius, rule):
     """What an unknown cell counts, in 1024ths."""
     rows, cols = len(grid), len(grid[0])
+
+    def is_unknown(each):
+        return 0 <= each[0] < rows and 0 <= each[1] < cols and grid[each[0]][each[1]] == 0
+
     total = 1024
     for half, weight, power in zip((2, 6, 12), rule["weights"], rule["powers"], strict=True):
-        side = max(1, round(half * radius / 6))
-        square = [
-            (r, c)
-            for r in range(cell[0] - side, cell[0] + side + 1)
-            for c in range(cell[1] - side, cell[1] + side + 1)
-        ]
-        unknown = sum(1 for r, c in square if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0)
+        square = around(cell, max(1, round(half * radius / 6)))
+        unknown = sum(map(is_unknown, square))
         total += round(1024 * weight * (1 - unknown / len(square)) ** power)
     region, edge = {cell}, [cell]
     while edge:
-        row, col = edge.pop()
-        near = [(r, c) for r in range(row - 1, row + 2) for c in range(col - 1, col + 2)]
-        new = [
-            (r, c)
-            for r, c in near
-            if 0 <= r < rows and 0 <= c < cols and grid[r][c] == 0 and (r, c) not in region
-        ]
+        near = around(edge.pop(), 1)
+        new = [each for each in near if is_unknown(each) and each not in region]
         region.update(new)
         edge += new
-    return total + round(
-        1024 * rule["pocket"] * math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2))
-    )
+    shrunk = math.exp(-len(region) / (rule["pocket_cells"] * (radius / 6) ** 2))
+    return total + round(1024 * rule["pocket"] * shrunk)
+
+
+def around(cell, side):
+    """The cells of the square of half side `side` round a cell, also those off the grid."""
+    row, col = cell
+    return [*product(range(row - side, row + side + 1), range(col - side, col + side + 1))]
 
 
 def fade(cell, viewer, radius, rule):

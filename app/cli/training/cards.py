@@ -1,18 +1,64 @@
-"""What the commands that train write into a policy's card: the code, the machine, and how it does on held-out terrains."""
+"""What the commands about policies share: an error of the disk in one sentence, and what a trained policy's card says."""
 
 from __future__ import annotations
 
 import platform
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import click
+
+from app.cli.console import reason
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
 
 HELD_OUT_TERRAINS = 200
 """Terrains of 21x21 or less that a finished policy is measured on for its card; on larger grids fewer, with as many cells."""
+
+
+COUNT = click.IntRange(min=1)
+WORKERS = click.option(
+    "--workers", type=COUNT, help="Processes that play episodes.  [default: one for each core]"
+)
+
+
+@contextmanager
+def written(place: Path | str, option: str = "--out") -> Iterator[None]:
+    """Turn an error of the disk into one sentence: what cannot be written, why, and the option to give another of."""
+    try:
+        yield
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot write {place}: {reason(error)}; choose another {option}"
+        ) from error
+
+
+@contextmanager
+def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[..., None]]:
+    """Yield `advance(done, note, line)`: it moves a bar with a note on stderr, or prints the line where that is no terminal.
+
+    An empty note leaves the one before, and of an empty line nothing is printed.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console, noted = Console(stderr=True), TextColumn("{task.fields[note]}")
+    columns = (TextColumn(what), BarColumn(), noted, TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=total, note=note)
+
+        def advance(done: float, note: str = "", line: str = "") -> None:
+            bar.update(task, completed=done)
+            if note:
+                bar.update(task, note=note)
+            if line and not console.is_terminal:
+                click.echo(line, err=True)
+
+        yield advance
 
 
 def commit() -> str | None:
@@ -48,15 +94,13 @@ def measure_policy(
     with Jobs() as jobs:
         for config in configs:
             terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
-            table = evaluate(
-                [str(file), *RULES], config, terrains, EVALUATION_SEEDS.start, executor=jobs
-            )
-            own, *rules = table.rows
+            names, first = [str(file), *RULES], EVALUATION_SEEDS.start
+            own, *rules = evaluate(names, config, terrains, first, executor=jobs).rows
             best = min(row.steps_mean for row in rules)
             where = f"{config.level} {config.rows}x{config.cols}"
             results[where] = {
                 "terrains": terrains,
-                "first_seed": EVALUATION_SEEDS.start,
+                "first_seed": first,
                 "steps": round(own.steps_mean, 2),
                 "completion": own.completion,
                 "collisions": own.collisions,

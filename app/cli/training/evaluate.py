@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -20,9 +20,9 @@ from app.cli.console import (
     reason,
     sizes_option,
 )
+from app.cli.training.cards import written
 
 if TYPE_CHECKING:
-    from marsexplorer.config import EnvConfig
     from marsexplorer.evaluation import EvaluationRow, EvaluationTable
     from marsexplorer.evaluation.episodes import Result
     from marsexplorer.evaluation.on_maps import MapResults
@@ -31,18 +31,6 @@ if TYPE_CHECKING:
 
 FEW_EPISODES = 20
 """So many episodes are played sooner in this process than others start."""
-
-
-@dataclass(frozen=True)
-class EvaluationRequest:
-    """What to play: the arguments of `marsexplorer.evaluation.evaluate`."""
-
-    names: tuple[str, ...]
-    configs: tuple[EnvConfig, ...]
-    episodes: int
-    seed: int
-    traces: bool
-    ray: str | None
 
 
 @click.command(short_help="Score policies on the same terrains.")
@@ -122,103 +110,68 @@ def evaluate(
       marsexplorer evaluate --policy ppo --episodes 100000 --ray head:6379
       marsexplorer evaluate --policy ppo --map office.yaml --map garage.yaml
     """
+    from app.jobs import Jobs
+    from marsexplorer.config import LEVELS
     from marsexplorer.evaluation import RULES
+    from marsexplorer.evaluation import evaluate as evaluate_policies
 
     check_more(more, policies)
-    names = dict.fromkeys((*policies, *more, *RULES))
+    names = list(dict.fromkeys((*policies, *more, *RULES)))
     if maps:
         if csv_path or plots or ray:
             raise click.UsageError(
                 "--map takes no --csv, --plots or --ray; leave them out, or write --json"
             )
-        _evaluate_maps(list(names), maps, cell_m, json_path)
+        _evaluate_maps(names, maps, cell_m, json_path)
         return
-    configs = tuple(env_config_of(level, size) for level in _levels(levels) for size in sizes)
-    if plots is not None:
-        import marsexplorer.evaluation.plots  # noqa: F401 - whoever lacks its library learns so before any episode is played
-    request = EvaluationRequest(tuple(names), configs, episodes, seed, plots is not None, ray)
-    with _open_outputs(json_path, csv_path, plots) as files:
-        table = _evaluate(request)
-        for file, text in zip(files, (table.to_json() + "\n", table.to_csv()), strict=True):
-            if file is not None:
-                file.write(text.encode())
+    levels = tuple(chain.from_iterable(LEVELS if name == "all" else (name,) for name in levels))
+    configs = [env_config_of(level, size) for level in dict.fromkeys(levels) for size in sizes]
+    if plots is not None:  # whoever lacks its library learns so before any episode is played
+        from marsexplorer.evaluation.plots import save_plots
+    with ExitStack() as stack:  # the files too: what cannot be written is found before
+        json_file, csv_file = _opened(stack, json_path, "--json"), _opened(stack, csv_path, "--csv")
         if plots is not None:
-            _save_plots(table, plots)
+            with written(f"to {plots}", "--plots"):
+                plots.mkdir(parents=True, exist_ok=True)
+        is_long = len(names) * len(configs) * episodes > FEW_EPISODES
+        with _errors_of_playing(), Jobs(ray=ray) as jobs, progress("playing") as advance:
+            executor, traces = jobs if ray or is_long else None, plots is not None
+            table = evaluate_policies(
+                names, configs, episodes, seed, advance, traces=traces, executor=executor
+            )
+        if json_file is not None:
+            json_file.write(table.to_json().encode() + b"\n")
+        if csv_file is not None:
+            csv_file.write(table.to_csv().encode())
+        if plots is not None:
+            with written(f"to {plots}", "--plots"):
+                for path in save_plots(table, plots):
+                    click.echo(path)
     _print(table)
 
 
-def _levels(given: Sequence[str]) -> list[str]:
-    from marsexplorer.config import LEVELS
+def _opened(stack: ExitStack, path: Path | None, option: str) -> IO[bytes] | None:
+    """Return a file that appears when the stack is left without an error, None for no path."""
+    from marsexplorer.files import write_whole
 
-    return list(
-        dict.fromkeys(name for level in given for name in (LEVELS if level == "all" else (level,)))
-    )
+    with written(path or "", option):
+        return stack.enter_context(write_whole(path)) if path else None
 
 
 @contextmanager
-def _open_outputs(
-    json_path: Path | None, csv_path: Path | None, plots: Path | None
-) -> Iterator[list[IO[bytes] | None]]:
-    """Yield the JSON and CSV files, None for one not asked for; they appear when the block ends without an error.
+def _errors_of_playing() -> Iterator[None]:
+    """Turn what can be wrong with policies, terrains, workers and clusters into a sentence."""
+    from app.jobs import ClusterError, JobError
+    from marsexplorer.policies import PolicyNotFoundError
 
-    The files are opened before playing, so that a path that cannot be written is found before anything is played.
-    """
-    from marsexplorer.files import write_whole
-
-    files: list[IO[bytes] | None] = []
-    with ExitStack() as stack:
-        for option, path in (("--json", json_path), ("--csv", csv_path)):
-            try:
-                files.append(stack.enter_context(write_whole(path)) if path else None)
-            except OSError as error:
-                raise click.ClickException(
-                    f"cannot write {path}: {reason(error)}; choose another {option}"
-                ) from error
-        try:
-            if plots is not None:
-                plots.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise click.ClickException(
-                f"cannot write to {plots}: {reason(error)}; choose another --plots"
-            ) from error
-        yield files
-
-
-def _evaluate(request: EvaluationRequest) -> EvaluationTable:
-    from app.jobs import ClusterError, JobError, Jobs
-    from marsexplorer.evaluation import evaluate as evaluate_policies
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
-
-    episodes = len(request.names) * len(request.configs) * request.episodes
     try:
-        with Jobs(ray=request.ray) as jobs, progress("playing") as advance:
-            return evaluate_policies(
-                request.names,
-                request.configs,
-                request.episodes,
-                request.seed,
-                advance,
-                traces=request.traces,
-                executor=jobs if request.ray or episodes > FEW_EPISODES else None,
-            )
+        yield
     except (ClusterError, JobError) as error:
         raise click.ClickException(str(error)) from error
-    except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
+    except (PolicyNotFoundError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
-
-
-def _save_plots(table: EvaluationTable, folder: Path) -> None:
-    from marsexplorer.evaluation.plots import save_plots
-
-    try:
-        for path in save_plots(table, folder):
-            click.echo(path)
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write to {folder}: {reason(error)}; choose another --plots"
-        ) from error
 
 
 def _print(table: EvaluationTable) -> None:
@@ -234,15 +187,10 @@ def _cells(table: EvaluationTable, row: EvaluationRow) -> list[str]:
     cells = [row.policy, row.level, f"{row.rows}x{row.cols}", f"{row.completion:.1%}"]
     cells.append(f"{row.steps_mean:.1f} ± {row.steps_high - row.steps_mean:.1f}")
     found = table.compared(row)
-    cells.append(
-        f"{found.ratio_mean:.3f} ± {found.ratio_high - found.ratio_mean:.3f}" if found else "1"
-    )
-    return [
-        *cells,
-        f"{row.auc_mean:.4f}",
-        f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}",
-        str(row.collisions),
-    ]
+    half = found.ratio_high - found.ratio_mean if found else 0.0
+    cells.append(f"{found.ratio_mean:.3f} ± {half:.3f}" if found else "1")
+    score = f"{row.score_mean:.4f} ± {row.score_high - row.score_mean:.4f}"
+    return [*cells, f"{row.auc_mean:.4f}", score, str(row.collisions)]
 
 
 def _evaluate_maps(
@@ -250,29 +198,19 @@ def _evaluate_maps(
 ) -> None:
     """Play policies on map_server files, print a row for each map and policy, and write all figures where asked to."""
     from marsexplorer.evaluation.on_maps import evaluate_on_maps, to_json
-    from marsexplorer.files import write_whole
-    from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     maps = _read_maps(paths, cell_m)
     with ExitStack() as stack:
-        try:
-            file = stack.enter_context(write_whole(json_path)) if json_path else None
-        except OSError as error:
-            raise click.ClickException(
-                f"cannot write {json_path}: {reason(error)}; choose another --json"
-            ) from error
-        try:
+        file = _opened(stack, json_path, "--json")
+        with _errors_of_playing():
             found = evaluate_on_maps(names, maps)
-        except (PolicyNotFoundError, PolicyFileError, ValueError) as error:
-            raise click.UsageError(str(error)) from error
         if file is not None:
             file.write(to_json(found).encode() + b"\n")
     columns = ["map", "size", "cells", "policy", "outcome", "steps to 99 %", "to rule"]
     columns += ["AUC", "score"]
     rows = [_map_cells(each, result) for each in found for result in each.results]
-    print_table(
-        "one episode each; cells are those that can be discovered from the start", columns, rows
-    )
+    title = "one episode each; cells are those that can be discovered from the start"
+    print_table(title, columns, rows)
 
 
 def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap]:
@@ -297,15 +235,7 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
 
 
 def _map_cells(found: MapResults, result: Result) -> list[str]:
-    share = found.to_rule(result)
-    return [
-        found.name,
-        f"{result.rows}x{result.cols}",
-        str(result.cells),
-        result.policy,
-        result.outcome,
-        str(result.steps_to_99),
-        "" if share is None else f"{share:.3f}",
-        f"{result.auc:.4f}",
-        f"{result.score:.4f}",
-    ]
+    share, size = found.to_rule(result), f"{result.rows}x{result.cols}"
+    what = [found.name, size, str(result.cells), result.policy, result.outcome]
+    to_rule = "" if share is None else f"{share:.3f}"
+    return [*what, str(result.steps_to_99), to_rule, f"{result.auc:.4f}", f"{result.score:.4f}"]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from app.cli.console import PATH, progress, reason
+from app.cli.console import PATH, progress, write_file
+from app.cli.training.cards import COUNT, written
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
@@ -30,7 +31,7 @@ from app.cli.console import PATH, progress, reason
 )
 @click.option(
     "--workers",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=1,
     show_default=True,
     help="Processes that play at the same time.",
@@ -52,7 +53,6 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
     from app.jobs import Jobs
     from app.web.leaderboard.entries import make_board, offered_boards
     from app.web.leaderboard.evaluations import ShippedFigures, file_name
-    from marsexplorer.files import write_whole
     from marsexplorer.policies import names
 
     known = offered_boards()
@@ -67,12 +67,7 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
         path = out / file_name(known[name].config)
         with Jobs(workers) as jobs, progress(f"playing {name}") as advance:
             text = make_board(known[name], jobs, advance, kept, again)
-        try:
+        with written(path):
             out.mkdir(parents=True, exist_ok=True)
-            with write_whole(path) as file:
-                file.write(text.encode())
-        except OSError as error:
-            raise click.ClickException(
-                f"cannot write {path}: {reason(error)}; choose another --out"
-            ) from error
+        write_file(path, text.encode(), "--out")
         click.echo(path)

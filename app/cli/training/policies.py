@@ -36,11 +36,8 @@ def list_policies() -> None:
     from marsexplorer.policies import describe, names
     from marsexplorer.policies.files.card import of_paper
 
-    print_table(
-        "Policies",
-        ("name", "what it is"),
-        [(name, describe(name)) for name in (*names(), *of_paper())],
-    )
+    rows = [(name, describe(name)) for name in (*names(), *of_paper())]
+    print_table("Policies", ("name", "what it is"), rows)
 
 
 @policies.command()
@@ -72,9 +69,8 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
         file = _file_of(policy)
         with _hub_errors(hub.HubError):
-            click.echo(
-                f"{file.name} stands at {hub.push(file, repo, is_private=private, token=token)}"
-            )
+            address = hub.push(file, repo, is_private=private, token=token)
+        click.echo(f"{file.name} stands at {address}")
 
 
 @policies.command()

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, reason, seed_option
-from app.cli.training.cards import commit, hardware, measure_policy
+from app.cli.console import PATH, seed_option
+from app.cli.training.cards import (
+    COUNT,
+    WORKERS,
+    commit,
+    hardware,
+    measure_policy,
+    noted_progress,
+    written,
+)
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics
@@ -23,7 +29,7 @@ if TYPE_CHECKING:
 @click.argument("policy", default="ppo")
 @click.option(
     "--rounds",
-    type=click.IntRange(min=1),
+    type=COUNT,
     default=30,
     show_default=True,
     help="Rounds of playing and learning; the first takes longest.",
@@ -39,11 +45,7 @@ if TYPE_CHECKING:
 )
 @seed_option("The same seed and rounds give the same weights.")
 @click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Processes that play episodes.  [default: one for each core]",
-)
+@WORKERS
 def refine(
     policy: str,
     rounds: int,
@@ -84,27 +86,18 @@ def refine(
             f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out"
         )
     options = "".join(f" --size {size}" for size in sizes if sizes != (21,))
-    command = (
-        f"marsexplorer refine {policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
-    )
-    processes = workers or cores()
-    run = RefineRun(
-        net, seed, config_for(rounds, sizes, was_refined="pairs" in card.get("training", {}))
-    )
-    own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
+    given = f"{policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
+    processes, was_refined = workers or cores(), "pairs" in card.get("training", {})
+    run = RefineRun(net, seed, config_for(rounds, sizes, was_refined))
+    own_card = own_card_of(f"marsexplorer refine {given}", processes)
     output = RefineOutput(file, run, rounds, card, own_card, folder / "log.jsonl")
     try:
-        refine_policy(output, processes)
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write to {folder}: {reason(error)}; choose another --out"
-        ) from error
+        with written(f"to {folder}"):
+            refine_policy(output, processes)
     except KeyboardInterrupt:
-        left = (
-            f"{file} is as it was after round {run.rounds_done}"
-            if run.rounds_done
-            else "nothing is written before the first round is done"
-        )
+        left = "nothing is written before the first round is done"
+        if run.rounds_done:
+            left = f"{file} is as it was after round {run.rounds_done}"
         click.echo(f"stopped; {left}", err=True)
         raise
     click.echo(f"{file}: {measure_policy(file, output.save_policy, [EnvConfig()])}")
@@ -120,34 +113,29 @@ ROUND_LOG_COLUMNS = {
 """Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it was."""
 
 
+def own_card_of(command: str, processes: int) -> dict[str, Any]:
+    """Return what the card of a refined policy says of this run alone."""
+    return {"command": command, "commit": commit(), "hardware": hardware(processes)}
+
+
 def refine_policy(output: RefineOutput, processes: int) -> None:
-    """Make the rounds that are left and write them; Ctrl-C ends the one under way."""
-    output.file.parent.mkdir(parents=True, exist_ok=True)
-    with _progress_bar(output.rounds) as advance:
-        _make_rounds(output, processes, advance)
-
-
-def _make_rounds(
-    output: RefineOutput, processes: int, advance: Callable[[float, str | None], None]
-) -> None:
-    """Make the rounds, with the episodes played in processes of their own."""
+    """Make the rounds that are left, in so many processes, and write them; Ctrl-C ends the one under way."""
     from app.jobs import Jobs
 
     run, rounds = output.run, output.rounds
+    output.file.parent.mkdir(parents=True, exist_ok=True)
     if run.rounds_done >= rounds:
         output.save_policy({"results": {}})
         return
-    with Jobs(processes) as jobs:
+    bar = noted_progress("refining", rounds, "the first round is a long one")
+    with bar as advance, Jobs(processes) as jobs:
         while run.rounds_done < rounds:
-            metrics = run.train_round(jobs, lambda done: advance(run.rounds_done + done, None))
+            metrics = run.train_round(jobs, lambda done: advance(run.rounds_done + done))
             output.save_round(metrics)
-            steps = ", ".join(
-                f"{mean:.1f} at {size}" for size, mean in metrics.episode_steps.items()
-            )
-            advance(
-                run.rounds_done,
-                f"round {metrics.round}, {metrics.num_pairs:,} pairs: {steps} moves an episode",
-            )
+            means = metrics.episode_steps.items()
+            steps = ", ".join(f"{mean:.1f} at {size}" for size, mean in means)
+            note = f"round {metrics.round}, {metrics.num_pairs:,} pairs: {steps} moves an episode"
+            advance(run.rounds_done, note, note)
 
 
 @dataclass
@@ -175,23 +163,17 @@ class RefineOutput:
         """Set the run to where its checkpoint left it, if there is one; ValueError when that is of another run."""
         import torch
 
+        from marsexplorer.training.run_folder import differing_names, read_log
+
         if self.checkpoint is None or not self.checkpoint.is_file():
             return
         found = torch.load(self.checkpoint, weights_only=True)
-        began = json.loads(found["identity"])
-        if began != self._identity:
-            differing = ", ".join(
-                name for name, value in self._identity.items() if began.get(name) != value
-            )
+        if differing := differing_names(found["identity"], self._identity):
             raise ValueError(
                 f"{self.checkpoint} is of another run ({differing}); give the options it began with"
             )
         self.run.load_state_dict(found["run"])
-        lines = (
-            [json.loads(line) for line in self.log.read_text().splitlines()]
-            if self.log.is_file()
-            else []
-        )
+        lines = read_log(self.log)
         self._lines = [line for line in lines if line["round"] <= self.run.rounds_done]
         self._started -= found["seconds"]
 
@@ -204,73 +186,36 @@ class RefineOutput:
         """Add a round to the log and write all files; after the last round the checkpoint keeps no samples."""
         import torch
 
-        from marsexplorer.files import replace_whole, write_whole
+        from marsexplorer.files import replace_whole
+        from marsexplorer.training.run_folder import write_log
 
         line = {ROUND_LOG_COLUMNS[name]: value for name, value in asdict(metrics).items()}
         self._lines.append({**line, "seconds": round(time.monotonic() - self._started, 1)})
-        text = "".join(json.dumps(line) + "\n" for line in self._lines)
-        with write_whole(self.log) as file:
-            file.write(text.encode())
+        write_log(self.log, self._lines)
         self.save_policy({"results": {}})
         if self.checkpoint:
             state = self.run.state_dict(with_samples=self.run.rounds_done < self.rounds)
-            seconds = self._lines[-1]["seconds"]
+            found = {"identity": json.dumps(self._identity), "run": state}
             with replace_whole(self.checkpoint) as path:
-                torch.save(
-                    {"identity": json.dumps(self._identity), "run": state, "seconds": seconds}, path
-                )
+                torch.save({**found, "seconds": self._lines[-1]["seconds"]}, path)
 
     def save_policy(self, results: dict[str, Any]) -> None:
         """Write the policy file; `results` are added to its card."""
         from marsexplorer.training.network import save_network
 
         run, card = self.run, self.card
-        seconds = self._lines[-1]["seconds"] if self._lines else 0.0
-        numbers = {
+        kept = ("command", "commit", "hardware", "results", "training")
+        training = {
             "rounds": run.rounds_done,
             "pairs": run.num_pairs,
-            "seconds": seconds,
+            "seconds": self._lines[-1]["seconds"] if self._lines else 0.0,
             "seed": run.seed,
-        }
-        began_with = {
-            key: card.get(key) for key in ("command", "commit", "hardware", "results", "training")
-        }
-        training = {
-            **numbers,
             "plan": asdict(run.config),
             "log": self._lines,
-            "began_with": began_with,
+            "began_with": {key: card.get(key) for key in kept},
         }
-        parts = [
-            str(card.get("summary", "A network.")),
-            f"Refined on {run.num_pairs:,} pairs of moves." * (run.rounds_done > 0),
-        ]
-        summary = " ".join(part for part in parts if part)
+        summary = str(card.get("summary", "A network."))
+        if run.rounds_done:
+            summary = f"{summary} Refined on {run.num_pairs:,} pairs of moves.".lstrip()
         whole = {**card, **self.own_card, "summary": summary, **results, "training": training}
         save_network(run.net, self.file, whole)
-
-
-@contextmanager
-def _progress_bar(rounds: int) -> Iterator[Callable[[float, str | None], None]]:
-    """Yield `advance(rounds done, note)` that moves a bar on stderr, or prints each note where stderr is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("refining"),
-        BarColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=rounds, note="the first round is a long one")
-
-        def advance(done: float, note: str | None) -> None:
-            progress.update(task, completed=done)
-            if note:
-                progress.update(task, note=note)
-                if not console.is_terminal:
-                    click.echo(note, err=True)
-
-        yield advance

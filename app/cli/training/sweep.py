@@ -8,19 +8,14 @@ import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import (
-    PATH,
-    levels_option,
-    print_table,
-    progress,
-    reason,
-    sizes_option,
-)
+from app.cli.console import PATH, levels_option, print_table, progress, sizes_option
+from app.cli.training.cards import COUNT, written
 from app.cli.training.train import configs_of
 
 if TYPE_CHECKING:
@@ -88,11 +83,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     help="As in train.",
 )
 @click.option(
-    "--steps",
-    type=click.IntRange(min=1),
-    default=4_000_000,
-    show_default=True,
-    help="Moves of each training.",
+    "--steps", type=COUNT, default=4_000_000, show_default=True, help="Moves of each training."
 )
 @click.option(
     "--episodes",
@@ -101,11 +92,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     show_default=True,
     help="Held-out terrains to measure each policy on.",
 )
-@click.option(
-    "--ray",
-    metavar="ADDRESS",
-    help="Train on a Ray cluster: HOST:PORT, auto, or local.",
-)
+@click.option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
 @click.option(
     "--out",
     type=PATH,
@@ -133,28 +120,19 @@ def sweep(
       marsexplorer sweep --level all --seed 0 --seed 1 --seed 2 --out runs/levels
       marsexplorer sweep --level random --size 21 --size 42 --steps 10000000 --ray head:6379 --out /shared/sizes
     """
-    configs, each_seed = configs_of(levels, sizes), dict.fromkeys(seeds)
-    runs = [
-        _sweep_run(config, seed, recipe, steps, episodes)
-        for config in configs
-        for seed in each_seed
-    ]
+    each = product(configs_of(levels, sizes), dict.fromkeys(seeds))
+    runs = [_sweep_run(config, seed, recipe, steps, episodes) for config, seed in each]
     if (out / "sweep.csv").exists():
         raise click.UsageError(f"{out} holds a sweep already; give another --out")
     from marsexplorer.files import write_whole
 
-    try:
+    with written(f"to {out}"):
         out.mkdir(parents=True, exist_ok=True)
         with write_whole(out / "sweep.csv") as file:
             results = _run(runs, out, ray)
             file.write(_csv(results).encode())
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write to {out}: {reason(error)}; choose another --out"
-        ) from error
     _show(results)
-    failed = [each for each in results if each.error]
-    if failed:
+    if failed := [each for each in results if each.error]:
         raise click.ClickException(
             f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}"
         )
@@ -168,15 +146,8 @@ def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: 
         "hardware": f"{platform.machine()}, one thread",
         "size": [config.rows, config.cols],
     }
-    return SweepRun(
-        name=f"{recipe}-{config.level}-{side}-s{seed}",
-        recipe=recipe,
-        config=config.to_dict(),
-        steps=steps,
-        seed=seed,
-        episodes=episodes,
-        card=card,
-    )
+    name = f"{recipe}-{config.level}-{side}-s{seed}"
+    return SweepRun(name, recipe, config.to_dict(), steps, seed, episodes, card)
 
 
 def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[SweepResult]:
@@ -263,17 +234,8 @@ def _show(results: list[SweepResult]) -> None:
         steps, completion, score, ratio = _figures(each)
         run = each.run
         where = (run.config["level"], f"{run.config['rows']}x{run.config['cols']}", str(run.seed))
-        rows.append(
-            (run.name, *where, f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
-        )
-    columns = (
-        "policy",
-        "level",
-        "size",
-        "seed",
-        "completion",
-        "steps to 99 %",
-        "to rule",
-        "mean score",
-    )
+        figures = (f"{completion:.1%}", f"{steps:.1f}", f"{ratio:.3f}", f"{score:.4f}")
+        rows.append((run.name, *where, *figures))
+    columns = ["policy", "level", "size", "seed"]
+    columns += ["completion", "steps to 99 %", "to rule", "mean score"]
     print_table(f"{results[0].run.episodes} held-out terrains each", columns, rows)

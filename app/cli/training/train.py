@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import platform
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from app.cli.console import PATH, env_config_of, levels_option, reason, seed_option, sizes_option
-from app.cli.training.cards import commit, hardware, measure_policy
-from app.cli.training.refine import RefineOutput, refine_policy
+from app.cli.console import PATH, env_config_of, levels_option, seed_option, sizes_option
+from app.cli.training.cards import COUNT, commit, measure_policy, noted_progress, written
+from app.cli.training.refine import RefineOutput, own_card_of, refine_policy
 
 if TYPE_CHECKING:
     from marsexplorer.config import EnvConfig
@@ -44,21 +46,15 @@ REFINE_CHECKPOINT = "refine.pt"
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
 @click.option(
-    "--steps",
-    type=click.IntRange(min=1),
-    help="Train for this many moves instead, rounded up to whole updates.",
+    "--steps", type=COUNT, help="Train for this many moves instead, rounded up to whole updates."
 )
 @click.option(
     "--refine",
     "rounds",
-    type=click.IntRange(min=1),
+    type=COUNT,
     help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Processes of --refine.  [default: one for each core]",
-)
+@click.option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
 @seed_option("The same seed, steps and rounds give the same weights.")
 @click.option(
     "--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]"
@@ -117,11 +113,8 @@ def train(
     _check_rounds(rounds, workers, sizes)
     _check_device(device)
     config = RECIPES[recipe]
-    folder = (
-        out
-        or Path("runs")
-        / f"{recipe}-{'+'.join(levels)}-{'+'.join(_size_text(size) for size in sizes)}-s{seed}"
-    )
+    sides = [f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size) for size in sizes]
+    folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(sides)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
         raise click.UsageError(
             f"{folder} holds a run already; go on with --resume, or give another --out"
@@ -132,23 +125,16 @@ def train(
         )
     try:
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
-        options = " ".join(
-            [
-                *(f"--level {level}" for level in levels),
-                *(f"--size {_size_text(size)}" for size in sizes),
-            ]
-        )
+        given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
         refining = f" --refine {rounds}" if rounds else ""
-        command = f"marsexplorer train --recipe {recipe} {options} --steps {steps}{refining} --seed {seed} --out {folder.name}"
+        options = f"{' '.join(given)} --steps {steps}{refining} --seed {seed} --out {folder.name}"
+        command = f"marsexplorer train --recipe {recipe} {options}"
         click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
-        trained = _train(run, steps, folder, resume, command, suffix="-ppo" if rounds else "")
-        if rounds:
-            _refine(run, trained, rounds, workers, command)
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write to {folder}: {reason(error)}; choose another --out"
-        ) from error
+        with written(f"to {folder}"):
+            trained = _train(run, steps, folder, resume, command, suffix="-ppo" if rounds else "")
+            if rounds:
+                _refine(run, trained, rounds, workers, command)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
@@ -189,10 +175,9 @@ def _train(
                 err=True,
             )
             raise
-    click.echo(
-        f"{run_folder.policy}: {measure_policy(run_folder.policy, run_folder.save_policy, _measured(run))}"
-    )
-    return run_folder.policy
+    policy = run_folder.policy
+    click.echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
+    return policy
 
 
 def _refine(
@@ -206,11 +191,10 @@ def _refine(
 
     folder, processes = trained.parent, workers or cores()
     sizes = tuple(config.rows for config in run.env_configs)
-    refine_run = RefineRun(
-        load_net(trained), run.seed, config_for(rounds, sizes, was_refined=False)
-    )
+    config = config_for(rounds, sizes, was_refined=False)
+    refine_run = RefineRun(load_net(trained), run.seed, config)
     file = folder / f"{folder.resolve().name}.onnx"
-    own_card = {"command": command, "commit": commit(), "hardware": hardware(processes)}
+    own_card = own_card_of(command, processes)
     log, checkpoint = folder / "refine.jsonl", folder / REFINE_CHECKPOINT
     output = RefineOutput(file, refine_run, rounds, read_card(trained), own_card, log, checkpoint)
     output.resume()
@@ -233,9 +217,8 @@ def _measured(run: TrainingRun) -> list[EnvConfig]:
 
 def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
     """Return what the policy's card says besides the numbers of the run."""
-    where = ", ".join(
-        dict.fromkeys(f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
-    )
+    places = (f"{config.level} {config.rows}x{config.cols}" for config in run.env_configs)
+    where = ", ".join(dict.fromkeys(places))
     what = "A network trained by PPO"
     if run.config.prior_scale:
         what = "A network that began as rules by the prices of unknown cells, trained by PPO"
@@ -250,8 +233,6 @@ def _card(run: TrainingRun, steps: int, command: str) -> dict[str, Any]:
 
 def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], device: str) -> int:
     """Return the steps that fit into `minutes`, by timing a few updates of a run that is thrown away."""
-    import time
-
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.ppo import train as train_network
 
@@ -261,10 +242,6 @@ def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], de
     train_network(run, lambda _: times.append(time.monotonic()))
     seconds_per_update = (times[-1] - times[1]) / (TIMED_UPDATES - 1)
     return max(1, int(minutes * 60 / seconds_per_update)) * config.batch_size
-
-
-def _size_text(size: int | tuple[int, int]) -> str:
-    return f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size)
 
 
 def _check_device(device: str) -> None:
@@ -282,37 +259,22 @@ def _check_device(device: str) -> None:
 @contextmanager
 def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float], None]]:
     """Yield an `on_update` that moves a bar on stderr, or prints a line now and then where stderr is no terminal."""
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("playing"),
-        BarColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=run.num_updates, note="")
+    with noted_progress("playing", run.num_updates) as advance:
         started, first_step, printed = time.monotonic(), run.global_step, 0.0
 
         def on_update(metrics: UpdateMetrics, seconds: float) -> None:
             nonlocal printed
             now = time.monotonic()
             speed = (metrics.global_step - first_step) / max(now - started, 1e-9)
-            episodes = (
-                f"{metrics.episode_steps:.1f} moves an episode, {metrics.explored:.1%} explored"
-            )
+            steps = f"{metrics.episode_steps:.1f} moves an episode"
             played = f"{metrics.global_step / 1e6:.2f} M moves, {speed:,.0f}/s"
-            note = f"{played}: return {metrics.episode_return:.0f}, {episodes}"
-            progress.update(task, completed=run.updates_done, note=note)
-            if not console.is_terminal and (
-                now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates
-            ):
-                click.echo(f"{note}, entropy {metrics.entropy:.2f}", err=True)
-                printed = now
+            earned = (
+                f"return {metrics.episode_return:.0f}, {steps}, {metrics.explored:.1%} explored"
+            )
+            note, line = f"{played}: {earned}", ""
+            if now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates:
+                line, printed = f"{note}, entropy {metrics.entropy:.2f}", now
+            advance(run.updates_done, note, line)
 
         yield on_update
 
@@ -321,7 +283,6 @@ def configs_of(levels: Sequence[str], sizes: Sequence[int | tuple[int, int]]) ->
     """Return the configurations of every size and level, `all` being those of FAMILIES; UsageError where there is none."""
     from marsexplorer.training.config import FAMILIES
 
-    names = dict.fromkeys(
-        name for level in levels for name in (FAMILIES if level == "all" else (level,))
-    )
+    each = (FAMILIES if level == "all" else (level,) for level in levels)
+    names = dict.fromkeys(chain.from_iterable(each))
     return [env_config_of(level, size) for size in dict.fromkeys(sizes) for level in names]

@@ -74,11 +74,9 @@ class GymnasiumConfig:
         """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
         os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pygame would look for a screen
         try:
+            given = json.loads(self.arguments)
             return gymnasium.make(
-                self.level,
-                max_episode_steps=self.limit,
-                render_mode="rgb_array",
-                **json.loads(self.arguments),
+                self.level, max_episode_steps=self.limit, render_mode="rgb_array", **given
             )
         except (gymnasium.error.Error, TypeError, ImportError) as error:
             raise ValueError(f"{self.level} cannot be made: {error}") from error
@@ -366,9 +364,8 @@ class GymnasiumRules:
             GymnasiumRun(self.default, 0).view()
         except gymnasium.error.DependencyNotInstalled as error:
             needs = "pip install 'marsexplorer-playground[gymnasium]'"
-            raise ValueError(
-                f"{self.level} cannot be drawn: {error}; install it with: {needs}"
-            ) from error
+            said = f"{self.level} cannot be drawn: {error}; install it with: {needs}"
+            raise ValueError(said) from error
 
     def drawn(self, config: GymnasiumConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return no bytes: the instance is whatever the environment makes of the seed."""
@@ -384,15 +381,16 @@ class GymnasiumRules:
 
     def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> GymnasiumRecord:
         """Return the cause of a finished episode, ready to be replayed; ValueError for one without a seed."""
+        return GymnasiumRecord(was.config, self._seed_of(was), actions, **came_to)
+
+    def _seed_of(self, was: Cause) -> int:
         if was.seed is None:
             raise ValueError(f"an episode of {self.name} follows from its seed, and this has none")
-        return GymnasiumRecord(was.config, was.seed, actions, **came_to)
+        return was.seed
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> GymnasiumRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        if was.seed is None:
-            raise ValueError(f"an episode of {self.name} follows from its seed, and this has none")
-        run = GymnasiumRun(was.config, was.seed)
+        run = GymnasiumRun(was.config, self._seed_of(was))
         for action in actions:
             run.step(action)
         if ended and run.outcome == "running":

@@ -14,17 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.task import GhostError, PolicyOffer
+from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
 from marsexplorer.policies import load
 from marsexplorer.policies import names as shipped
 
-CHARACTERS = "?.@#"
-"""Code of a cell -> its character, as in a frame's grid."""
 NEVER = -1
 """The move at which a cell became known that never did."""
 PREFERRED = ("ppo", "frontier-cost")
 """The policy that is shown when none is asked for: the first of these that did not drive the episode itself."""
+
+
+NextAction = Callable[[NDArray[np.uint8]], int | None]
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class Course:
             "positions": [list(cell) for cell in self.path],
             "discovered": list(self.discovered),
             "cells": self.cells,
-            "grid": ["".join(CHARACTERS[code] for code in row) for row in self.codes],
+            "grid": encode_grid(self.codes),
             "known_since": self.known_since.tolist(),
             "outcome": self.outcome,
             "score": self.score,
@@ -106,16 +108,10 @@ def course_of(name: str, record: Record) -> Course:
     """Return the course of a finished episode; ValueError when this version's rules cannot replay it."""
     ended = replay(record)
     actions = iter(record.actions)
-    again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
-    return _course(name, again, lambda _: next(actions, None), ended)
+    return _course(name, Episode.again(record), lambda _: next(actions, None), ended)
 
 
-def _course(
-    name: str,
-    episode: Episode,
-    next_action: Callable[[NDArray[np.uint8]], int | None],
-    ended: Episode,
-) -> Course:
+def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode) -> Course:
     """Return the course of an episode from its start on, made move by move until `next_action` returns None."""
     known_since = np.where(episode.codes != UNKNOWN, 0, NEVER).astype(np.int32)
     while (action := next_action(episode.codes)) is not None:
@@ -180,10 +176,9 @@ def play_ghost(source: str, record: Record) -> Course:
             f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
         )
     policy.reset(0)
-    episode = Episode.begin(config, terrain=record.terrain_map(), start=record.start)
-    return _course(
-        policy.name,
-        episode,
-        lambda codes: None if episode.ended else policy.act(codes.copy()),
-        episode,
-    )
+    episode = Episode.again(record)
+
+    def next_action(codes: NDArray[np.uint8]) -> int | None:
+        return None if episode.ended else policy.act(codes.copy())
+
+    return _course(policy.name, episode, next_action, episode)

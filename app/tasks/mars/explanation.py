@@ -30,12 +30,7 @@ async def explanation_of(jobs: Jobs, cache: Path, record: Record, owner: str) ->
     """
     check_size(record.config)
     key = ("regret", record.config.hash, record.terrain, record.trajectory_hash)
-    return await jobs.run(explain_kept, cache, record, owner=owner, key=key, limit_s=LIMIT_S)
-
-
-def explain_kept(cache: Path, record: Record) -> dict[str, Any]:
-    """Return what `explain` says, with regrets that are kept in a folder."""
-    return explain(_estimator(cache), record)
+    return await jobs.run(explain, cache, record, owner=owner, key=key, limit_s=LIMIT_S)
 
 
 @lru_cache(1)
@@ -43,8 +38,12 @@ def _estimator(cache: Path) -> RegretEstimator:
     return RegretEstimator(cache=cache)
 
 
-def explain(estimator: RegretEstimator, record: Record) -> dict[str, Any]:
-    """Return what a page shows of where an episode lost moves: its regret, and the biggest losses with what was missed."""
+def explain(cache: Path, record: Record) -> dict[str, Any]:
+    """Return what a page shows of where an episode lost moves: its regret, and the biggest losses with what was missed.
+
+    cache  the folder that regrets are kept in
+    """
+    estimator = _estimator(cache)
     found = estimator.regret(record)
     losses = [loss for loss in found.biggest(BIGGEST) if loss.regret >= LEAST_NAMED]
     missed = estimator.missed(record, losses)

@@ -182,13 +182,12 @@ def encode_thought(
     """
     if (probabilities is None and goal is None) or not all(map(isfinite, probabilities or ())):
         return ""
+    shares = None if probabilities is None else [round(float(share), 4) for share in probabilities]
     thought = {
         "kind": "thought",
         "episode": episode_id,
         "step": step,
-        "probabilities": None
-        if probabilities is None
-        else [round(float(share), 4) for share in probabilities],
+        "probabilities": shares,
         "value": round(float(value), 3) if isfinite(value) else None,
         "goal": None if goal is None else [int(goal[0]), int(goal[1])],
     }

@@ -85,12 +85,9 @@ def _ground(course: Course, step: int, cell: int, before: int) -> Image.Image:
     cells = np.empty((*course.codes.shape, 3), np.uint8)
     cells[:] = NIGHT
     is_rock = course.codes == OBSTACLE
-    for mask, colour in (
-        (known & ~is_rock, SOIL),
-        (fresh & ~is_rock, SHOWN_NOW),
-        (known & is_rock, ROCK),
-    ):
-        cells[mask] = colour
+    cells[known & ~is_rock] = SOIL
+    cells[fresh & ~is_rock] = SHOWN_NOW
+    cells[known & is_rock] = ROCK
     pixels: NDArray[np.uint8] = np.repeat(np.repeat(cells, cell, 0), cell, 1)
     if cell >= 7:
         edges = cells.copy()
@@ -111,10 +108,8 @@ def _draw_path(
 ) -> None:
     """Draw the way of a rover from its start, cell by cell."""
     width = max(1, round(cell * 0.16))
-    points = [
-        ((col + 0.5) * cell, (row + 0.5) * cell)
-        for row, col in course.path[: min(step, course.moves) + 1]
-    ]
+    path = course.path[: min(step, course.moves) + 1]
+    points = [((col + 0.5) * cell, (row + 0.5) * cell) for row, col in path]
     for (x0, y0), (x1, y1) in itertools.pairwise(points):
         if (x0, y0) == (x1, y1):
             continue
@@ -122,10 +117,8 @@ def _draw_path(
             x1, y1 = (x0 + x1) / 2, (y0 + y1) / 2
         grow = width / 2 if not is_dashed else 0
         left, right, top, bottom = min(x0, x1), max(x0, x1), min(y0, y1), max(y0, y1)
-        half_x, half_y = (grow, width / 2) if y0 == y1 else (width / 2, grow)
-        draw.rectangle(
-            (left - half_x, top - half_y, right + half_x - 1, bottom + half_y - 1), fill=colour
-        )
+        wide, high = (grow, width / 2) if y0 == y1 else (width / 2, grow)
+        draw.rectangle((left - wide, top - high, right + wide - 1, bottom + high - 1), fill=colour)
 
 
 @lru_cache(maxsize=64)
@@ -136,11 +129,8 @@ def _rover(side: int, colour: Colour, heading: str) -> Image.Image:
     if side >= 7:
         middle = fine / 2
         tip, back, wing = fine * 0.32, fine * 0.22, fine * 0.26
-        arrow = [
-            (middle + tip, middle),
-            (middle - back, middle - wing),
-            (middle - back, middle + wing),
-        ]
+        foot = middle - back
+        arrow = [(middle + tip, middle), (foot, middle - wing), (foot, middle + wing)]
         ImageDraw.Draw(picture).polygon(arrow, fill=NIGHT)
         picture = picture.rotate(_HEADINGS[heading])
     return picture.resize((side, side), Image.Resampling.LANCZOS)
@@ -161,9 +151,8 @@ def _mark_crash(picture: Image.Image, course: Course, cell: int) -> None:
     draw.line((inset, inset, fine - inset, fine - inset), fill=255, width=width)
     draw.line((inset, fine - inset, fine - inset, inset), fill=255, width=width)
     mask = cross.resize((side, side), Image.Resampling.LANCZOS)
-    picture.paste(
-        Image.new("RGB", (side, side), ALARM), (round(x - side / 2), round(y - side / 2)), mask
-    )
+    corner = (round(x - side / 2), round(y - side / 2))
+    picture.paste(Image.new("RGB", (side, side), ALARM), corner, mask)
 
 
 @dataclass(frozen=True)
@@ -194,13 +183,10 @@ class AnimationPicture:
         """Return the picture after some moves; ground shown after `before` moves is lighter."""
         picture = Image.new("RGB", self.size, NIGHT)
         for number, (course, colour) in enumerate(zip(self._courses, ROVERS, strict=False)):
-            others = [
-                (each, ROVERS[k]) for k, each in enumerate(self._courses) if each is not course
-            ]
+            rovers = zip(self._courses, ROVERS, strict=False)
+            other = next((each for each in rovers if each[0] is not course), None)
             left = self._look.margin + number * (self._column + self._look.margin)
-            board = board_picture(
-                course, step, self._cell, colour, others[0] if others else None, before
-            )
+            board = board_picture(course, step, self._cell, colour, other, before)
             top = self._look.margin + round(2.2 * self._look.text)
             picture.paste(board, (left + (self._column - self._width) // 2, top))
             self._write(ImageDraw.Draw(picture), course, step, colour, left)
@@ -215,24 +201,15 @@ class AnimationPicture:
         draw.text((left, base), course.name, TEXT, font(look.text), anchor="ls")
         moves = f"{min(step, course.moves)}"
         draw.text((right, base), "moves", MUTED, font(look.text), anchor="rs")
-        draw.text(
-            (right - round(3.3 * look.text), base),
-            moves,
-            colour,
-            font(round(1.6 * look.text)),
-            anchor="rs",
-        )
+        place, large = (right - round(3.3 * look.text), base), font(round(1.6 * look.text))
+        draw.text(place, moves, colour, large, anchor="rs")
         top = look.margin + round(2.2 * look.text) + self._height + round(0.7 * look.text)
         share = course.coverage(step)
         _bar(draw, (left, top, right, top + round(0.5 * look.text)), share, colour)
-        words = sentence(course) if step >= course.moves else f"{percent(share)} % mapped"
-        draw.text(
-            (left, top + round(1.9 * look.text)),
-            words,
-            TEXT if step >= course.moves else MUTED,
-            font(look.text),
-            anchor="ls",
-        )
+        words, shade = f"{percent(share)} % mapped", MUTED
+        if step >= course.moves:
+            words, shade = sentence(course), TEXT
+        draw.text((left, top + round(1.9 * look.text)), words, shade, font(look.text), anchor="ls")
 
 
 def preview(course: Course) -> bytes:
@@ -280,10 +257,7 @@ def _bar(
     radius = (bottom - top) // 2
     draw.rounded_rectangle(box, radius, fill=LINE)
     if share > 0:
-        draw.rounded_rectangle(
-            (left, top, max(left + 2 * radius, left + round(share * (right - left))), bottom),
-            radius,
-            fill=colour,
-        )
+        end = max(left + 2 * radius, left + round(share * (right - left)))
+        draw.rounded_rectangle((left, top, end, bottom), radius, fill=colour)
     goal = left + round(GOAL * (right - left))
     draw.line((goal, top - radius, goal, bottom + radius), fill=TEXT, width=max(1, radius // 3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import random
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,21 @@ from marsexplorer import policies
 from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.evaluation.episodes import FEW_CHUNKS, make_chunks, play_chunks, play_terrain
+from marsexplorer.evaluation.episodes import (
+    FEW_CHUNKS,
+    make_chunks,
+    play_chunks,
+    play_out,
+    play_terrain,
+)
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import MAX_CELLS, RegretEstimator, check_size
 from marsexplorer.policies import find_shipped, is_rule
 from marsexplorer.policies.files.card import of_paper, shipped
 
 OFFERED = (
-    *(EnvConfig.of(level, 21) for level in LEVELS),
-    EnvConfig.of("random", 42),
-    EnvConfig.of("random", 84),
-)
+    *(EnvConfig.of(level, 21) for level in LEVELS), EnvConfig.of("random", 42), EnvConfig.of("random", 84),
+)  # fmt: skip
 """The configurations that the page's terrain dialog offers: each has a board of figures, even if unplayed."""
 
 __all__ = [
@@ -41,30 +46,28 @@ __all__ = [
 
 def load(source: str, config: EnvConfig) -> policies.Policy:
     """Return a new policy for a configuration; PolicyError where none goes by this name or path, or none can be played."""
-    return _load(source, config.sensor_radius)
+    with _policy_errors():
+        return policies.load(source, config.sensor_radius)
 
 
-def _load(source: str, *radius: int) -> policies.Policy:
+@contextmanager
+def _policy_errors() -> Iterator[None]:
     try:
-        return policies.load(source, *radius)
+        yield
     except (LookupError, ValueError, OSError) as error:
         raise PolicyError(str(error)) from error
 
 
 def file_of(source: str) -> Any:
     """Return the path of a policy's file; PolicyError where there is none."""
-    try:
+    with _policy_errors():
         return policies.find_file(source)
-    except LookupError as error:
-        raise PolicyError(str(error)) from error
 
 
 def hash_of(source: str) -> str | None:
     """Return SHA-256 (hex) of a policy's file; None for a rule that is code; PolicyError where it cannot be read."""
-    try:
+    with _policy_errors():
         return policies.policy_hash(source)
-    except (LookupError, OSError) as error:
-        raise PolicyError(str(error)) from error
 
 
 def hash_with_code(source: str) -> str:
@@ -89,11 +92,7 @@ def begin(config: EnvConfig, seed: int) -> MarsRun:
 
 def play(policy: policies.Policy, config: EnvConfig, seed: int, policy_seed: int) -> MarsRun:
     """Return the ended run of a policy, reset with `policy_seed`, on the terrain of a seed."""
-    episode = Episode.begin(config, seed=seed)
-    policy.reset(policy_seed)
-    while not episode.ended:
-        episode.step(policy.act(episode.codes))
-    return MarsRun(episode)
+    return MarsRun(play_out(policy, Episode.begin(config, seed=seed), policy_seed))
 
 
 def play_all(
@@ -127,7 +126,8 @@ class NoisyPolicy:
         noise   probability (0..1) that a move is the random policy's
         radius  of the sensor, cells
         """
-        self._policy, self._random = _load(name, radius), _load("random")
+        with _policy_errors():
+            self._policy, self._random = policies.load(name, radius), policies.load("random")
         self._noise, self._dice = noise, random.Random(seed)
 
     def reset(self) -> None:

@@ -60,9 +60,8 @@ class PolicyCatalogue:
     def check(self, name: str, *others: str) -> str:
         """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
         if name not in self._offers:
-            raise ValueError(
-                f"no policy {name!r}; choose one of: {', '.join((*others, *self._offers))}"
-            )
+            offered = ", ".join((*others, *self._offers))
+            raise ValueError(f"no policy {name!r}; choose one of: {offered}")
         return name
 
     def check_size(self, names: Iterable[str], config: EnvConfig) -> None:

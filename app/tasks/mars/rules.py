@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import marsexplorer  # noqa: F401  # registers the environment
 from app.task import Cause, Messages, Metric, Words
 from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
-from app.tasks.mars.run import MarsRun, compile_rules
+from app.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode, Record, replay, score, unpack_terrain
 from marsexplorer.evaluation.effort import QUANTILE, SHORTEST, makes_no_effort
@@ -77,14 +77,15 @@ class MarsRules:
 
     def environment(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
-        size = (config.rows, config.cols)
-        rest = {name: getattr(config, name) for name in ("sensor_radius", "beta", "max_steps")}
-        given = {"level": config.level, "size": size, **rest, "observation": "uint8"}
+        given = {
+            name: getattr(config, name) for name in ("level", "sensor_radius", "beta", "max_steps")
+        }
+        given |= {"size": (config.rows, config.cols), "observation": "uint8"}
         return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
 
     def observations(self, record: Record) -> list[NDArray[np.uint8]]:
         """Return what was seen before each move and after the last: uint8[rows, cols]."""
-        again = Episode.begin(record.config, terrain=record.terrain_map(), start=record.start)
+        again = Episode.again(record)
         found = [again.codes.copy()]
         for action in record.actions:
             again.step(action)
@@ -114,7 +115,7 @@ class MarsRules:
     spread: ClassVar[str] = "those of synthetic players"
     own_labels: ClassVar[Mapping[str, str]] = {
         "no effort": f"no better explored than by random moves in {QUANTILE:.0%} of cases; "
-        f"{SHORTEST:.1%} of the limit or longer",
+        f"{SHORTEST:.1%} of the limit or longer"
     }
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
@@ -188,7 +189,7 @@ class MarsRules:
 
     def prepare(self) -> None:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""
-        compile_rules()
+        Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
 
     def drawn(self, config: EnvConfig, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed terrain of a seed, and the north-west corner."""
@@ -202,9 +203,7 @@ class MarsRules:
     def cells(self, was: Cause) -> int:
         """Return how many cells coverage refers to: all, or those that can be discovered."""
         config: EnvConfig = was.config
-        if not config.discoverable_only:
-            return config.n
-        return _cells(config, was.terrain, was.start)
+        return _cells(config, was.terrain, was.start) if config.discoverable_only else config.n
 
     def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
@@ -212,15 +211,11 @@ class MarsRules:
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        outcome = "abandoned" if ended else "running"
-        came_to = {
-            "outcome": outcome,
-            "total": 0.0,
-            "steps": 0,
-            "discovered": 0,
-            "trajectory_hash": "",
-        }
-        return self.replay_record(self.record(was, actions, came_to))
+        cause, outcome = (
+            (was.config, was.seed, was.terrain, was.start),
+            "abandoned" if ended else "running",
+        )
+        return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
 
     def replay_record(self, record: Record) -> MarsRun:
         """Return the run of a record; ValueError where the core's version is another one."""
@@ -230,7 +225,7 @@ class MarsRules:
         """Return the frames of a finished episode from its start to its end; on large boards only every so many."""
         config = record.config
         stride = max(1, -(-len(record.actions) * config.n // MAX_REPLAY_CELLS))
-        run = MarsRun(Episode.begin(config, terrain=record.terrain_map(), start=record.start))
+        run = MarsRun(Episode.again(record))
         texts = [run.view().frame(episode_id)]
         for number, action in enumerate(record.actions, 1):
             run.step(action)

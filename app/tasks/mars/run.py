@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from marsexplorer.policies.kernels.visibility import VisibilityMap
 
@@ -76,11 +76,9 @@ class View:
         self._episode = episode
         self.config = episode.config
         self.codes = episode.codes.copy()
-        self.position, self.discovered, self.cells = (
-            episode.position,
-            episode.discovered,
-            episode.cells,
-        )
+        self.position = episode.position
+        self.discovered = episode.discovered
+        self.cells = episode.cells
         self.steps, self.outcome = episode.steps, episode.outcome
         self.reward, self.total, self.score = episode.reward, episode.total, episode.score
         self.ended = episode.ended
@@ -143,13 +141,9 @@ class View:
 
     def history(self, episode_id: str) -> str:
         """Return the path so far as JSON text."""
-        history = {
-            "kind": "history",
-            "episode": episode_id,
-            "positions": [[int(row), int(col)] for row, col in self.path],
-            "discovered": [int(count) for count in self.discoveries],
-        }
-        return _ENCODER.encode(history).decode()
+        history = {"kind": "history", "episode": episode_id}
+        told = {"positions": self.path, "discovered": self.discoveries}
+        return _ENCODER.encode(history | told).decode()
 
     def expected(self, episode_id: str) -> str:
         """Return how many unknown cells a look from each cell should show, as JSON text; unknown cells hide nothing."""
@@ -161,11 +155,6 @@ class View:
         cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
         message = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": cells}
         return json.dumps(message, separators=(",", ":"))
-
-
-def compile_rules() -> None:
-    """Let the rules be compiled now: a moment where it has been done before, seconds else."""
-    Episode.begin(EnvConfig.of("random", 5), seed=0).step(0)
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from app.task import Cause, Choice, Decides
-from app.tasks.mars.messages import NewEpisode, NewSession
+from app.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.rules import MarsRules
 from app.tasks.mars.run import MarsRun
-from app.tasks.mars.terrains import GivenTerrain, MapCatalogue, levels_on_offer, terrain_of
-from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
+from app.tasks.mars.terrains import GivenTerrain, MapCatalogue
+from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
+from marsexplorer.episode import Episode, unpack_terrain
 from marsexplorer.policies.network import batch
 
 
@@ -28,7 +28,16 @@ class Mars(MarsRules):
 
     def levels(self) -> list[dict[str, Any]]:
         """Return the levels whose terrains seeds draw."""
-        return levels_on_offer()
+        return [
+            {
+                "name": level.name,
+                "summary": level.summary,
+                "topology": level.topology,
+                "morphology": level.morphology,
+                "pays_bonus": level.has_bonus,
+            }
+            for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
+        ]
 
     def maps(self) -> list[dict[str, Any]]:
         """Return the maps that the server was started with."""
@@ -36,15 +45,26 @@ class Mars(MarsRules):
 
     def first(self, wanted: NewSession) -> Choice:
         """Return the terrain that a new session asks for; ValueError for an unknown map."""
-        return self.catalogue.first_terrain(wanted)
+        if wanted.map is not None:
+            return self.catalogue.find(wanted.map)
+        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:
         """Return the terrain of the next episode: what is left out stays as it was, so a map is played again."""
-        return self.catalogue.next_terrain(was, wanted)
+        config: EnvConfig = was.config
+        if wanted.map is not None:
+            return self.catalogue.find(wanted.map)
+        if config.level == MAP and wanted.leaves_terrain:
+            return self.again(was)
+        level = wanted.level or ("random" if config.level == MAP else config.level)
+        return Choice(EnvConfig.of(level, wanted.size or (config.rows, config.cols)), wanted.seed)
 
     def again(self, was: Cause) -> Choice:
         """Return the terrain of an episode, to be played once more."""
-        return terrain_of(was)
+        if was.seed is not None:
+            return Choice(was.config, was.seed)
+        cells = unpack_terrain(was.terrain, was.config)
+        return Choice(was.config, None, GivenTerrain(cells, was.start))
 
     def wanted_again(self, config: EnvConfig, wanted: NewEpisode, **rest: Any) -> NewSession:
         """Return what begins an episode that is wanted, of a configuration, on a board of its own."""

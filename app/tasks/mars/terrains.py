@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.task import Cause, Choice
-from app.tasks.mars.messages import DRAWN_LEVELS, MAX_API_SIDE, NewEpisode, NewSession
-from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
-from marsexplorer.episode import unpack_terrain
+from app.tasks.mars.messages import MAX_API_SIDE
+from marsexplorer.config import EnvConfig
 from marsexplorer.maps import CELL_M, read_map
 from marsexplorer.terrain import generate
 from marsexplorer.world import cells_that_count
@@ -32,29 +31,15 @@ class GivenTerrain:
     start: tuple[int, int]
 
 
-@dataclass(frozen=True)
-class OfferedMap:
-    """A map that may be chosen by name."""
-
-    name: str
-    terrain: Choice
-
-    @property
-    def summary(self) -> str:
-        """One sentence about it."""
-        config = self.terrain.config
-        return f"a map of {config.rows} × {config.cols} cells; what can be seen from where the rover can go counts"
-
-
 class MapCatalogue:
     """The maps on offer by name, in the order given."""
 
-    def __init__(self, maps: Iterable[OfferedMap] = ()) -> None:
-        self._maps: dict[str, OfferedMap] = {}
-        for each in maps:
-            if each.name in self._maps:
-                raise ValueError(f"two maps are called {each.name!r}; rename one of the files")
-            self._maps[each.name] = each
+    def __init__(self, maps: Iterable[tuple[str, Choice]] = ()) -> None:
+        self._maps: dict[str, Choice] = {}
+        for name, terrain in maps:
+            if name in self._maps:
+                raise ValueError(f"two maps are called {name!r}; rename one of the files")
+            self._maps[name] = terrain
 
     @classmethod
     def read(cls, paths: Iterable[Path], cell_m: float | None = None) -> MapCatalogue:
@@ -64,73 +49,32 @@ class MapCatalogue:
         """
         return cls(_offered(path, cell_m or CELL_M) for path in paths)
 
-    def offers(self) -> list[OfferedMap]:
-        """Return what may be chosen."""
-        return list(self._maps.values())
-
     def listed(self) -> list[dict[str, Any]]:
         """Return what may be chosen, as the API lists it."""
-        offers = [(each, each.terrain.config) for each in self.offers()]
+        what = "what can be seen from where the rover can go counts"
+        sizes = {name: (each.config.rows, each.config.cols) for name, each in self._maps.items()}
         return [
-            {"name": each.name, "summary": each.summary, "size": [config.rows, config.cols]}
-            for each, config in offers
+            {
+                "name": name,
+                "summary": f"a map of {rows} × {cols} cells; {what}",
+                "size": [rows, cols],
+            }
+            for name, (rows, cols) in sizes.items()
         ]
 
     def name_of(self, row: Cause) -> str | None:
         """Return the name of the map that an episode is played on; None for a seed's terrain and a map not on offer."""
         if row.seed is not None:
             return None
-        packed = ((each, each.terrain) for each in self._maps.values())
-        return next((each.name for each, terrain in packed if _is_of(row, terrain)), None)
+        return next((name for name, terrain in self._maps.items() if _is_of(row, terrain)), None)
 
-    def first_terrain(self, wanted: NewSession) -> Choice:
-        """Return the terrain that a new session asks for; ValueError for an unknown map."""
-        if wanted.map is not None:
-            return self._find(wanted.map)
-        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
-
-    def next_terrain(self, was: Cause, wanted: NewEpisode) -> Choice:
-        """Return the terrain of a session's next episode: what is left out stays as it was, so a map is played again."""
-        if wanted.map is not None:
-            return self._find(wanted.map)
-        if was.config.level == MAP and wanted.leaves_terrain:
-            return terrain_of(was)
-        level = wanted.level or ("random" if was.config.level == MAP else was.config.level)
-        return Choice(
-            EnvConfig.of(level, wanted.size or (was.config.rows, was.config.cols)), wanted.seed
-        )
-
-    def _find(self, name: str) -> Choice:
+    def find(self, name: str) -> Choice:
+        """Return the terrain of a map; ValueError where none on offer is called so."""
         if name not in self._maps:
-            offered = (
-                f"choose one of: {', '.join(self._maps)}"
-                if self._maps
-                else "this server offers none (serve --map FILE.yaml)"
-            )
-            raise ValueError(f"no map {name!r}; {offered}")
-        return self._maps[name].terrain
-
-
-def levels_on_offer() -> list[dict[str, Any]]:
-    """Return the levels whose terrains seeds draw, as the API lists them."""
-    return [
-        {
-            "name": level.name,
-            "summary": level.summary,
-            "topology": level.topology,
-            "morphology": level.morphology,
-            "pays_bonus": level.has_bonus,
-        }
-        for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
-    ]
-
-
-def terrain_of(row: Cause) -> Choice:
-    """Return the terrain of an episode, to be played once more."""
-    if row.seed is not None:
-        return Choice(row.config, row.seed)
-    cells = unpack_terrain(row.terrain, row.config)
-    return Choice(row.config, None, GivenTerrain(cells, row.start))
+            offered = f"choose one of: {', '.join(self._maps)}"
+            none = "this server offers none (serve --map FILE.yaml)"
+            raise ValueError(f"no map {name!r}; {offered if self._maps else none}")
+        return self._maps[name]
 
 
 @lru_cache(maxsize=64)
@@ -143,13 +87,11 @@ def cells_of_seed(config: EnvConfig, seed: int) -> int:
 
 def _is_of(row: Cause, terrain: Choice) -> bool:
     given: GivenTerrain = terrain.given
-    return (row.config, row.start) == (
-        terrain.config,
-        given.start,
-    ) and row.terrain == np.packbits(given.cells).tobytes()
+    packed = np.packbits(given.cells).tobytes()
+    return (row.config, row.start, row.terrain) == (terrain.config, given.start, packed)
 
 
-def _offered(path: Path, cell_m: float) -> OfferedMap:
+def _offered(path: Path, cell_m: float) -> tuple[str, Choice]:
     found = read_map(path, cell_m)
     rows, cols = found.terrain.shape
     if max(rows, cols) > MAX_API_SIDE:
@@ -157,6 +99,4 @@ def _offered(path: Path, cell_m: float) -> OfferedMap:
             f"{path}: a board has at most {MAX_API_SIDE} cells a side, and this map has {rows}x{cols}; "
             "give a larger --cell, which makes fewer cells of it"
         )
-    return OfferedMap(
-        path.stem, Choice(found.config(), None, GivenTerrain(found.terrain, found.start))
-    )
+    return path.stem, Choice(found.config(), None, GivenTerrain(found.terrain, found.start))

@@ -77,10 +77,7 @@ def push(path: Path, repo: str, *, is_private: bool = False, token: str | None =
     api = _api(token)
     with _hub_errors(_checked(repo)):
         api.create_repo(repo, private=is_private, exist_ok=True)
-        added = [
-            CommitOperationAdd(path_in_repo=name, path_or_fileobj=content)
-            for name, content in files.items()
-        ]
+        added = [CommitOperationAdd(*each) for each in files.items()]
         api.create_commit(repo, added, commit_message=f"Upload the policy {path.stem}")
     return f"{api.endpoint}/{repo}"
 
@@ -98,9 +95,8 @@ def pull(repo: str, folder: Path, *, revision: str | None = None, token: str | N
         siblings = api.model_info(repo, revision=revision).siblings or []
         found = [each.rfilename for each in siblings if each.rfilename.endswith(SUFFIX)]
         if len(found) != 1:
-            raise HubError(
-                f"expected one {SUFFIX} file in {repo}, found {len(found)}: {', '.join(found) or 'none'}"
-            )
+            names = ", ".join(found) or "none"
+            raise HubError(f"expected one {SUFFIX} file in {repo}, found {len(found)}: {names}")
         source = Path(api.hf_hub_download(repo, found[0], revision=revision))
     _card_of(source)
     folder.mkdir(parents=True, exist_ok=True)
@@ -125,9 +121,7 @@ def _card_of(path: Path) -> dict[str, Any]:
 
 def _eval_results(card: dict[str, Any]) -> Iterator[EvalResult]:
     """Yield the results of a card that are figures by level and size, one for each metric."""
-    for setting, figures in card.get("results", {}).items():
-        if not isinstance(figures, dict):
-            continue
+    for setting, figures in _results(card).items():
         for key, name in METRICS.items():
             if key in figures:
                 yield EvalResult(
@@ -141,37 +135,29 @@ def _eval_results(card: dict[str, Any]) -> Iterator[EvalResult]:
                 )
 
 
+def _results(card: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the results of a card that are figures, by setting."""
+    results = card.get("results", {}).items()
+    return {setting: figures for setting, figures in results if isinstance(figures, dict)}
+
+
 def _words(path: Path, card: dict[str, Any], repo: str) -> str:
     """Return a policy's card as Markdown: what it is, how to play it, how it was made, its results and its limits."""
     lines = [f"# {path.stem}", "", str(card.get("summary", "A policy for MarsExplorer.")), ""]
-    lines += [
-        "## Play it",
-        "```sh",
-        f"marsexplorer policies pull {repo}",
-        f"marsexplorer serve --policy {path.name}",
-        "```",
-        "",
-    ]
+    lines += ["## Play it", "```sh", f"marsexplorer policies pull {repo}"]
+    lines += [f"marsexplorer serve --policy {path.name}", "```", ""]
     lines += [f"or `marsexplorer.policies.load({path.name!r})` in Python.", ""]
     if "command" in card:
         lines += ["## How it was made", f"`{card['command']}`", ""]
-    results = {
-        setting: figures
-        for setting, figures in card.get("results", {}).items()
-        if isinstance(figures, dict)
-    }
-    if results:
+    if results := _results(card):
         keys = list(dict.fromkeys(key for figures in results.values() for key in figures))
-        lines += [
-            "## Results",
-            "| setting | " + " | ".join(keys) + " |",
-            "|---" * (len(keys) + 1) + "|",
-        ]
-        lines += [
-            f"| {setting} | " + " | ".join(str(figures.get(key, "")) for key in keys) + " |"
+        rows = [["setting", *keys]]
+        rows += [
+            [setting, *(str(figures.get(key, "")) for key in keys)]
             for setting, figures in results.items()
         ]
-        lines.append("")
+        table = [f"| {' | '.join(row)} |" for row in rows]
+        lines += ["## Results", table[0], "|---" * (len(keys) + 1) + "|", *table[1:], ""]
     if "limits" in card:
         lines += ["## Limits", str(card["limits"]), ""]
     lines += [
@@ -201,30 +187,34 @@ def _hub_errors(repo: str) -> Iterator[None]:
         yield
     except HubError:
         raise
-    except LocalTokenNotFoundError as error:
-        raise HubError("the hub asks who you are: run `hf auth login`, or set HF_TOKEN") from error
-    except RevisionNotFoundError as error:
-        raise HubError(f"{repo} has no such revision; look at its list of commits") from error
-    except RepositoryNotFoundError as error:
-        raise HubError(
-            f"no repository {repo} that you may see; check the name, or run `hf auth login`"
-        ) from error
-    except LocalEntryNotFoundError as error:
-        raise HubError(
-            "the hub could not be reached while a file was read; check the connection, or HF_ENDPOINT"
-        ) from error
-    except EntryNotFoundError as error:
-        raise HubError(f"a file of {repo} went missing while it was read; try again") from error
-    except HFValidationError as error:
-        raise HubError(f"{repo!r} is no name of a repository: {error}") from error
-    except HfHubHTTPError as error:
-        said = error.server_message or (str(error).splitlines() or [type(error).__name__])[0]
-        raise HubError(f"the hub refused: {said}") from error
-    except RuntimeError as error:
-        raise HubError(
-            f"the hub did not take the file: {error.__cause__ or error}; try again"
-        ) from error
-    except (httpx2.TransportError, OSError) as error:
-        raise HubError(
-            f"the hub could not be reached: {error}; check the connection, or HF_ENDPOINT"
-        ) from error
+    except (
+        EntryNotFoundError,
+        HFValidationError,
+        RuntimeError,
+        httpx2.TransportError,
+        OSError,
+    ) as error:
+        raise HubError(_sentence(error, repo)) from error
+
+
+def _sentence(error: Exception, repo: str) -> str:
+    connection = "check the connection, or HF_ENDPOINT"
+    match error:
+        case LocalTokenNotFoundError():
+            return "the hub asks who you are: run `hf auth login`, or set HF_TOKEN"
+        case RevisionNotFoundError():
+            return f"{repo} has no such revision; look at its list of commits"
+        case RepositoryNotFoundError():
+            return f"no repository {repo} that you may see; check the name, or run `hf auth login`"
+        case LocalEntryNotFoundError():
+            return f"the hub could not be reached while a file was read; {connection}"
+        case EntryNotFoundError():
+            return f"a file of {repo} went missing while it was read; try again"
+        case HFValidationError():
+            return f"{repo!r} is no name of a repository: {error}"
+        case HfHubHTTPError():
+            said = error.server_message or (str(error).splitlines() or [type(error).__name__])[0]
+            return f"the hub refused: {said}"
+        case RuntimeError():
+            return f"the hub did not take the file: {error.__cause__ or error}; try again"
+    return f"the hub could not be reached: {error}; {connection}"

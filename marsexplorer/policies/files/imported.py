@@ -40,12 +40,8 @@ class ImportedPolicy:
         samples: bool = False,
     ) -> None:
         self.name, self.size = name, size
-        self._evaluate, self._raw, self._masked = evaluate, raw, masked
-        self._samples = samples
-        self._thought: tuple[NDArray[np.float32], float] = (
-            np.full(4, 0.25, np.float32),
-            float("nan"),
-        )
+        self._evaluate, self._raw, self._masked, self._samples = evaluate, raw, masked, samples
+        self._thought = np.full(4, 0.25, np.float32), float("nan")
         self.reset(0)
 
     def reset(self, seed: int) -> None:

@@ -94,12 +94,10 @@ class OnnxModel:
             )
         except Exception as error:
             raise self.refuse("a model that onnxruntime can load", _first_line(error)) from error
-        self.inputs = {
-            one.name: (one.type, _shape(one.shape)) for one in self._session.get_inputs()
-        }
-        self.outputs = {
-            one.name: (one.type, _shape(one.shape)) for one in self._session.get_outputs()
-        }
+        self.inputs, self.outputs = (
+            {one.name: (one.type, _shape(one.shape)) for one in several}
+            for several in (self._session.get_inputs(), self._session.get_outputs())
+        )
 
     def refuse(self, expected: str, came: str) -> PolicyFileError:
         """Return the error for this file."""
@@ -140,21 +138,18 @@ class OnnxModel:
             raise self.refuse("one plain graph", "functions, sparse weights or training of its own")
         for node in model.graph.node:
             if node.domain not in ("", "ai.onnx"):
-                raise self.refuse(
-                    "standard operators", f"the custom operator {node.domain}.{node.op_type}"[:90]
-                )
+                came = f"the custom operator {node.domain}.{node.op_type}"[:90]
+                raise self.refuse("standard operators", came)
             for attribute in node.attribute:
                 if attribute.HasField("g") or len(attribute.graphs):
-                    raise self.refuse(
-                        "a graph without control flow", f"the operator {node.op_type}"
-                    )
+                    came = f"the operator {node.op_type}"
+                    raise self.refuse("a graph without control flow", came)
                 tensors += [attribute.t] if attribute.HasField("t") else []
                 tensors += list(attribute.tensors)
         for tensor in tensors:
             if tensor.data_location == external or len(tensor.external_data):
-                raise self.refuse(
-                    "all weights inside the file", f"{tensor.name or 'one'} in another file"[:90]
-                )
+                came = f"{tensor.name or 'one'} in another file"[:90]
+                raise self.refuse("all weights inside the file", came)
         try:
             onnx.checker.check_model(model)
         except Exception as error:
@@ -165,21 +160,17 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     """Return the policy of an ONNX model that takes observations, named after its file; PolicyFileError for anything else."""
     names = set(model.inputs)
     if not {"observation"} <= names <= {"observation", "action_mask"}:
-        raise model.refuse(
-            "the input observation, and perhaps action_mask",
-            ", ".join(sorted(names))[:80] or "none",
-        )
+        came = ", ".join(sorted(names))[:80] or "none"
+        raise model.refuse("the input observation, and perhaps action_mask", came)
     kind, shape = model.inputs["observation"]
     if kind not in ("tensor(float)", "tensor(uint8)"):
         raise model.refuse("observation float32 or uint8", kind)
     if not 2 <= len(shape) <= 4 or any(side not in (1, None) for side in shape[:-2]):
-        raise model.refuse(
-            "observation [rows, cols], [1, rows, cols] or [1, 1, rows, cols]", f"{list(shape)}"
-        )
+        expected = "observation [rows, cols], [1, rows, cols] or [1, 1, rows, cols]"
+        raise model.refuse(expected, f"{list(shape)}")
     rows, cols = shape[-2:]
-    if (rows is None) != (cols is None) or not all(
-        side is None or 5 <= side <= 1024 for side in (rows, cols)
-    ):
+    is_played = all(side is None or 5 <= side <= 1024 for side in (rows, cols))
+    if (rows is None) != (cols is None) or not is_played:
         raise model.refuse("rows and cols of 5 to 1024, or both open", f"{list(shape)}")
     size = None if rows is None or cols is None else (rows, cols)
     raw = kind == "tensor(uint8)"
@@ -206,14 +197,11 @@ def _inputs_of(
 ) -> dict[str, NDArray[Any]]:
     """Return the inputs by name, shaped as the model wants them."""
     shape = model.inputs["observation"][1]
-    inputs: dict[str, NDArray[Any]] = {
-        "observation": observation.reshape((1,) * (len(shape) - 2) + observation.shape)
-    }
-    if "action_mask" in model.inputs:
-        inputs["action_mask"] = mask.reshape(
-            (1,) * (len(model.inputs["action_mask"][1]) - 1) + (4,)
-        )
-    return inputs
+    whole: NDArray[Any] = observation.reshape((1,) * (len(shape) - 2) + observation.shape)
+    if "action_mask" not in model.inputs:
+        return {"observation": whole}
+    ones = (1,) * (len(model.inputs["action_mask"][1]) - 1)
+    return {"observation": whole, "action_mask": mask.reshape((*ones, 4))}
 
 
 def check_outputs(model: OnnxModel, outputs: dict[str, NDArray[Any]], boards: int = 1) -> None:
@@ -222,9 +210,8 @@ def check_outputs(model: OnnxModel, outputs: dict[str, NDArray[Any]], boards: in
         raise model.refuse("the outputs logits, and perhaps value", ", ".join(sorted(outputs))[:80])
     for name, count in (("logits", 4 * boards), ("value", boards)):
         if name in outputs and (outputs[name].dtype != np.float32 or outputs[name].size != count):
-            raise model.refuse(
-                f"{name} of {count} float32", f"{outputs[name].dtype} {list(outputs[name].shape)}"
-            )
+            came = f"{outputs[name].dtype} {list(outputs[name].shape)}"
+            raise model.refuse(f"{name} of {count} float32", came)
         if name in outputs and not np.isfinite(outputs[name]).all():
             raise model.refuse(f"finite numbers in {name}", "others")
 
@@ -239,10 +226,8 @@ def _bound_memory() -> None:
     place = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
     )
-    bounds = {
-        "max_mem": MOST_MEMORY,
-        "arena_extend_strategy": 1,
-    }  # 1: takes what is asked for, not the next power of two
+    # 1: takes what is asked for, not the next power of two
+    bounds = {"max_mem": MOST_MEMORY, "arena_extend_strategy": 1}
     onnxruntime.create_and_register_allocator(place, onnxruntime.OrtArenaCfg(bounds))
 
 

@@ -1,7 +1,7 @@
 """Distances on a known map: breadth-first search over free cells, and which step to take when several are as good.
 
 Cells are flat, row * cols + col. Distances are int32, in moves, UNREACHABLE where no path is known. Kernels that search take a
-`scratch` tuple (is_open uint8[n], distance int32[n], queue int32[n + 1]), see `GridScratch`.
+`scratch` tuple (is_open uint8[n], distance int32[n], queue int32[n + 1]), see `grid_scratch`.
 """
 
 from __future__ import annotations
@@ -147,15 +147,11 @@ def is_frontier(codes, row, col):
     return False
 
 
-class GridScratch:
-    """Scratch arrays for searches on one grid shape; the queue has a place to spare.
+Scratch = tuple[NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32]]
+"""(is_open, distance, queue); the queue has a place to spare."""
 
-    arrays   (is_open, distance, queue), what kernels take
-    """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        cells = shape[0] * shape[1]
-        self.is_open: NDArray[np.uint8] = np.zeros(cells, np.uint8)
-        self.distance: NDArray[np.int32] = np.zeros(cells, np.int32)
-        self.queue: NDArray[np.int32] = np.zeros(cells + 1, np.int32)
-        self.arrays = (self.is_open, self.distance, self.queue)
+def grid_scratch(shape: tuple[int, ...]) -> Scratch:
+    """Return scratch arrays for searches on one grid shape."""
+    cells = shape[0] * shape[1]
+    return np.zeros(cells, np.uint8), np.zeros(cells, np.int32), np.zeros(cells + 1, np.int32)

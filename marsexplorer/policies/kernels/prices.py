@@ -72,10 +72,8 @@ class PriceParameters:
     fade: float
 
     def __post_init__(self) -> None:
-        if (
-            min(*self.weights, self.pocket, self.fade) < 0
-            or min(*self.powers, self.pocket_cells) <= 0
-        ):
+        is_negative = min(*self.weights, self.pocket, self.fade) < 0
+        if is_negative or min(*self.powers, self.pocket_cells) <= 0:
             raise ValueError(
                 f"weights, pocket and fade must be 0 or more, powers and pocket_cells above 0, got {self}"
             )
@@ -92,32 +90,25 @@ class PriceTables:
         scale, rules = radius / TUNED_RADIUS, len(parameters)
         half_sides = np.array([max(1, round(scale * half)) for half in (2, 6, 12)])
         closed = np.zeros((SQUARES, int(2 * half_sides[-1] + 1) ** 2 + 1, rules), np.int32)
-        pockets = np.zeros(
-            (max(longest_pocket(each, scale) for each in parameters) + 2, rules), np.int32
-        )
+        longest = max(longest_pocket(each, scale) for each in parameters)
+        pockets = np.zeros((longest + 2, rules), np.int32)
         fade = np.zeros((2 * radius + 1, 2 * radius + 1, rules), np.int32)
         away = np.hypot(*np.mgrid[-radius : radius + 1, -radius : radius + 1])
         self.highest: NDArray[np.int64] = np.zeros((fade[:, :, 0].size + 1, rules), np.int64)
         for rule, own in enumerate(parameters):
-            for k, (half, weight, power) in enumerate(
-                zip(half_sides, own.weights, own.powers, strict=True)
-            ):
-                area = int(2 * half + 1) ** 2
-                closed[k, : area + 1, rule] = np.rint(
-                    PRICE_UNIT * weight * (1 - np.arange(area + 1) / area) ** power
-                )
+            for k, half in enumerate(half_sides):
+                area, weight, power = int(2 * half + 1) ** 2, own.weights[k], own.powers[k]
+                shares = 1 - np.arange(area + 1) / area
+                closed[k, : area + 1, rule] = np.rint(PRICE_UNIT * weight * shares**power)
             sizes = np.arange(longest_pocket(own, scale) + 2)
-            pockets[: len(sizes), rule] = np.rint(
-                PRICE_UNIT * own.pocket * np.exp(-sizes / (own.pocket_cells * scale**2))
-            )
-            fade[:, :, rule] = np.rint(
-                FADE_UNIT * np.exp(-own.fade / scale * np.maximum(away - 1, 0))
-            )
+            smaller = np.exp(-sizes / (own.pocket_cells * scale**2))
+            pockets[: len(sizes), rule] = np.rint(PRICE_UNIT * own.pocket * smaller)
+            fainter = np.exp(-own.fade / scale * np.maximum(away - 1, 0))
+            fade[:, :, rule] = np.rint(FADE_UNIT * fainter)
             # A view of so many cells is at most the nearest ones, each of the highest price.
             price = PRICE_UNIT + int(closed[:, :, rule].max(axis=1).sum() + pockets[:, rule].max())
-            self.highest[1:, rule] = price * np.cumsum(
-                np.sort(fade[:, :, rule], axis=None)[::-1].astype(np.int64)
-            )
+            nearest = np.sort(fade[:, :, rule], axis=None)[::-1].astype(np.int64)
+            self.highest[1:, rule] = price * np.cumsum(nearest)
         self.arrays = (half_sides, closed, pockets, fade, tuple(range(rules)))
 
 
@@ -140,10 +131,8 @@ class PricedBoard:
     def __init__(self, shape: tuple[int, ...], radius: int) -> None:
         rows, cols = shape
         self.shape, self.changed_columns = (rows, cols), np.zeros((rows, 2), np.int64)
-        known, counts = (
-            np.full(rows * cols, NO_CODE, np.uint8),
-            np.zeros((SQUARES, rows * cols), np.int16),
-        )
+        known = np.full(rows * cols, NO_CODE, np.uint8)
+        counts = np.zeros((SQUARES, rows * cols), np.int16)
         self.board = (known, counts, VisibilityMap(shape, radius).view)
         self.scratch = price_scratch(rows * cols)
 
@@ -154,11 +143,9 @@ PriceScratch = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], ND
 
 def price_scratch(cells: int, rules: int = 1) -> PriceScratch:
     """Return `scratch` of the module's header for boards of so many cells and so many rules."""
-    price, region, queue = (
-        np.zeros((cells, rules), np.int32),
-        np.zeros(cells, np.int32),
-        np.zeros(cells, np.int32),
-    )
+    price = np.zeros((cells, rules), np.int32)
+    region = np.zeros(cells, np.int32)
+    queue = np.zeros(cells, np.int32)
     return price, region, queue, np.zeros(rules, np.int64)
 
 
@@ -210,10 +197,8 @@ def update_board(codes, board, half_sides, changed_columns):
                 continue
             if was_blocked != (code == OBSTACLE):
                 blocked[word] ^= bit
-            changed_columns[row, 0], changed_columns[row, 1] = (
-                min(changed_columns[row, 0], col),
-                col,
-            )
+            changed_columns[row, 0] = min(changed_columns[row, 0], col)
+            changed_columns[row, 1] = col
     return left
 
 
@@ -278,19 +263,12 @@ def sum_prices(row, col, rows, cols, board, tables, scratch):
             cell = first + j
             # A cell is seen from many others, so its price is kept until the board changes.
             if price[cell, 0] == 0:
-                size = (
-                    region[cell]
-                    if region[cell] != 0
-                    else measure_region(cell, known, rows, cols, most, region, queue)
-                )
+                size = region[cell]
+                if size == 0:
+                    size = measure_region(cell, known, rows, cols, most, region, queue)
                 near, middle, far = counts[0, cell], counts[1, cell], counts[2, cell]
                 for rule in range(len(rules)):
-                    price[cell, rule] = (
-                        PRICE_UNIT
-                        + pockets[size, rule]
-                        + closed[0, near, rule]
-                        + closed[1, middle, rule]
-                        + closed[2, far, rule]
-                    )
+                    shut_in = closed[0, near, rule] + closed[1, middle, rule] + closed[2, far, rule]
+                    price[cell, rule] = PRICE_UNIT + pockets[size, rule] + shut_in
             for rule in range(len(rules)):
                 totals[rule] += np.int64(price[cell, rule]) * fade[i, j, rule]

@@ -59,9 +59,8 @@ def fill_bitboards(codes, view):
 def count_visible(view, row, col):
     """Return how many unknown cells are expected to be seen from grid cell (row, col), left as window bits in `visible`."""
     unknown, blocked, sight, visible, stride, radius = view
-    first = (
-        row * stride
-    )  # the window begins `radius` rows above the cell, in the padded map at the cell's own row
+    # The window begins `radius` rows above the cell, in the padded map at the cell's own row.
+    first = row * stride
     return find_visible(
         unknown, first, np.uint64(0), blocked, first, stride, col, radius, sight, visible, 0
     )
@@ -97,12 +96,9 @@ def count_visible_everywhere(codes, visited, view, new_cells):
     fill_bitboards(codes, view)
     for row in range(codes.shape[0]):
         for col in range(codes.shape[1]):
-            is_free = (
-                codes[row, col] != UNKNOWN
-                and codes[row, col] != OBSTACLE
-                and visited[row, col] == 0
-            )
-            new_cells[row, col] = count_visible(view, row, col) if is_free else 0
+            is_free = codes[row, col] != UNKNOWN and codes[row, col] != OBSTACLE
+            is_new = is_free and visited[row, col] == 0
+            new_cells[row, col] = count_visible(view, row, col) if is_new else 0
 
 
 class VisibilityMap:

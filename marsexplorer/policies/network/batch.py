@@ -46,6 +46,10 @@ class BatchablePolicy(Policy, Protocol):
         """Return the action for the last observation, from its logits float32[4] and value."""
 
 
+Waiting = tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]
+"""(number of the board, its policy, what its network is shown)."""
+
+
 def shared_net(policy: Policy) -> object | None:
     """Return the network that decides for the policy when it can decide for several at once, else None."""
     return policy.net if isinstance(policy, BatchablePolicy) else None
@@ -60,13 +64,12 @@ def act_many(
     observations  one for each, of any sizes
     """
     answers: list[int | Exception] = [RuntimeError("not decided")] * len(policies)
-    groups: dict[int, list[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]]] = {}
+    groups: dict[int, list[Waiting]] = {}
     for at, (policy, observation) in enumerate(zip(policies, observations, strict=True)):
         try:
             if isinstance(policy, BatchablePolicy):
-                groups.setdefault(id(policy.net), []).append(
-                    (at, policy, policy.extract_features(observation))
-                )
+                waiting = (at, policy, policy.extract_features(observation))
+                groups.setdefault(id(policy.net), []).append(waiting)
             else:
                 answers[at] = int(policy.act(observation))
         except Exception as error:
@@ -77,19 +80,13 @@ def act_many(
     return answers
 
 
-def _act_with_shared_net(
-    group: Sequence[tuple[int, BatchablePolicy, tuple[NDArray[Any], ...]]],
-) -> list[int | Exception]:
+def _act_with_shared_net(group: Sequence[Waiting]) -> list[int | Exception]:
     """Return the actions of boards that share a network."""
     net = group[0][1].net
     try:
         inputs = [own for _, _, own in group]
-        stacked = (
-            inputs[0]
-            if len(inputs) == 1
-            else tuple(np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
-        )
-        logits, values = net.infer(*stacked)
+        stacked = (np.concatenate(arrays) for arrays in zip(*inputs, strict=True))
+        logits, values = net.infer(*(stacked if len(inputs) > 1 else inputs[0]))
         for at, own in enumerate(inputs):
             best, second = np.sort(logits[at])[:-3:-1]
             if len(inputs) > 1 and best - second < max(CLOSE, CLOSE_SHARE * abs(best)):

@@ -53,6 +53,8 @@ PLANES = 4
 ACTION_FEATURES = 16
 """Numbers of a move that come before those of `priced_features`."""
 MOVE_NUMBERS = ACTION_FEATURES + PRICED_FEATURES
+Codes = NDArray[np.uint8]
+Numbers = NDArray[np.int64]
 DISCOUNTS = (0.5, 0.75, 0.9)
 """What a new cell is worth a move later, three ways of looking ahead."""
 FARTHEST = 127
@@ -147,16 +149,12 @@ def look_ahead(candidates, count, distance, first_actions, action, new_cells, di
     nearest, short, middle, long = 60.0, 0.0, 0.0, 0.0
     for k in range(count):
         cell = candidates[k]
-        new, moves = (
-            float(new_cells[cell]),
-            distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1),
-        )
+        new = float(new_cells[cell])
+        moves = distance[cell] + (-1 if first_actions[cell] >> action & 1 else 1)
         nearest = min(nearest, float(moves))
-        short, middle, long = (
-            max(short, new * discounts[0, moves]),
-            max(middle, new * discounts[1, moves]),
-            max(long, new * discounts[2, moves]),
-        )
+        short = max(short, new * discounts[0, moves])
+        middle = max(middle, new * discounts[1, moves])
+        long = max(long, new * discounts[2, moves])
     features[3] = nearest * 0.05
     features[4] = short * 0.1
     features[5] = middle * 0.1
@@ -187,28 +185,22 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         board, cell, new_cells = codes[i], cells[i], all_new_cells[i]
 
         # 1. What would a scan discover, from every cell? Only what changed since the last board is counted again.
-        kept_board = (
-            all_known[i],
-            all_counts[i],
-            (all_unknown[i], all_blocked[i], sight, visible, stride, radius),
-        )
+        view = (all_unknown[i], all_blocked[i], sight, visible, stride, radius)
+        kept_board = (all_known[i], all_counts[i], view)
         left = update_new_cells(board, kept_board, half_sides, new_cells, changed_columns)
 
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
-        reached, count = (
-            search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue),
-            0,
-        )
+        reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
+        count = 0
         for k in range(reached):
             there = queue[k]
             candidates[count] = there
             count += np.int64((visited[i, there] == 0) & (new_cells[there] > 0))
 
         # 3. The pictures, and where the three rules would go.
-        draw_pictures(
-            board, cell // cols, cell % cols, new_cells, visited[i], distance, nearness, planes[i]
-        )
+        row, col = cell // cols, cell % cols
+        draw_pictures(board, row, col, new_cells, visited[i], distance, nearness, planes[i])
         find_rule_goals(candidates, count, distance, new_cells, goals)
 
         # 4. The numbers of each valid move; those of an invalid one are all 0.
@@ -243,16 +235,8 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         size = (rows, cols)
         if half_sides.shape[0] > 0:
             value_actions(
-                candidates,
-                count,
-                distance,
-                first_actions,
-                new_cells,
-                size,
-                kept_board,
-                rules,
-                found,
-            )
+                candidates, count, distance, first_actions, new_cells, size, kept_board, rules, found
+            )  # fmt: skip
         write_priced_features(size, found, columns, moves[i])
 
 
@@ -265,30 +249,25 @@ class FeatureExtractor:
     """
 
     def __init__(
-        self,
-        num: int,
-        rows: int,
-        cols: int,
-        radius: int,
-        rules: Sequence[int] | None = None,
+        self, num: int, rows: int, cols: int, radius: int, rules: Sequence[int] | None = None
     ) -> None:
         self.size = (rows, cols)
         tables = PricedRuleTables(rows, cols, radius, ACTION_FEATURES, rules or range(len(RULES)))
         are_some_priced = rules is None or len(rules) > 0
         half_sides = tables.half_sides if are_some_priced else tables.half_sides[:0]
-        self._priced = (half_sides, tables.arrays, tables.found, tables.columns)
+        priced = (half_sides, tables.arrays, tables.found, tables.columns)
         self.planes: NDArray[np.uint8] = np.zeros((num, PLANES, PICTURE_CELLS), np.uint8)
         self.moves: NDArray[np.float32] = np.zeros((num, 4, MOVE_NUMBERS), np.float32)
         sight, cells, words = sight_table(radius), rows * cols, bitboard_words(rows, cols, radius)
-        self._lidar = sight, row_words(cols, radius), radius
-        self._kept = (
+        lidar = sight, row_words(cols, radius), radius
+        kept = (
             np.full((num, cells), NO_CODE, np.uint8),
             np.zeros((num, words), np.uint64),
             np.zeros((num, words), np.uint64),
             np.zeros((num, cells), np.int32),
             np.zeros((num, len(half_sides), cells), np.int16),
         )
-        self._scratch = (
+        scratch = (
             np.zeros(int(sight[1]), np.uint64),
             np.zeros((rows, 2), np.int64),
             np.zeros(cells, np.uint8),
@@ -301,29 +280,15 @@ class FeatureExtractor:
             (255 * np.exp(-0.12 * np.arange(FARTHEST + 1))).astype(np.uint8),
             np.cumprod([[1.0] + [rate] * cells for rate in DISCOUNTS], axis=1),
         )
+        self._arrays = (lidar, kept, scratch, priced)
 
     def __call__(
-        self,
-        codes: NDArray[np.uint8],
-        cells: NDArray[np.int64],
-        visited: NDArray[np.uint8],
-        headings: NDArray[np.int64],
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self, codes: Codes, cells: Numbers, visited: Codes, headings: Numbers
+    ) -> tuple[Codes, NDArray[np.float32]]:
         """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
-        extract_features(
-            codes,
-            cells,
-            visited,
-            headings,
-            self._lidar,
-            self._kept,
-            self._scratch,
-            self._priced,
-            planes,
-            moves,
-        )
+        extract_features(codes, cells, visited, headings, *self._arrays, planes, moves)
         return planes, moves
 
 

@@ -155,11 +155,9 @@ class NetworkPolicy:
         if overruled is not None:
             return overruled
         action = int(logits.argmax())
-        return (
-            action
-            if logits[action] > INVALID_LOGIT
-            else next(iter(valid_actions(memory.codes, *memory.position)), 0)
-        )
+        if logits[action] > INVALID_LOGIT:
+            return action
+        return next(iter(valid_actions(memory.codes, *memory.position)), 0)
 
     def goal(self) -> tuple[int, int] | None:
         """Return the cell (row, col) that the loop guard goes to; None where the network chose the last action."""
@@ -174,7 +172,10 @@ def sample_inputs(numbers: int, boards: int = 1) -> dict[str, NDArray[Any]]:
     """Return the inputs for boards of the smallest size: planes uint8[boards, ...] and moves float32[boards, 4, numbers]."""
     codes = np.ones((1, 5, 5), np.uint8)
     codes[0, 0, 0] = ROVER
-    planes, moves = FeatureExtractor(1, 5, 5, 1)(
-        codes, np.zeros(1, np.int64), np.zeros((1, 25), np.uint8), np.ones(1, np.int64)
+    cells, visited, headings = (
+        np.zeros(1, np.int64),
+        np.zeros((1, 25), np.uint8),
+        np.ones(1, np.int64),
     )
+    planes, moves = FeatureExtractor(1, 5, 5, 1)(codes, cells, visited, headings)
     return {"planes": planes.repeat(boards, 0), "moves": moves[:, :, :numbers].repeat(boards, 0)}

@@ -30,19 +30,10 @@ from marsexplorer.policies.kernels.visibility import count_visible
 from marsexplorer.policies.priced import PricedRule, RuleTables
 
 RULES = (
-    PricedRule(
-        PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 300.0, 0.68, 1.345
-    ),
-    PricedRule(
-        PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335
-    ),
-    PricedRule(
-        PriceParameters((6.42, 21.27, 3.04), (5.06, 7.04, 3.52), 11.9, 26.0, 0.08),
-        300.0,
-        1.2,
-        1.664,
-    ),
-)
+    PricedRule(PriceParameters((2.4, 10.5, 0.0), (3.8, 4.2, 2.6), 18.5, 18.0, 0.11), 300.0, 0.68, 1.345),
+    PricedRule(PriceParameters((3.1, 19.8, 5.3), (6.2, 4.45, 3.25), 8.5, 19.5, 0.05), 300.0, 1.0, 1.335),
+    PricedRule(PriceParameters((6.42, 21.27, 3.04), (5.06, 7.04, 3.52), 11.9, 26.0, 0.08), 300.0, 1.2, 1.664),
+)  # fmt: skip
 """Tuned on 21 x 21; on 42 x 42 and 84 x 84; on 42 x 42 with large obstacles."""
 SIDES = (21, 42, 84)
 """Sides of the square grids for which a network has weights of its own; each has four times the cells of the one before."""
@@ -64,19 +55,12 @@ class PricedRuleTables:
 
     def __init__(self, rows: int, cols: int, radius: int, first: int, rules: Sequence[int]) -> None:
         """first: the column of the numbers of RULES[0]; rules: indices into RULES, at least one."""
-        tables, count = (
-            RuleTables([RULES[rule] for rule in rules], (rows, cols), radius),
-            len(rules),
-        )
+        tables = RuleTables([RULES[rule] for rule in rules], (rows, cols), radius)
+        count = len(rules)
         self.columns: NDArray[np.int64] = first + NUMBERS_PER_RULE * np.asarray(rules, np.int64)
         self.half_sides: NDArray[np.int64] = tables.prices[0]
-        self.arrays = (
-            tables.prices,
-            price_scratch(rows * cols, count),
-            tables.highest,
-            tables.limits,
-            tables.weights,
-        )
+        scratch = price_scratch(rows * cols, count)
+        self.arrays = (tables.prices, scratch, tables.highest, tables.limits, tables.weights)
         self.found = np.zeros(count), np.zeros((count, 4)), np.zeros((count, 4), np.int64)
 
 
@@ -119,10 +103,10 @@ def value_actions(
                 most, richest = value, candidates[i]
         if richest >= 0:
             look_and_price(richest, board, rows, cols, tables, scratch)
+            moves = distance[richest]
             for rule in range(len(best)):
-                best[rule] = max(
-                    best[rule], min(totals[rule], limits[rule]) * weights[distance[richest], rule]
-                )
+                value = min(totals[rule], limits[rule]) * weights[moves, rule]
+                best[rule] = max(best[rule], value)
 
     for i in range(count):
         cell = candidates[i]
@@ -164,9 +148,8 @@ def write_priced_features(shape, found, columns, moves):
         for k in range(len(best)):
             at = columns[k]
             if best[k] > 0.0 and values[k, action] > LEAST_SHARE * best[k]:
-                moves[action, at] = (values[k, action] / best[k] - LEAST_SHARE) / (
-                    1.0 - LEAST_SHARE
-                )
+                share = values[k, action] / best[k] - LEAST_SHARE
+                moves[action, at] = share / (1.0 - LEAST_SHARE)
                 moves[action, at + 1] = values[k, action] == best[k]
                 moves[action, at + 2] = np.log(1.0 + ways[k, action]) * 0.3
         moves[action, moves.shape[1] - 1] = np.log(float(shape[0] * shape[1])) * LOG_CELLS_SCALE

@@ -53,11 +53,8 @@ def pixels(frame):
 def test_a_page_is_told_how_it_is_called_drawn_moved_and_measured(lake):
     about = begin(lake, lake.page())["task"]
     assert about == describe(rules_of(LAKE))
-    assert (about["name"], about["title"], about["assets"]) == (
-        "gymnasium",
-        "FrozenLake-v1",
-        "picture",
-    )
+    called = (about["name"], about["title"], about["assets"])
+    assert called == ("gymnasium", "FrozenLake-v1", "picture")
     assert about["actions"] == ["left", "down", "right", "up"] == list(about["keys"])
     assert about["metrics"][0]["name"] == "return"
 
@@ -68,9 +65,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     frames = play(lake, client, begun)
     last = frames[-1]
     assert last["outcome"] in ("succeeded", "failed", "timed_out")
-    assert (
-        last["return"] == last["score"] == last["headline"] == float(last["outcome"] == "succeeded")
-    )
+    assert last["return"] == last["score"] == last["headline"]
+    assert last["return"] == (last["outcome"] == "succeeded")
     assert pixels(frames[0]).shape == (256, 256, 3)
     assert any((pixels(one) != pixels(two)).any() for one, two in pairwise(frames))
     found = client.get(f"/api/episodes/{last['episode']}").json()
@@ -145,16 +141,9 @@ def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     client = lake.page()
     frames = play(lake, client, begin(lake, client))
     lake.stop()
+    args = ["--database", str(tmp_path / "playground.db"), "--out", str(tmp_path / "out")]
     with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "export",
-                "--database",
-                str(tmp_path / "playground.db"),
-                "--out",
-                str(tmp_path / "out"),
-            ]
-        )
+        main(["export", *args])
     assert not left.value.code
     (row,) = csv.DictReader((tmp_path / "out/episodes.csv").read_text().splitlines())
     assert (row["task"], row["level"], row["verified"]) == (LAKE, "FrozenLake-v1", "true")

@@ -4,6 +4,7 @@ import asyncio
 import gc
 import json
 from contextlib import suppress
+from itertools import pairwise, product
 from types import SimpleNamespace
 
 import msgspec
@@ -16,7 +17,7 @@ from websockets.sync.client import connect
 from app.board.session import Channel
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.models import dashes
-from app.tasks.mars.viewer3d.scene import Scene, ViewOptions, fog, soil
+from app.tasks.mars.viewer3d.scene import Scene, ViewOptions
 from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import EnvConfig
@@ -27,23 +28,14 @@ from tests.support.viewer3d import CAMERA
 
 def open_view(server, session, subprotocol=PROTOCOL):
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
-    return connect(
-        url,
-        subprotocols=[subprotocol],
-        origin=server.url,
-        proxy=None,
-        compression=None,
-        max_size=None,
-        open_timeout=PATIENCE_S,
-    )
+    plain = {"proxy": None, "compression": None, "max_size": None, "open_timeout": PATIENCE_S}
+    return connect(url, subprotocols=[subprotocol], origin=server.url, **plain)
 
 
 def messages(data):
     """The messages of one batch in viser's wire format."""
-    length = int.from_bytes(data[8:16], "little")
-    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + length]))[
-        "messages"
-    ]
+    packed = data[16 : 16 + int.from_bytes(data[8:16], "little")]
+    return msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(packed))["messages"]
 
 
 def drain(view):
@@ -67,6 +59,12 @@ def is_named(name):
     return lambda message: message.get("name") == name
 
 
+def is_rover_at(place):
+    return lambda message: (
+        message.get("name") == "/rover" and list(message.get("position", ())) == place
+    )
+
+
 @pytest.fixture
 def board(server):
     client = server.client()
@@ -84,12 +82,10 @@ def test_a_move_reaches_the_view_and_costs_little(server, board):
         for action in ("east", "west", "east"):
             act = {"episode": frame["episode"], "step": frame["step"], "action": action}
             frame = client.post(f"/api/sessions/{about['session']}/act", json=act).json()
-            data = b""
-            while not any(
-                message.get("name") == "/rover" for message in (messages(data) if data else [])
-            ):
+            seen = []
+            while not any(map(is_named("/rover"), seen)):
                 data = view.recv(timeout=PATIENCE_S)
-                sent += len(data)
+                seen, sent = messages(data), sent + len(data)
         assert sent < 3 * 4000
 
 
@@ -98,12 +94,8 @@ def test_the_page_is_viser_s_client_of_the_same_version(server, board):
     page = client.get(f"/viewer/{about['session']}/")
     assert page.status_code == 200
     assert "hasFocus" in page.text
-    assert (
-        client.get(
-            f"/viewer/{about['session']}/", headers={"If-None-Match": page.headers["etag"]}
-        ).status_code
-        == 304
-    )
+    again = {"If-None-Match": page.headers["etag"]}
+    assert client.get(f"/viewer/{about['session']}/", headers=again).status_code == 304
     assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
     assert client.get("/viewer/none/").status_code == 404
 
@@ -117,10 +109,8 @@ def test_one_page_serves_all_boards_and_is_kept_by_the_browser(server):
     assert page.status_code == 200
     assert "immutable" in page.headers["cache-control"]
     assert "showBoard" in page.text
-    assert (
-        client.get("/viewer/client/viser-v0.0.0-00000000/", follow_redirects=False).status_code
-        == 307
-    )
+    other = client.get("/viewer/client/viser-v0.0.0-00000000/", follow_redirects=False)
+    assert other.status_code == 307
 
 
 def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, board):
@@ -155,9 +145,8 @@ def test_another_version_and_garbage_are_refused_and_the_server_goes_on(server, 
 
 def test_a_viewer_cannot_ask_for_a_public_tunnel(server, board, monkeypatch):
     asked = []
-    monkeypatch.setattr(
-        "viser._viser.ViserServer.request_share_url", lambda *_, **__: asked.append(1)
-    )
+    share = "viser._viser.ViserServer.request_share_url"
+    monkeypatch.setattr(share, lambda *_, **__: asked.append(1))
     _, about = board
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
@@ -179,29 +168,14 @@ def test_nothing_is_left_of_a_viewer_that_went(server, board):
     eventually(lambda: server.services.lobby is not None and not viewer._tasks)
 
 
-def test_the_fog_depends_on_what_is_known_alone():
-    """Two terrains that agree on every cell seen so far give the same picture, to the byte."""
-    one = np.zeros((9, 12), bool)
-    other = one.copy()
-    other[8, 11] = True
-    episodes = [
-        Episode.begin(EnvConfig(rows=9, cols=12), terrain=terrain) for terrain in (one, other)
-    ]
-    assert fog(episodes[0].codes) == fog(episodes[1].codes)
-    assert (episodes[0].codes == episodes[1].codes).all()
-    assert soil(9, 12) == soil(9, 12)
-
-
-SMALL = EnvConfig(rows=9, cols=12)
-
-
 def twins():
     """Two running episodes on terrains that differ where nobody has looked: their far corner, behind a wall."""
     wall = np.zeros((9, 12), bool)
     wall[:8, 5] = True
     other = wall.copy()
     other[0:3, 9:] = True
-    return [Episode.begin(SMALL, terrain=terrain) for terrain in (wall, other)]
+    config = EnvConfig(rows=9, cols=12)
+    return [Episode.begin(config, terrain=terrain) for terrain in (wall, other)]
 
 
 def encode(message):
@@ -250,23 +224,16 @@ def test_the_lidar_sweeps_in_each_move_where_effects_are_wished_for():
 
     assert about_sweep(ViewOptions()) == []
     said = about_sweep(ViewOptions(has_effects=True))
-    visible = [
-        b"visible\xc3" in message for message in said if b"SetSceneNodeVisibility" in message
-    ]
-    assert [
-        shown for shown, before in zip(visible[1:], visible, strict=False) if shown != before
-    ] == [True, False] * 2, "once a move"
+    shown = [b"visible\xc3" in each for each in said if b"SetSceneNodeVisibility" in each]
+    changes = [now for before, now in pairwise(shown) if now != before]
+    assert changes == [True, False] * 2, "once a move"
     assert len({message for message in said if b"wxyz" in message}) > 2, "it turns"
 
 
 def test_the_scene_never_asks_for_the_terrain():
     episode, _ = twins()
-    blind = SimpleNamespace(
-        **{
-            name: getattr(episode, name)
-            for name in ("config", "codes", "position", "heading", "path", "steps", "outcome")
-        }
-    )
+    seen = ("config", "codes", "position", "heading", "path", "steps", "outcome")
+    blind = SimpleNamespace(**{name: getattr(episode, name) for name in seen})
     assert record(blind) == record(twins()[0])
 
 
@@ -275,19 +242,10 @@ def test_a_new_episode_puts_the_rover_back_and_takes_old_rocks_and_trail_away(se
     with open_view(server, about["session"]) as view:
         view.send(CAMERA)
         read_until(view, is_named("/border"))
-        act = {"episode": about["frame"]["episode"], "step": 0, "action": "east"}
-        assert client.post(f"/api/sessions/{about['session']}/act", json=act).json()[
-            "position"
-        ] == [0, 1]
-        read_until(
-            view,
-            lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [1.0, 0.0, 0.0],
-        )
+        assert move(client, about["session"], "east")["position"] == [0, 1]
+        read_until(view, is_rover_at([1.0, 0.0, 0.0]))
         client.post(f"/api/sessions/{about['session']}/episodes", json={"size": [9, 12], "seed": 4})
-        seen = read_until(
-            view,
-            lambda m: m.get("name") == "/rover" and list(m.get("position", ())) == [0.0, 0.0, 0.0],
-        )
+        seen = read_until(view, is_rover_at([0.0, 0.0, 0.0]))
     assert any(m["type"].startswith("Remove") and m["name"].startswith("/trail/") for m in seen)
 
 
@@ -305,16 +263,24 @@ def read_all(view, name):
     seen = []
     with suppress(TimeoutError):
         while True:
-            seen += messages(
-                view.recv(timeout=0.5 if any(map(is_named(name), seen)) else PATIENCE_S)
-            )
+            patience_s = 0.5 if any(map(is_named(name), seen)) else PATIENCE_S
+            seen += messages(view.recv(timeout=patience_s))
     return seen
 
 
+def is_about_paired_path(message):
+    return str(message.get("name")).startswith("/paired_path/")
+
+
 def is_paired_path(message):
-    return str(message.get("name")).startswith("/paired_path/") and not message["type"].startswith(
-        "Remove"
-    )
+    return is_about_paired_path(message) and not message["type"].startswith("Remove")
+
+
+def begin_race(client):
+    """A board and its rival's on the same terrain; their sessions."""
+    body = {"size": [9, 12], "seed": 3, "rival": "frontier-cost"}
+    about = client.post("/api/sessions", json=body).json()
+    return about["session"], about["rival"]["session"]
 
 
 def colour_of(message):
@@ -323,10 +289,7 @@ def colour_of(message):
 
 def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before(server):
     client = server.client()
-    about = client.post(
-        "/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}
-    ).json()
-    mine, other = about["session"], about["rival"]["session"]
+    mine, other = begin_race(client)
     with open_view(server, mine) as view, open_view(server, other) as other_view:
         for each in (view, other_view):
             each.send(CAMERA)
@@ -338,30 +301,24 @@ def test_each_view_shows_the_other_path_when_the_player_has_ended_and_not_before
         for each, colour in ((view, TEAL), (other_view, AMBER)):
             seen = read_until(each, is_paired_path)
             assert colour_of(seen[-1]) == colour
-            ended = next(
-                n for n, message in enumerate(seen) if message.get("name") == "/rover" and n > 0
-            )
-            assert not any(is_paired_path(message) for message in seen[:ended])
+            ended = next(n for n, each in enumerate(seen) if each.get("name") == "/rover" and n > 0)
+            assert not any(map(is_paired_path, seen[:ended]))
         # the rival goes on alone, and its path with it
         steps = client.get(f"/api/sessions/{other}").json()["step"]
         read_until(view, is_paired_path)
         assert eventually(lambda: client.get(f"/api/sessions/{other}").json()["step"] > steps)
         client.post(f"/api/sessions/{mine}/episodes", json={"size": [9, 12], "seed": 4})
         gone = read_until(
-            view, lambda m: m["type"].startswith("Remove") and m["name"].startswith("/paired_path/")
+            view, lambda each: is_about_paired_path(each) and not is_paired_path(each)
         )
-        drawn = [
-            message for message in gone if is_paired_path(message) and "props" in message
-        ]  # others move or show a node
+        # Messages without these move or show a node.
+        drawn = [each for each in gone if is_paired_path(each) and "props" in each]
         assert all(colour_of(message) == TEAL for message in drawn)
 
 
 def test_nothing_of_the_other_s_path_is_sent_while_the_player_is_still_moving(server):
     client = server.client()
-    about = client.post(
-        "/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"}
-    ).json()
-    mine, other = about["session"], about["rival"]["session"]
+    mine, other = begin_race(client)
     with open_view(server, mine) as view:
         view.send(CAMERA)
         client.post(f"/api/sessions/{other}/pace", json={"moves_per_second": 20})
@@ -388,17 +345,12 @@ def test_a_policy_that_replays_an_ended_episode_has_the_rival_s_colour_and_leave
         replay = client.post("/api/sessions", json=body).json()
         seen += read_until(view, is_paired_path)
         assert colour_of(seen[-1]) == TEAL
-    for session, colour, paired in (
-        (about["session"], AMBER, TEAL),
-        (replay["session"], TEAL, AMBER),
-    ):
+    boards = ((about["session"], AMBER, TEAL), (replay["session"], TEAL, AMBER))
+    for session, colour, paired in boards:
         with open_view(server, session) as view:
             view.send(CAMERA)
             seen = read_until(view, is_paired_path)
-            assert (
-                colour_of(next(message for message in seen if message.get("name") == "/rover/deck"))
-                == colour
-            )
+            assert colour_of(next(filter(is_named("/rover/deck"), seen))) == colour
             assert colour_of(seen[-1]) == paired
 
 
@@ -420,34 +372,24 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
     assert not any(is_thought(message) or message.get("name") == "/shade" for message in plain)
     assert any(is_thought(message) for message in full)
     assert any(message.get("name") == "/shade" for message in full)
-    assert [[m["type"] for m in seen].count("FogMessage") for seen in (plain, full)] == [0, 1], (
-        "haze is an effect"
-    )
-    looks = [
-        [m["look_at"] for m in seen if m["type"] == "SetCameraLookAtMessage"][-1]
-        for seen in (plain, full)
-    ]
+    looks = []
+    for seen, hazes in ((plain, 0), (full, 1)):
+        assert [each["type"] for each in seen].count("FogMessage") == hazes, "haze is an effect"
+        turns = [each for each in seen if each["type"] == "SetCameraLookAtMessage"]
+        looks.append(turns[-1]["look_at"])
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
 
 
 def test_the_cell_that_a_rule_heads_for_is_marked_where_thoughts_are_wished_for(server):
-    about = (
-        server.client()
-        .post("/api/sessions", json={"size": [9, 12], "seed": 3, "rival": "frontier-cost"})
-        .json()
-    )
-    session = next(
-        each for each in server.services.lobby.sessions() if each.id == about["rival"]["session"]
-    )
+    _, rival = begin_race(server.client())
+    session = next(each for each in server.services.lobby.sessions() if each.id == rival)
     eventually(lambda: session.thought)
     row, col = json.loads(session.thought)["goal"]
     for query, places in (("", []), ("?thoughts=on", [[float(col), -float(row), 0.13]])):
         with open_view(server, f"{session.id}{query}") as view:
             view.send(CAMERA)
-            seen = [
-                message for message in read_all(view, "/border") if message.get("name") == "/goal"
-            ]
+            seen = list(filter(is_named("/goal"), read_all(view, "/border")))
         assert [list(message["position"]) for message in seen if "position" in message] == places
         assert any(message.get("visible") is True for message in seen) is bool(places)
 
@@ -456,9 +398,8 @@ def test_large_boards_are_followed_unless_the_map_is_wished_for():
     assert not ViewOptions().follows(21, 30)
     assert ViewOptions().follows(12, 31)
     assert not ViewOptions.from_query({"camera": "map"}).follows(84, 84)
-    assert ViewOptions.from_query({"camera": "follow", "effects": "on"}) == ViewOptions(
-        "follow", True, False
-    )
+    followed = ViewOptions.from_query({"camera": "follow", "effects": "on"})
+    assert followed == ViewOptions("follow", True, False)
     assert ViewOptions.from_query({"camera": "no such", "effects": "1"}) == ViewOptions()
 
 
@@ -480,13 +421,11 @@ def test_a_dash_lies_over_the_middle_of_each_step_once():
     corners, faces = dashes([(0, 0), (0, 1), (0, 0), (0, 0)])
     assert corners.shape == (4, 3)
     assert faces.tolist() == [[0, 1, 2], [0, 2, 3]]
-    assert np.allclose(
-        sorted(map(tuple, corners[:, :2])), [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)]
-    )
+    expected = [(0.2, -0.11), (0.2, 0.11), (0.8, -0.11), (0.8, 0.11)]
+    assert np.allclose(sorted(map(tuple, corners[:, :2])), expected)
     corners, _ = dashes([(3, 2), (4, 2)])
-    assert np.allclose(corners[:, :2].mean(axis=0), (2, -3.5)), (
-        "x is the column, y the row southward"
-    )
+    middle = corners[:, :2].mean(axis=0)
+    assert np.allclose(middle, (2, -3.5)), "x is the column, y the row southward"
     assert np.ptp(corners[:, 1]) > np.ptp(corners[:, 0])
 
 
@@ -499,13 +438,8 @@ def test_the_whole_board_is_in_sight_and_nearly_fills_it(rows, cols, aspect):
     ahead = np.array([0, np.cos(TILT), -np.sin(TILT)])
     up = np.array([0, np.sin(TILT), np.cos(TILT)])
     places = []
-    for corner in (
-        (-0.5, 0.5, 0),
-        (cols - 0.5, 0.5, 0),
-        (-0.5, 0.5 - rows, 0),
-        (cols - 0.5, 0.5 - rows, 0),
-    ):
-        ray = np.array(corner) - eye
+    for y, x in product((0.5, 0.5 - rows), (-0.5, cols - 0.5)):
+        ray = np.array((x, y, 0)) - eye
         depth = ray @ ahead * np.tan(FOV / 2)
         places.append((ray[0] / depth / aspect, ray @ up / depth))
     assert np.abs(places).max() <= 1
@@ -533,21 +467,12 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        session = SimpleNamespace(
-            id="s",
-            channel=channel,
-            shown=View(episode),
-            paired_with=None,
-            is_second=False,
-            thought="",
-        )
+        shown = {"channel": channel, "shown": View(episode), "thought": ""}
+        session = SimpleNamespace(id="s", paired_with=None, is_second=False, **shown)
         channel.publish("frame")
-        client = SimpleNamespace(
-            scene=viewer._server.scene,
-            camera=SimpleNamespace(image_width=400, image_height=300, on_update=lambda _: None),
-            atomic=viewer._server.atomic,
-            flush=viewer._server.flush,
-        )
+        own = {name: getattr(viewer._server, name) for name in ("scene", "atomic", "flush")}
+        camera = SimpleNamespace(image_width=400, image_height=300, on_update=lambda _: None)
+        client = SimpleNamespace(camera=camera, **own)
         task = asyncio.create_task(keep_scene(client, session, ViewOptions()))
         async with asyncio.timeout(20):
             while channel.subscribers == 0:

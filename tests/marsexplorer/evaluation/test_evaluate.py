@@ -22,19 +22,11 @@ CONFIG = EnvConfig("random", 7, 11, sensor_radius=3)
 
 
 def test_every_policy_plays_the_same_terrains_and_progress_reaches_the_end():
-    calls = []
-    table = evaluate(
-        ["frontier-cost", "random"],
-        CONFIG,
-        12,
-        40,
-        progress=lambda done, total: calls.append((done, total)),
-    )
-    assert [row.policy for row in table.rows] == ["frontier-cost", "random"]
-    for name in ("frontier-cost", "random"):
-        assert [result.seed for result in table.results if result.policy == name] == list(
-            range(40, 52)
-        )
+    calls, names = [], ["frontier-cost", "random"]
+    table = evaluate(names, CONFIG, 12, 40, progress=lambda *done: calls.append(done))
+    assert [row.policy for row in table.rows] == names
+    played = [(result.policy, result.seed) for result in table.results]
+    assert played == [(name, seed) for name in names for seed in range(40, 52)]
     assert calls[-1] == (24, 24)
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
     rule, chance = table.rows
@@ -70,9 +62,8 @@ def test_json_holds_config_seeds_version_and_every_episode():
     assert document["seeds"] == [9, 10, 11]
     assert len(document["results"]) == 3
     assert document["rows"][0]["policy"] == "random"
-    assert {"policy", "seed", "outcome", "score", "steps", "steps_to_99", "coverage"} <= set(
-        document["results"][0]
-    )
+    wanted = {"policy", "seed", "outcome", "score", "steps", "steps_to_99", "coverage"}
+    assert wanted <= set(document["results"][0])
 
 
 def test_the_interval_is_students():
@@ -95,9 +86,10 @@ def test_bad_requests_are_refused_before_anything_is_played():
 def test_explicit_seeds_are_played_as_given_and_traces_hold_the_path():
     table = evaluate(["frontier-cost"], CONFIG, seeds=[17, 4, 9], traces=True)
     assert [result.seed for result in table.results] == [17, 4, 9] == list(table.seeds)
-    assert [replace(result, trace=None) for result in table.results] == [
+    alone = [
         evaluate(["frontier-cost"], CONFIG, seeds=[seed, 99]).results[0] for seed in (17, 4, 9)
     ]
+    assert [replace(result, trace=None) for result in table.results] == alone
     for result in table.results:
         trace, terrain = result.trace, generate(CONFIG, result.seed)
         assert len(trace.discovered) == len(trace.path) == result.steps + 1
@@ -117,17 +109,13 @@ def test_the_area_under_the_curve_is_the_mean_coverage_over_the_horizon():
     config = EnvConfig("random", 5, 8)
     assert horizon(config) == 10
     assert area_under_coverage(config, [4, 8, 20], 40) == pytest.approx((8 + 9 * 20) / 10 / 40)
-    assert area_under_coverage(config, [4, *range(5, 40)], 40) == pytest.approx(
-        sum(range(5, 15)) / 10 / 40
-    )
+    whole = area_under_coverage(config, [4, *range(5, 40)], 40)
+    assert whole == pytest.approx(sum(range(5, 15)) / 10 / 40)
     assert area_under_coverage(config, [4], 40) == pytest.approx(0.1)
 
 
 def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
-    configs = [
-        EnvConfig("random", 7, 11, sensor_radius=3),
-        EnvConfig("2-1-1", 9, 7, sensor_radius=3),
-    ]
+    configs = [CONFIG, EnvConfig("2-1-1", 9, 7, sensor_radius=3)]
     table = evaluate(["frontier-cost", "random"], configs, 4, 5)
     assert [(row.level, row.policy) for row in table.rows] == [
         (level, policy) for level in ("random", "2-1-1") for policy in ("frontier-cost", "random")
@@ -143,11 +131,8 @@ def test_levels_and_sizes_multiply_and_a_configuration_alone_gives_the_same():
 
 def test_comparisons_are_paired_with_the_better_rule():
     def results(policy, steps):
-        base = evaluate(["random"], CONFIG, len(steps), 0).results
-        return [
-            replace(one, policy=policy, steps_to_99=step)
-            for one, step in zip(base, steps, strict=True)
-        ]
+        base = zip(evaluate(["random"], CONFIG, len(steps), 0).results, steps, strict=True)
+        return [replace(one, policy=policy, steps_to_99=step) for one, step in base]
 
     by_policy = {
         "mine": results("mine", [8, 12, 16, 40]),
@@ -155,15 +140,11 @@ def test_comparisons_are_paired_with_the_better_rule():
         "frontier-utility": results("frontier-utility", [11, 15, 20, 60]),
     }
     mine, other = compare(by_policy)
-    assert (mine.policy, mine.reference, other.policy) == (
-        "mine",
-        "frontier-cost",
-        "frontier-utility",
-    )
-    assert mine.ratio_low == pytest.approx(
-        0.8
-    )  # the same share of every terrain: nothing is uncertain about the ratio
-    assert mine.ratio_mean == mine.ratio_high == pytest.approx(0.8)
+    assert (mine.policy, other.policy) == ("mine", "frontier-utility")
+    assert mine.reference == "frontier-cost"
+    # The same share of every terrain: nothing is uncertain about the ratio.
+    bounds = (mine.ratio_low, mine.ratio_mean, mine.ratio_high)
+    assert bounds == pytest.approx((0.8, 0.8, 0.8))
     differences = np.array([-2.0, -3, -4, -10])
     assert mine.difference_mean == differences.mean()
     assert (mine.difference_low, mine.difference_high) == pytest.approx(t_interval(differences))

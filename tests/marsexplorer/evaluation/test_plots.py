@@ -45,10 +45,8 @@ def test_heat_maps_count_moves_and_obstacles_found(table):
 
 def test_a_coverage_plot_ends_with_the_explored_and_names_every_policy(table):
     axes = coverage_figure(table, CONFIGS[0]).axes[0]
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
-        "frontier-cost",
-        "random",
-    ]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == ["frontier-cost", "random"]
     longest = max(result.steps for result in table.results[:6] if result.outcome == "explored")
     assert axes.get_xlim() == (0, longest)
     assert len(heat_figure(table, "random").axes) == 2

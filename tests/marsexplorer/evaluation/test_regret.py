@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from marsexplorer.config import FREE, UNKNOWN, EnvConfig
-from marsexplorer.episode import Episode
+from marsexplorer.episode import Episode, moves_of, replay
 from marsexplorer.evaluation.losses import LossKind, leaves_pocket
 from marsexplorer.evaluation.missed import SOON
 from marsexplorer.evaluation.regret import RegretEstimator, branch_lengths
@@ -35,19 +35,20 @@ def drive(seed, moves, rng):
     return episode
 
 
-def literal_length(net, record, step, action):
-    """The moves of the whole episode, played board by board as the policy is served, its guard beginning at the branch."""
-    episode, policy = (
-        Episode.begin(record.config, terrain=record.terrain_map()),
-        NetworkPolicy("p", net, CONFIG.sensor_radius),
-    )
+def branched(net, record, step, action):
+    """An episode once another action was made at a step, and the policy that goes on, its guard beginning there."""
+    episode, policy = Episode.again(record), NetworkPolicy("p", net, CONFIG.sensor_radius)
     policy.reset(0)
-    for made in record.actions[:step]:
+    for made in (*record.actions[:step], action):
         policy.extract_features(episode.codes)
         episode.step(made)
-    policy.extract_features(episode.codes)
-    episode.step(action)
     policy._guard = LoopGuard(CONFIG.sensor_radius)
+    return episode, policy
+
+
+def literal_length(net, record, step, action):
+    """The moves of the whole episode, played board by board as the policy is served."""
+    episode, policy = branched(net, record, step, action)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
     return episode.steps if episode.outcome == "explored" else CONFIG.limit
@@ -57,14 +58,10 @@ def test_lengths_are_those_of_literal_episodes(net):
     rng = np.random.default_rng(1)
     record = drive(SEED, 40, rng).record()
     lengths = branch_lengths(record, net)
-    terrain = record.terrain_map()
     for step in rng.choice(len(record.actions), 8, replace=False):
         for action in range(4):
-            assert lengths[step, action] == literal_length(net, record, step, action), (
-                step,
-                action,
-            )
-    assert not terrain[0, 0]
+            expected = literal_length(net, record, step, action)
+            assert lengths[step, action] == expected, (step, action)
 
 
 def test_a_regret_is_never_negative_and_the_best_action_has_none(estimator):
@@ -74,16 +71,12 @@ def test_a_regret_is_never_negative_and_the_best_action_has_none(estimator):
     assert found.regret.max() > 0
     assert (found.lengths[steps, found.best_actions] == found.lengths.min(1)).all()
     assert (found.best_actions[found.regret == 0] == found.actions[found.regret == 0]).all()
-    assert all(
-        (kind is None) == (regret == 0)
-        for kind, regret in zip(found.kinds, found.regret, strict=True)
-    )
+    assert [kind is None for kind in found.kinds] == (found.regret == 0).tolist()
     assert sum(found.by_kind().values()) == found.total == found.by_tenth().sum()
     biggest = found.biggest(3)
     assert biggest[0].regret == found.regret.max()
-    assert [each.regret for each in biggest] == sorted(
-        (each.regret for each in biggest), reverse=True
-    )
+    regrets = [each.regret for each in biggest]
+    assert regrets == sorted(regrets, reverse=True)
 
 
 def test_a_collision_costs_what_is_left_of_the_limit(estimator):
@@ -115,27 +108,19 @@ def test_an_episode_without_a_move_has_no_regret(estimator):
 def test_a_loss_of_the_last_cells_is_one_after_95_percent(estimator, net):
     rng, kinds = np.random.default_rng(5), []
     for seed in range(SEED, SEED + 3):
-        episode, policy = (
-            Episode.begin(CONFIG, seed=seed),
-            NetworkPolicy("p", net, CONFIG.sensor_radius),
-        )
+        episode = Episode.begin(CONFIG, seed=seed)
+        policy = NetworkPolicy("p", net, CONFIG.sensor_radius)
         policy.reset(0)
         while not episode.ended and episode.steps < 120:
             action = policy.act(episode.codes)
-            slips = episode.coverage > 0.8 and rng.random() < 0.6
-            episode.step(
-                int(rng.choice(valid_actions(episode.codes, *episode.position)))
-                if slips
-                else action
-            )
+            if episode.coverage > 0.8 and rng.random() < 0.6:  # it slips
+                action = int(rng.choice(valid_actions(episode.codes, *episode.position)))
+            episode.step(action)
         found = estimator.regret(episode.record())
         kinds += zip(found.kinds, found.coverage, strict=True)
-    assert {coverage >= 0.95 for kind, coverage in kinds if kind is LossKind.LAST_CELLS} == {True}
-    assert {
-        coverage < 0.95
-        for kind, coverage in kinds
-        if kind in (LossKind.HIDDEN_POCKET, LossKind.EARLY_DETOUR)
-    } == {True}
+    last, others = (LossKind.LAST_CELLS,), (LossKind.HIDDEN_POCKET, LossKind.EARLY_DETOUR)
+    for wanted, is_late in ((last, True), (others, False)):
+        assert {coverage >= 0.95 for kind, coverage in kinds if kind in wanted} == {is_late}
 
 
 def test_a_pocket_is_left_by_the_move_away_from_it_alone():
@@ -157,10 +142,8 @@ def test_what_is_kept_is_read_again_and_a_broken_file_is_worked_out_anew(tmp_pat
     kept = RegretEstimator(cache=tmp_path / "regret")
     first = kept.regret(record).lengths
     (path,) = (tmp_path / "regret").iterdir()
-    monkeypatch.setattr(
-        "marsexplorer.evaluation.regret.branch_lengths",
-        lambda *given: pytest.fail("worked out again"),
-    )
+    worked_out = "marsexplorer.evaluation.regret.branch_lengths"
+    monkeypatch.setattr(worked_out, lambda *given: pytest.fail("worked out again"))
     assert (kept.regret(record).lengths == first).all()
     monkeypatch.undo()
     path.write_bytes(b"\x93NUMPY broken")
@@ -181,40 +164,24 @@ def test_what_cannot_go_on_or_is_too_large_is_refused(estimator):
 
 def test_what_was_missed_is_what_the_policy_sees_soon_after_the_better_move(net, estimator):
     record = drive(SEED + 1, 60, np.random.default_rng(8)).record()
-    terrain = record.terrain_map()
     losses = [loss for loss in estimator.regret(record).biggest(5) if loss.regret >= 2]
     missed = estimator.missed(record, losses)
     assert len(losses) == 5
     assert sum(len(each.cells) for each in missed) > 0
     for loss, found in zip(losses, missed, strict=True):
         # 1. The player's own way: what was known at the move, SOON moves after it, and when the rest was seen.
-        own, known = Episode.begin(CONFIG, terrain=terrain), []
-        for action in record.actions:
-            known.append(own.codes != UNKNOWN)
-            own.step(action)
-        known.append(own.codes != UNKNOWN)
+        boards = [(own.position, own.codes.copy()) for own, _ in moves_of(record)]
+        assert found.position == boards[loss.step][0]
+        assert (found.codes == boards[loss.step][1]).all()
+        known = [codes != UNKNOWN for _, codes in boards] + [replay(record).codes != UNKNOWN]
         before, soon = known[loss.step], known[min(loss.step + SOON, len(record.actions))]
         # 2. The policy's way after the better action.
-        other, policy = (
-            Episode.begin(CONFIG, terrain=terrain),
-            NetworkPolicy("p", net, CONFIG.sensor_radius),
-        )
-        policy.reset(0)
-        for action in record.actions[: loss.step]:
-            policy.extract_features(other.codes)
-            other.step(action)
-        assert found.position == other.position
-        assert (found.codes == other.codes).all()
-        policy.extract_features(other.codes)
-        other.step(loss.best_action)
-        policy._guard = LoopGuard(CONFIG.sensor_radius)
+        other, policy = branched(net, record, loss.step, loss.best_action)
         for _ in range(SOON - 1):
             if not other.ended:
                 other.step(policy.act(other.codes))
         cells = np.argwhere((other.codes != UNKNOWN) & ~before & ~soon)
         assert found.cells.tolist() == cells.tolist()
-        seen = [
-            next((step for step, each in enumerate(known) if each[tuple(cell)]), None)
-            for cell in cells
-        ]
-        assert found.seen_at == (None if not seen or None in seen else max(seen))
+        seen = [[step for step, each in enumerate(known) if each[tuple(cell)]] for cell in cells]
+        expected = max(steps[0] for steps in seen) if seen and all(seen) else None
+        assert found.seen_at == expected

@@ -1,6 +1,7 @@
 """Boards decided together make the moves they would make alone, and one that fails fails alone."""
 
 import time
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.network.batch import act_many, shared_net
 from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.network import Net, save_network
@@ -21,14 +23,6 @@ CONFIGS = (EnvConfig.of("random", 21), EnvConfig.of("3-2-1", (9, 14)), EnvConfig
 @pytest.fixture
 def file(tmp_path):
     return write_network(tmp_path / "net.onnx")
-
-
-def alone(policy, config, seed, moves):
-    episode = Episode.begin(config, seed=seed)
-    policy.reset(seed)
-    while not episode.ended and episode.steps < moves:
-        episode.step(policy.act(episode.codes))
-    return bytes(episode.actions)
 
 
 def together(names, boards, moves):
@@ -47,12 +41,11 @@ def together(names, boards, moves):
 @pytest.mark.parametrize("name", ["ppo", "file"])
 def test_the_moves_are_those_of_single_decisions(name, file):
     name = str(file) if name == "file" else name
-    boards = [(CONFIGS[seed % 3], 10**9 + seed) for seed in range(9)]
-    moves = together([name, "frontier-utility"], boards, 150)
+    names = [name, "frontier-utility"]
+    boards = [(replace(CONFIGS[seed % 3], max_steps=150), 10**9 + seed) for seed in range(9)]
+    moves = together(names, boards, 150)
     for at, (config, seed) in enumerate(boards):
-        assert moves[at] == alone(
-            policies.load([name, "frontier-utility"][at % 2]), config, seed, 150
-        )
+        assert moves[at] == play_episode(policies.load(names[at % 2]), config, seed).actions
 
 
 def test_boards_of_one_file_share_a_network_until_the_file_changes(file):
@@ -75,9 +68,8 @@ class Counting:
 
     def infer(self, planes, moves):
         self.calls.append(len(planes))
-        return np.array([self.scores[len(self.calls) - 1]] * len(planes), np.float32), np.zeros(
-            len(planes), np.float32
-        )
+        logits = [self.scores[len(self.calls) - 1]] * len(planes)
+        return np.array(logits, np.float32), np.zeros(len(planes), np.float32)
 
 
 def test_a_close_call_is_made_alone():

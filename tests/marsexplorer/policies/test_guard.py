@@ -34,11 +34,9 @@ def test_a_stack_is_guarded_as_each_episode_alone(moves):
     """Each move is a cell and whether something new is known there: what is known never shrinks."""
     num, cells = 3, 4
     known_before, known = np.full((num, cells), -1), np.zeros(num, np.int64)
-    steps_left, known_at_start, is_guarded = (
-        np.zeros(num, np.int64),
-        np.full(num, -1),
-        np.zeros(num, np.bool_),
-    )
+    steps_left = np.zeros(num, np.int64)
+    known_at_start = np.full(num, -1)
+    is_guarded = np.zeros(num, np.bool_)
     literal = [LiteralGuard() for _ in range(num)]
     for row in moves:
         known += [int(grows) for _, grows in row]

@@ -18,9 +18,8 @@ from tests.support.hub_server import TOKEN, create_hub
 from tests.support.policy_files import write_network
 from tests.support.servers import eventually
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore:Use 'content=<...>':DeprecationWarning"
-)  # of the hub's own client
+# Of the hub's own client.
+pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=<...>':DeprecationWarning")
 
 REPO = "ada/mars-explorer"
 
@@ -38,9 +37,8 @@ def hub_app(monkeypatch, tmp_path):
     monkeypatch.setenv("HF_TOKEN", TOKEN)
     for name in ("HF_HUB_CACHE", "HUGGINGFACE_HUB_CACHE", "HF_TOKEN_PATH"):
         monkeypatch.setattr(hub_constants, name, str(tmp_path / name.lower()), raising=False)
-    monkeypatch.setattr(
-        hub_constants, "HF_HUB_DISABLE_XET", True
-    )  # the stand-in takes files by LFS, as `hf` does without hf_xet
+    # The stand-in takes files by LFS, as `hf` does without hf_xet.
+    monkeypatch.setattr(hub_constants, "HF_HUB_DISABLE_XET", True)
     yield app
     engine.should_exit = True
     thread.join(60)
@@ -62,9 +60,8 @@ def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
     assert held.private
     assert set(held.commits[-1]) == {"ppo.onnx", "config.json", "README.md"}
     assert len(held.commits) == 2, "one commit after the empty one"
-    code, said, complained = run(
-        capsys, "policies", "pull", REPO, "--out", str(tmp_path / "pulled")
-    )
+    words = ("policies", "pull", REPO, "--out", str(tmp_path / "pulled"))
+    code, said, complained = run(capsys, *words)
     assert code == 0, complained
     pulled = tmp_path / "pulled" / "ppo.onnx"
     assert pulled.read_bytes() == shipped()["ppo"].read_bytes()
@@ -76,9 +73,8 @@ def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
     found = ModelCard(hub.model_card(shipped()["ppo"], REPO))
     card = read_card(shipped()["ppo"])
     assert found.data.library_name == "marsexplorer-playground"
-    results = {
-        (each.dataset_name, each.metric_type): each.metric_value for each in found.data.eval_results
-    }
+    each = found.data.eval_results
+    results = {(one.dataset_name, one.metric_type): one.metric_value for one in each}
     for setting, figures in card["results"].items():
         assert results[f"MarsExplorer {setting}", "steps"] == figures["steps"]
     assert card["summary"] in found.text

@@ -67,9 +67,8 @@ def test_boards_decided_together_make_the_moves_of_single_decisions():
             drivers[-1].reset(seed)
             episodes.append(Episode.begin(EnvConfig(), seed=seed))
         for _ in range(20):
-            for episode, action in zip(
-                episodes, act_many(drivers, [each.codes for each in episodes]), strict=True
-            ):
+            actions = act_many(drivers, [each.codes for each in episodes])
+            for episode, action in zip(episodes, actions, strict=True):
                 episode.step(action)
         alone = policies.load(name)
         for seed, together in enumerate(episodes):
@@ -95,7 +94,6 @@ def test_moves_are_drawn_by_the_seed_where_the_card_says_so(tmp_path):
 @pytest.mark.parametrize("acts", ["dreams", ["greedy"], 3])
 def test_a_card_that_says_something_else_is_refused(acts, tmp_path):
     path = write_onnx(tmp_path / "odd.onnx", card={"acts": acts})
-    with pytest.raises(
-        policies.PolicyFileError, match=r'is no policy: expected .* as "acts", got '
-    ):
+    said = r'is no policy: expected .* as "acts", got '
+    with pytest.raises(policies.PolicyFileError, match=said):
         policies.load(path)

@@ -6,16 +6,14 @@ import pytest
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.planner import Planner, distance_weights
 
 
 def steps(policy, config, seeds):
     taken = []
     for seed in seeds:
-        episode = Episode.begin(config, seed=seed)
-        policy.reset(seed)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
+        episode = play_episode(policy, config, seed)
         assert episode.outcome == "explored", seed
         taken.append(episode.steps)
     return np.array(taken)

@@ -1,6 +1,5 @@
 """Policies from files of other makers: played as they would play, and refused with a sentence when they are anything else."""
 
-import json
 import pickle
 import sys
 
@@ -113,12 +112,6 @@ def test_a_network_plays_what_it_computes_where_it_is_trained_and_is_read_back_a
     assert all(
         torch.equal(*both) for both in zip(net.parameters(), again.parameters(), strict=True)
     )
-
-
-def test_the_card_is_in_the_metadata(tmp_path):
-    save_network(Net(), tmp_path / "own.onnx", {"summary": "Wanders."})
-    metadata = {one.key: one.value for one in onnx.load(tmp_path / "own.onnx").metadata_props}
-    assert json.loads(metadata["card"])["summary"] == "Wanders."
 
 
 @pytest.mark.parametrize("card", ["{", "1", "[" * 200_000])

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from marsexplorer.config import OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies.kernels.prices import (
     PricedBoard,
     PriceParameters,
@@ -32,22 +33,14 @@ def test_the_compiled_rule_is_the_literal_one(radius, rule):
     terrain = np.random.default_rng(radius).random((9, 14)) < 0.2
     terrain[0, 0] = False
     config = EnvConfig("random", 9, 14, sensor_radius=radius, beta=1.0, max_steps=20)
-    episode, policy, heading = (
-        Episode.begin(config, terrain=terrain),
-        FrontierPriced(radius, rule),
-        1,
-    )
+    episode = Episode.begin(config, terrain=terrain)
+    policy = FrontierPriced(radius, rule)
+    heading = 1
     policy.reset(0)
     while not episode.ended:
-        codes, visited = episode.codes.copy(), set(episode.path)
-        expected = reference_frontier.decide_priced(
-            codes.tolist(),
-            visited,
-            episode.position,
-            heading,
-            radius,
-            plain(rule.of(9, 14, radius)),
-        )
+        codes, board = episode.codes.copy(), (set(episode.path), episode.position, heading, radius)
+        own = plain(rule.of(9, 14, radius))
+        expected = reference_frontier.decide_priced(codes.tolist(), *board, own)
         if expected is None:
             break
         heading = policy.act(episode.observation())
@@ -63,20 +56,16 @@ def test_the_compiled_rule_is_the_literal_one(radius, rule):
 def test_every_terrain_is_explored_and_the_guard_never_acts(level, size, rule):
     config, policy = EnvConfig.of(level, size), FrontierPriced(6, rule)
     for seed in range(5):
-        episode = Episode.begin(config, seed=seed)
-        policy.reset(seed)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
-        assert (episode.outcome, policy.guard.overruled) == ("explored", 0), seed
+        outcome = play_episode(policy, config, seed).outcome
+        assert (outcome, policy.guard.overruled) == ("explored", 0), seed
 
 
 @settings(max_examples=30, deadline=None)
 @given(strategies.terrains(max_side=16, max_density=0.5), st.integers(2, 8))
 def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
     """Unsolvable terrains included: what borders on a reachable free cell is known before the candidates run out."""
-    config = EnvConfig(
-        "random", *terrain.shape, sensor_radius=radius, beta=1.0, max_steps=terrain.size**2
-    )
+    limits = {"beta": 1.0, "max_steps": terrain.size**2}
+    config = EnvConfig("random", *terrain.shape, sensor_radius=radius, **limits)
     episode, policy = Episode.begin(config, terrain=terrain), FrontierPriced(radius)
     policy.reset(0)
     visibility = VisibilityMap(terrain.shape, radius)
@@ -84,17 +73,14 @@ def test_the_rule_sees_all_that_can_be_seen(terrain, radius):
         policy.memory.observe(episode.codes)
         visibility.fill(episode.codes)
         reach = reference_frontier.distances(episode.codes.tolist(), episode.position)
-        if not any(
-            policy.memory.visited[cell] == 0 and visibility.expected_discoveries(*cell)
-            for cell in reach
-        ):
+        fresh = (cell for cell in reach if policy.memory.visited[cell] == 0)
+        if not any(visibility.expected_discoveries(*cell) for cell in fresh):
             break
         episode.step(policy.decide(policy.memory))
     assert episode.outcome in ("explored", "running")
     for row, col in reference_frontier.distances(np.where(terrain, 3, 1).tolist(), (0, 0)):
-        assert (
-            episode.codes[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2] != UNKNOWN
-        ).all(), (row, col)
+        around = episode.codes[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
+        assert (around != UNKNOWN).all(), (row, col)
 
 
 @settings(max_examples=30, deadline=None)
@@ -105,33 +91,24 @@ def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radi
     half_sides = PriceTables([TUNED.small.prices], radius).arrays[0]
     kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
     for _ in range(4):
-        codes = np.where(
-            rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols)), before % 4
-        ).astype(np.uint8)
+        is_other, others = rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols))
+        codes = np.where(is_other, others, before % 4).astype(np.uint8)
         left = update_board(codes, kept.board, half_sides, kept.changed_columns)
         new = PricedBoard((rows, cols), radius)
-        assert (
-            left
-            == update_board(codes, new.board, half_sides, new.changed_columns)
-            == np.count_nonzero(codes == UNKNOWN)
-        )
+        assert left == update_board(codes, new.board, half_sides, new.changed_columns)
+        assert left == np.count_nonzero(codes == UNKNOWN)
         visibility = VisibilityMap((rows, cols), radius)
         visibility.fill(codes)
-        for mine, theirs, filled in zip(
-            kept.board[2][:2], new.board[2][:2], visibility.view[:2], strict=True
-        ):
-            assert (mine == theirs).all()
-            assert (mine == filled).all()
+        for k in range(2):
+            assert (kept.board[2][k] == new.board[2][k]).all()
+            assert (kept.board[2][k] == visibility.view[k]).all()
         assert (kept.board[0] == new.board[0]).all()
         assert (kept.board[1] == new.board[1]).all()
         for row in range(rows):
-            kinds = [
-                (board[row] == UNKNOWN) + 2 * (board[row] == OBSTACLE) for board in (before, codes)
-            ]
-            changed = np.flatnonzero(kinds[0] != kinds[1]).tolist()
-            assert kept.changed_columns[row].tolist() == (
-                [changed[0], changed[-1]] if changed else [cols, -1]
-            )
+            lines = (before[row], codes[row])
+            was, now = ((line == UNKNOWN) + 2 * (line == OBSTACLE) for line in lines)
+            changed = np.flatnonzero(was != now).tolist() or [cols, -1]
+            assert kept.changed_columns[row].tolist() == [changed[0], changed[-1]]
         before = codes
 
 
@@ -152,10 +129,8 @@ def test_parameters_change_with_the_logarithm_of_the_side():
     ):
         halfway = TUNED.of(rows, cols)
         assert halfway.power == pytest.approx((first.power + last.power) / 2)
-        assert halfway.prices.weights[1] == pytest.approx(
-            (first.prices.weights[1] + last.prices.weights[1]) / 2
-        )
-    assert TUNED.of(14, 14, radius=4) == TUNED.small, (
-        "a grid is as large as it is in units of the radius"
-    )
+        weights = (each.prices.weights[1] for each in (first, last))
+        assert halfway.prices.weights[1] == pytest.approx(sum(weights) / 2)
+    # A grid is as large as it is in units of the radius.
+    assert TUNED.of(14, 14, radius=4) == TUNED.small
     assert TUNED.of(14, 14, radius=2) == TUNED.of(42, 42)

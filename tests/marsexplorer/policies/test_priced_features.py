@@ -23,18 +23,13 @@ RADIUS = 3
 
 def explored(rows, cols, steps):
     """An episode some moves after its start, its moves drawn at random, and the cells visited."""
-    episode, rng = (
-        Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4),
-        np.random.default_rng(2),
-    )
+    episode = Episode.begin(EnvConfig("random", rows, cols, sensor_radius=RADIUS), seed=4)
+    rng = np.random.default_rng(2)
     while episode.steps < steps:
         row, col = episode.position
         beyond = np.pad(episode.codes, 1, constant_values=3)
-        free = [
-            a
-            for a, (r, c) in enumerate(literal.DISPLACEMENTS)
-            if beyond[row + 1 + r, col + 1 + c] != 3
-        ]
+        near = [beyond[row + 1 + r, col + 1 + c] for r, c in literal.DISPLACEMENTS]
+        free = [action for action, code in enumerate(near) if code != 3]
         episode.step(int(rng.choice(free)))
     return episode
 
@@ -45,10 +40,9 @@ def numbers(codes, position, path):
     visited = np.zeros((1, rows * cols), np.uint8)
     for row, col in path:
         visited[0, row * cols + col] = 1
+    cell = np.array([position[0] * cols + position[1]])
     extractor = FeatureExtractor(1, rows, cols, RADIUS)
-    return extractor(
-        codes[None], np.array([position[0] * cols + position[1]]), visited, np.array([1])
-    )[1][0]
+    return extractor(codes[None], cell, visited, np.array([1]))[1][0]
 
 
 def literal_values(grid, visited, rover, rule):
@@ -79,22 +73,13 @@ def test_the_numbers_are_those_of_the_definition(steps):
         found = literal_values(grid, visited, episode.position, rule)
         best = max(value for value, _ in found)
         for action, (value, way) in enumerate(found):
-            share = value / best
-            counts = share > LEAST_SHARE and moves[action, 0] > 0
-            expected = (
-                [
-                    (share - LEAST_SHARE) / (1 - LEAST_SHARE),
-                    float(value == best),
-                    0.3 * math.log(1 + way),
-                ]
-                if counts
-                else [0] * 3
-            )
+            share, expected = value / best, [0.0] * 3
+            if share > LEAST_SHARE and moves[action, 0] > 0:
+                over = (share - LEAST_SHARE) / (1 - LEAST_SHARE)
+                expected = [over, float(value == best), 0.3 * math.log(1 + way)]
             first = ACTION_FEATURES + 3 * k
-            assert moves[action, first : first + 3] == pytest.approx(expected, abs=1e-6), (
-                k,
-                action,
-            )
+            own = moves[action, first : first + 3]
+            assert own == pytest.approx(expected, abs=1e-6), (k, action)
     assert moves[:, -1] == pytest.approx(0.2 * math.log(rows * cols) * moves[:, 0])
     assert moves.shape == (4, ACTION_FEATURES + PRICED_FEATURES)
 
@@ -102,11 +87,8 @@ def test_the_numbers_are_those_of_the_definition(steps):
 def test_a_transposed_board_has_the_same_numbers_for_the_transposed_moves():
     episode = explored(21, 30, 12)
     there = numbers(episode.codes, episode.position, episode.path)
-    turned = numbers(
-        np.ascontiguousarray(episode.codes.T),
-        episode.position[::-1],
-        [cell[::-1] for cell in episode.path],
-    )
+    codes, path = np.ascontiguousarray(episode.codes.T), [cell[::-1] for cell in episode.path]
+    turned = numbers(codes, episode.position[::-1], path)
     assert np.array_equal(there[::-1, ACTION_FEATURES:], turned[:, ACTION_FEATURES:])
 
 
@@ -147,9 +129,7 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(tmp_path):
             net.value_head[0].weight[:, first + ACTION_FEATURES : first + numbers] = 0.0
     assert playing(net, tmp_path).rules_that_count(21, 21) == ()
     with torch.no_grad():
-        net.value_head[0].weight[
-            3, 128 + 2 * (ACTION_FEATURES + PRICED_FEATURES) + ACTION_FEATURES + 8
-        ] = 1e-9
+        net.value_head[0].weight[3, 128 + 2 * numbers + ACTION_FEATURES + 8] = 1e-9
     assert playing(net, tmp_path).rules_that_count(21, 21) == (2,)
     with torch.no_grad():
         net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9

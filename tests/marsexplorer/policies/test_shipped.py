@@ -1,15 +1,11 @@
 """The shipped policy is what its card says."""
 
-import time
 from functools import cache
-from statistics import median
 
 import pytest
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
 from marsexplorer.evaluation import evaluate
-from marsexplorer.policies import load, names
 from marsexplorer.policies.files.card import read_card, shipped
 from marsexplorer.training.envs import EVALUATION_SEEDS
 
@@ -46,20 +42,3 @@ def test_at_42x42_the_shipped_network_needs_a_tenth_less_than_either_frontier_ru
     ppo, *rules = (row.steps_mean for row in rows)
 
     assert ppo < 0.9 * min(rules)
-
-
-def test_the_shipped_network_is_offered_first():
-    assert names()[0] == "ppo"
-
-
-def test_a_move_of_the_network_takes_under_two_milliseconds():
-    policy, episode = load("ppo"), Episode.begin(EnvConfig(), seed=EVALUATION_SEEDS.start)
-    policy.reset(0)
-    for _ in range(10):
-        episode.step(policy.act(episode.codes))
-    spent = []
-    while not episode.ended:
-        began = time.thread_time()
-        episode.step(policy.act(episode.codes))
-        spent.append(time.thread_time() - began)
-    assert median(spent) < 0.002

@@ -72,10 +72,8 @@ def untrained_net():
 
 def literal(net, seed, at=None, other=None):
     """The policy's episode, move by move; at its move `at` it makes the move `other`. Returns its moves."""
-    policy, episode = (
-        NetworkPolicy("net", net, CONFIG.sensor_radius),
-        Episode.begin(CONFIG, seed=seed),
-    )
+    policy = NetworkPolicy("net", net, CONFIG.sensor_radius)
+    episode = Episode.begin(CONFIG, seed=seed)
     policy.reset(0)
     while not episode.ended and episode.steps < int(MAX_MOVES_PER_CELL * CONFIG.n):
         action = policy.act(episode.codes)
@@ -87,9 +85,8 @@ def literal(net, seed, at=None, other=None):
 def test_episodes_are_those_of_the_policy_with_its_guard(which, scorer, tmp_path):
     net = playing(untrained_net(), tmp_path) if which == "untrained" else scorer
     steps = np.zeros(4, np.int64)
-    guarded = sum(
-        int(joint.decisions.guarded.sum()) for joint in play_greedily(CONFIG, net, SEED, steps)
-    )
+    joints = play_greedily(CONFIG, net, SEED, steps)
+    guarded = sum(int(joint.decisions.guarded.sum()) for joint in joints)
     assert steps.tolist() == [literal(net, SEED + k) for k in range(4)]
     if which == "untrained":
         assert guarded > 0
@@ -108,10 +105,8 @@ def test_the_cost_of_another_move_is_what_a_literal_replay_finds(scorer):
     for count, episodes, others, worlds in branches:
         costs = extra_moves(CONFIG, scorer, worlds, others, steps[episodes])
         for episode, other, cost in zip(episodes, others, costs, strict=True):
-            assert cost == min(
-                literal(scorer, SEED + int(episode), count, int(other)) - steps[episode],
-                MAX_EXTRA_MOVES,
-            )
+            length = literal(scorer, SEED + int(episode), count, int(other))
+            assert cost == min(length - steps[episode], MAX_EXTRA_MOVES)
             signs.add(int(np.sign(cost)))
     assert signs == {-1, 0, 1}
 
@@ -127,10 +122,7 @@ def test_pairs_are_two_valid_moves_and_what_the_network_prefers(scorer):
     assert abs(pairs.cost).max() <= MAX_COST
     assert pairs.cost.min() < 0 < pairs.cost.mean()
     again = branch_episodes(CONFIG, scorer, SEED, 8, 8)
-    assert all(
-        np.array_equal(getattr(pairs, name), getattr(again, name))
-        for name in ("planes", "own", "other", "cost", "steps")
-    )
+    assert all(map(np.array_equal, vars(pairs).values(), vars(again).values()))
 
 
 def test_observations_are_kept_at_a_quarter_of_the_steps(scorer):
@@ -147,11 +139,9 @@ def test_transposing_exchanges_rows_and_columns():
     """A board and its transpose look the same once transposed, moves exchanged north-west and east-south."""
     codes = np.random.default_rng(5).choice([0, 1, 1, 3], size=(1, 21, 21)).astype(np.uint8)
     codes[0, 8, 5] = 2
-    features = FeatureExtractor(1, 21, 21, 6)
-    nothing = np.zeros((1, 441), np.uint8)
-    planes, moves = (
-        each.copy() for each in features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
-    )
+    features, nothing = FeatureExtractor(1, 21, 21, 6), np.zeros((1, 441), np.uint8)
+    found = features(codes, np.array([8 * 21 + 5]), nothing, np.array([1]))
+    planes, moves = (each.copy() for each in found)
     turned = np.ascontiguousarray(codes.transpose(0, 2, 1))
     mirrored, flipped = features(turned, np.array([5 * 21 + 8]), nothing, np.array([2]))
     assert np.array_equal(planes[:, :, TRANSPOSED], mirrored)
@@ -160,26 +150,18 @@ def test_transposing_exchanges_rows_and_columns():
 
 
 def test_sizes_that_are_branched_are_no_anchors_and_have_fewer_episodes(net):
-    run = RefineRun(
-        net,
-        4,
-        replace(SMALL, sizes=(21, 42), anchor_sizes=((84, 2), (42, 8)), anchor_levels=("2-2-1",)),
-    )
-    tasks = {
-        (task.level, task.size, task.num_episodes, task.pairs_per_episode)
-        for task in run.make_tasks()
-    }
+    anchors = {"anchor_sizes": ((84, 2), (42, 8)), "anchor_levels": ("2-2-1",)}
+    run, tasks = RefineRun(net, 4, replace(SMALL, sizes=(21, 42), **anchors)), set()
+    for task in run.make_tasks():
+        tasks.add((task.level, task.size, task.num_episodes, task.pairs_per_episode))
     branched = {(level, *each, 16) for level in ("random", "1-2-1") for each in ((21, 6), (42, 1))}
     assert tasks == branched | {("2-2-1", 84, 2, 0)}
-    run.config = replace(
-        run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)), first_round_tasks=2
-    )
+    run.config = replace(run.config, tasks_per_level=(("random", 12), ("1-1-1", 1)))
     counts = Counter((task.level, task.size) for task in run.make_tasks() if task.pairs_per_episode)
     assert counts == {("random", 21): 24, ("random", 42): 12, ("1-1-1", 21): 2, ("1-1-1", 42): 2}
     run.config = replace(run.config, sizes=(21, 42, 84))
-    assert {
-        (task.size, task.pairs_per_episode) for task in run.make_tasks() if task.level == "2-2-1"
-    } == {(84, 0)}
+    held = [task for task in run.make_tasks() if task.level == "2-2-1"]
+    assert {(task.size, task.pairs_per_episode) for task in held} == {(84, 0)}
 
 
 def test_a_network_that_is_refined_on_larger_grids_is_held_to_what_it_was_on_the_usual_ones(net):
@@ -225,10 +207,8 @@ def test_a_run_that_is_gone_on_with_comes_to_the_same_weights_on_any_number_of_w
 
 
 def test_a_network_begins_with_the_moves_that_it_made(net, scorer, tmp_path):
-    begun, rollouts = (
-        playing(RefineRun(deepcopy(net), 4, SMALL).net, tmp_path),
-        GreedyRollouts(EnvConfig("random", 42, 42), 4),
-    )
+    begun = playing(RefineRun(deepcopy(net), 4, SMALL).net, tmp_path)
+    rollouts = GreedyRollouts(EnvConfig("random", 42, 42), 4)
     rollouts.worlds.start(np.arange(SEED, SEED + 4))
     for _ in range(20):
         decisions = rollouts.decide(scorer)
@@ -250,10 +230,7 @@ def test_an_untrained_network_learns_which_moves_are_better_the_same_on_any_numb
         runs.append((run, metrics))
     (run, metrics), (other, same) = runs
     assert metrics == same
-    assert all(
-        torch.equal(*both)
-        for both in zip(run.net.parameters(), other.net.parameters(), strict=True)
-    )
+    assert all(map(torch.equal, run.net.parameters(), other.net.parameters()))
     before, after = playing(began_with, tmp_path), playing(run.net, tmp_path)
     seeds = range(SEED, SEED + 50)
     saved_moves = np.array([literal(before, seed) - literal(after, seed) for seed in seeds])

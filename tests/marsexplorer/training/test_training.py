@@ -10,13 +10,12 @@ import pytest
 import torch
 
 from marsexplorer.config import EnvConfig
-from marsexplorer.episode import Episode
+from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
 from marsexplorer.training import ppo, run_folder
 from marsexplorer.training.config import RECIPES
 from marsexplorer.training.envs import EVALUATION_SEEDS, TrainingEnvs, make_envs, rewards_in_moves
-from marsexplorer.training.interrupts import postponed_interrupt
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, compute_advantages
 from marsexplorer.training.prior import rule_probabilities
 from marsexplorer.training.run_folder import RunFolder
@@ -64,19 +63,8 @@ def trained(steps, seed=0, config=QUICK, env_configs=(SMALL,), on_update=silent)
     return run
 
 
-def score_of(policy, seed):
-    episode = Episode.begin(SMALL, seed=seed)
-    policy.reset(seed)
-    while not episode.ended:
-        episode.step(policy.act(episode.observation()))
-    return episode.score
-
-
 def same_weights(one, two):
-    return all(
-        torch.equal(a, b)
-        for a, b in zip(one.state_dict().values(), two.state_dict().values(), strict=True)
-    )
+    return all(map(torch.equal, one.state_dict().values(), two.state_dict().values()))
 
 
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
@@ -86,10 +74,13 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     ppo.train(run, folder.on_update)
     folder.save()
     tiny, chance = load(folder.policy), load("random")
-    gap = np.array([score_of(tiny, k) - score_of(chance, k) for k in EVALUATION_SEEDS[:50]])
-    assert (
-        gap.mean() > 2.01 * gap.std(ddof=1) / len(gap) ** 0.5
-    )  # Student's t, 49 degrees of freedom
+    scores = [
+        [play_episode(each, SMALL, k).score for k in EVALUATION_SEEDS[:50]]
+        for each in (tiny, chance)
+    ]
+    gap = np.subtract(*scores)
+    # Student's t, 49 degrees of freedom
+    assert gap.mean() > 2.01 * gap.std(ddof=1) / len(gap) ** 0.5
     found = {path.name.split(".")[0] for path in folder.folder.iterdir()}
     assert found == {"tiny", "checkpoint", "log", "curve", "events"}
     lines = [json.loads(line) for line in (folder.folder / "log.jsonl").read_text().splitlines()]
@@ -125,10 +116,8 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights_and_another_seed_has
     assert same_weights(second.net, whole.net)
     assert not same_weights(second.net, trained(steps, 6, config, env_configs).net)
     assert len((tmp_path / "log.jsonl").read_text().splitlines()) == 3
-    episode = Episode.begin(env_configs[0], seed=1)
     policy = load(folder.policy)
-    while not episode.ended:
-        episode.step(policy.act(episode.codes))
+    play_episode(policy, env_configs[0], 1)
     assert set(policy.thought()[0]) != {0.25}
 
 
@@ -145,13 +134,13 @@ def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
     assert (run.updates_done, run.is_between_updates) == (1, False)
     hook.remove()
     run, pressed = TrainingRun.begin(config, [SMALL], steps, 5), []
-    hook = run.optimizer.register_step_post_hook(
-        lambda *_: (
-            (pressed.append(1), os.kill(os.getpid(), signal.SIGINT))
-            if run.updates_done == 1 and not pressed
-            else None
-        )
-    )
+
+    def press(*_):
+        if run.updates_done == 1 and not pressed:
+            pressed.append(1)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    hook = run.optimizer.register_step_post_hook(press)
     folder = RunFolder(tmp_path, run, {"summary": "stopped"}, silent)
     with pytest.raises(KeyboardInterrupt):
         ppo.train(run, folder.on_update)
@@ -193,20 +182,15 @@ def test_advantages_are_the_slow_sum_of_discounted_surprises():
             for k in range(t, 7):
                 goes_on = 1 - float(buffer.dones[k, board])
                 following = float(next_values[board] if k == 6 else buffer.values[k + 1, board])
-                total += weight * (
-                    float(buffer.rewards[k, board])
-                    + gamma * following * goes_on
-                    - float(buffer.values[k, board])
-                )
+                reward, value = float(buffer.rewards[k, board]), float(buffer.values[k, board])
+                total += weight * (reward + gamma * following * goes_on - value)
                 weight *= gamma * gae_lambda * goes_on
             assert float(found[t, board]) == pytest.approx(total, abs=1e-5)
 
 
 def test_a_value_that_has_moved_too_far_counts_with_the_larger_error_of_its_own_and_of_its_clipped_self():
-    old, returns = (
-        torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0]),
-        torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0]),
-    )
+    old = torch.tensor([0.0, 0.0, 0.0, 50.0, 0.0])
+    returns = torch.tensor([441.0, 441.0, -441.0, 441.0, 5.0])
     values = torch.tensor([8.0, 30.0, 30.0, 12.0, 25.0], requires_grad=True)
     minibatch = ppo.Minibatch((), torch.zeros(5), torch.zeros(5, 4), old, torch.zeros(5), returns)
     errors = ppo.value_errors(LETTER, values, minibatch)
@@ -229,23 +213,11 @@ def test_without_the_bonus_the_end_of_an_episode_has_no_reward(config):
     ends = {"explored": 0, "failed": 0}
     for _ in range(40):
         known = (envs.codes != 0).sum((1, 2))
-        blind = torch.randint(4, (8,)).tolist()
-        step = envs.step(
-            np.array(
-                [
-                    *(
-                        rule.act(codes.copy())
-                        for rule, codes in zip(rules, envs.codes[:8], strict=True)
-                    ),
-                    *blind,
-                ]
-            )
-        )
+        chosen = [rule.act(codes.copy()) for rule, codes in zip(rules, envs.codes, strict=False)]
+        step = envs.step(np.array(chosen + torch.randint(4, (8,)).tolist()))
         with torch.no_grad():
-            rewards, new = (
-                ppo.compute_rewards(run, envs, step),
-                (envs.codes != 0).sum((1, 2)) - known,
-            )
+            rewards = ppo.compute_rewards(run, envs, step)
+            new = (envs.codes != 0).sum((1, 2)) - known
         goes_on, scale = ~step.dones, config.reward_per_cell
         assert rewards[goes_on] == pytest.approx((scale * new - 1 if scale else new - 0.5)[goes_on])
         assert rewards[step.failed] == pytest.approx(-1.0 if scale else 0.0)
@@ -263,10 +235,8 @@ def test_rewards_in_moves_are_a_cost_of_one_and_a_share_for_each_new_cell():
         policy.reset(0)
     for _ in range(60):
         known = (envs.codes != 0).sum((1, 2))
-        actions = np.array(
-            [policy.act(codes.copy()) for policy, codes in zip(policies, envs.codes, strict=True)]
-        )
-        step = envs.step(actions)
+        boards = zip(policies, envs.codes, strict=True)
+        step = envs.step(np.array([policy.act(codes.copy()) for policy, codes in boards]))
         rewards = rewards_in_moves(SMALL, step, 0.5)
         new = (envs.codes != 0).sum((1, 2)) - known
         assert rewards[~step.dones] == pytest.approx(0.5 * new[~step.dones] - 1)
@@ -293,15 +263,13 @@ def test_running_out_of_time_shows_the_last_observation_to_bootstrap_from():
     assert step.dones[which].all()
     assert envs.steps[which].tolist() == [0] * len(which)
     assert ((codes.numpy() == 2).sum((1, 2)) == 1).all()
-    assert (
-        codes.numpy()[:, 0, 0] == 1
-    ).all()  # the rover has left the corner, where the next episode stands again
+    # The rover has left the corner, where the next episode stands again.
+    assert (codes.numpy()[:, 0, 0] == 1).all()
 
 
 def test_all_levels_and_sizes_have_environments_and_the_first_level_half_of_them():
-    configs = [
-        EnvConfig.of(level, size) for size in (21, 42) for level in ("random", "1-1-1", "2-2-1")
-    ]
+    levels = ("random", "1-1-1", "2-2-1")
+    configs = [EnvConfig.of(level, size) for size in (21, 42) for level in levels]
     parts = make_envs(configs, 256, 0, RECIPES["best"].make_encoder).parts
     assert [part.config for part in parts] == configs
     assert sum(part.num_envs for part in parts) == 256
@@ -324,10 +292,8 @@ def test_the_priced_recipe_begins_as_the_rules(tmp_path):
     """By the mean of the three rules at 42 x 42; where it is close, the untrained head may decide."""
     torch.manual_seed(0)
     config = EnvConfig("random", 42, 42)
-    net, rollouts = (
-        playing(RECIPES["priced"].make_network([config]), tmp_path),
-        GreedyRollouts(config, 3),
-    )
+    net = playing(RECIPES["priced"].make_network([config]), tmp_path)
+    rollouts = GreedyRollouts(config, 3)
     rollouts.worlds.start(np.arange(3))
     made = 0
     for _ in range(60):
@@ -348,47 +314,20 @@ def test_the_divergence_from_the_rules_counts_by_the_size_of_the_grid():
         envs = TrainingEnvs(EnvConfig("random", side, side), 6, 7, config.make_encoder)
         moves = envs.observe()[1].clone()
         assert (moves[:, :, 0] == 0).any()
-        log_probs = torch.where(
-            moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9)
-        ).log_softmax(1)
-        rules = np.array(
-            [rule_by_definition(each, side, config.prior_scale) for each in moves.numpy()]
-        )
-        literal = (
-            -sum(
-                p * q
-                for p, q in zip(rules.ravel(), log_probs.numpy().ravel(), strict=True)
-                if p > 0
-            )
-            / 6
-        )
-        assert float(ppo.rule_divergence(config, moves, log_probs)) == pytest.approx(
-            coef * literal, rel=1e-4
-        )
+        logits = torch.where(moves[:, :, 0] > 0, torch.randn(6, 4), torch.tensor(-1e9))
+        log_probs, scale = logits.log_softmax(1), config.prior_scale
+        rules = np.array([rule_by_definition(each, side, scale) for each in moves.numpy()])
+        literal = -(rules * log_probs.numpy())[rules > 0].sum() / 6
+        found = float(ppo.rule_divergence(config, moves, log_probs))
+        assert found == pytest.approx(coef * literal, rel=1e-4)
 
 
 def rule_by_definition(moves, side, scale):
     """The probabilities of four moves by the rules of one size, from their numbers [4, numbers of a move]."""
-    counts = {21: (3, 0, 0), 42: (1, 1, 1), 84: (0, 3, 0)}[side]
+    counts = np.array({21: (3, 0, 0), 42: (1, 1, 1), 84: (0, 3, 0)}[side])
     weight = np.zeros(4)
     for action in range(4):
         shares = moves[action, 16:25].reshape(3, 3)
-        logit = 0.1 * moves[action, 10] + sum(
-            count * (5 * share[0] + 3 * share[1])
-            for count, share in zip(counts, shares, strict=True)
-        )
+        logit = 0.1 * moves[action, 10] + counts @ (5 * shares[:, 0] + 3 * shares[:, 1])
         weight[action] = np.exp(scale * logit) * moves[action, 0]
     return weight / weight.sum()
-
-
-def test_ctrl_c_waits_for_the_end_of_the_block():
-    done = []
-
-    def block():
-        with postponed_interrupt():
-            os.kill(os.getpid(), signal.SIGINT)
-            done.append("the rest of the block")
-
-    with pytest.raises(KeyboardInterrupt):
-        block()
-    assert done == ["the rest of the block"]

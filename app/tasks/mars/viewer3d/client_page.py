@@ -58,15 +58,7 @@ class ClientPage:
         scripts = "".join(f"<script>{path.read_text()}</script>" for path in SCRIPTS)
         head = f"<head><style>{STYLE}</style>{scripts}"
         html = CLIENT_PAGE.read_bytes().replace(b"<head>", head.encode(), 1)
-        hashes = tuple(
-            _hash_of(found[1])
-            for found in re.finditer(rb"<script\b[^>]*>(.*?)</script>", html, re.DOTALL)
-        )
-        return cls(
-            html, gzip.compress(html, 9, mtime=0), f"{PROTOCOL}-{zlib.crc32(html):08x}", hashes
-        )
-
-
-def _hash_of(script: bytes) -> str:
-    """Return the hash of a script as a Content-Security-Policy names it."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}"
+        inside = re.findall(rb"<script\b[^>]*>(.*?)</script>", html, re.DOTALL)
+        digests = (base64.b64encode(hashlib.sha256(script).digest()).decode() for script in inside)
+        hashes, version = tuple(map("sha256-{}".format, digests)), zlib.crc32(html)
+        return cls(html, gzip.compress(html, 9, mtime=0), f"{PROTOCOL}-{version:08x}", hashes)

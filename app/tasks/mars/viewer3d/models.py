@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ Faces = NDArray[np.uint32]
 ROCK = (220, 203, 184)
 PALE, DARK, CELLS = (236, 229, 220), (46, 42, 44), (44, 52, 78)
 ROCK_SHAPES = 4
+AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+"""Corners (x, y) of a square about the origin."""
 OUTWARD = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
 """Unit vectors (x, y) of north, east, south, west."""
 LEAST_SHARE = 0.02
@@ -35,16 +37,8 @@ def rock(shape: int) -> tuple[Corners, Faces]:
     rings = []
     for height, radius in ((0.0, 0.56), (0.34, 0.53), (0.74, 0.36)):
         worn = radius * rng.uniform(0.82, 1.1, 8)
-        rings.append(
-            np.stack(
-                [
-                    np.cos(turn) * worn,
-                    np.sin(turn) * worn,
-                    np.full(8, height) + rng.uniform(-0.05, 0.08, 8),
-                ],
-                axis=1,
-            )
-        )
+        heights = height + rng.uniform(-0.05, 0.08, 8)
+        rings.append(np.stack([np.cos(turn) * worn, np.sin(turn) * worn, heights], axis=1))
     rings[0][:, 2] = 0.0
     top = np.array([[rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1), 0.97]])
     faces = [[16 + side, 16 + (side + 1) % 8, 24] for side in range(8)]
@@ -63,18 +57,14 @@ def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return sRGB 0..255 as the linear 0..255 that batched meshes and fog are drawn with."""
     share = np.clip(colour, 0, 255) / 255
     low, high = share / 12.92, ((share + 0.055) / 1.055) ** 2.4
-    colours: NDArray[np.uint8] = np.rint(255 * np.where(share <= 0.04045, low, high)).astype(
-        np.uint8
-    )
-    return colours
+    colours = np.rint(255 * np.where(share <= 0.04045, low, high))
+    return np.asarray(colours, np.uint8)
 
 
 def shape_of(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return which shape, 0 .. ROCK_SHAPES - 1, the rock on each of cells[n, 2] has."""
-    shapes: NDArray[np.int64] = (
-        cells[:, 0] * 5 + cells[:, 1] * 3 + cells[:, 0] * cells[:, 1]
-    ) % ROCK_SHAPES
-    return shapes
+    row, col = cells[:, 0], cells[:, 1]
+    return np.asarray((row * 5 + col * 3 + row * col) % ROCK_SHAPES)
 
 
 def add_rocks(
@@ -86,17 +76,14 @@ def add_rocks(
     turn = (row * 31 + col * 17) % 8 * (np.pi / 8)
     still = np.zeros(len(cells))
     width = 0.9 + 0.16 * grain
+    turns = np.stack([np.cos(turn), still, still, np.sin(turn)], axis=1).astype(np.float32)
+    places = np.stack([col, -row, still], axis=1).astype(np.float32)
+    scales = np.stack([width, width, 0.55 + 0.45 * grain], axis=1).astype(np.float32)
+    colours = linear(np.array(ROCK) * (0.8 + 0.24 * grain[:, None]))
+    look: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": has_shadows}
+    look |= {"flat_shading": True, "lod": "off"}
     return scene.add_batched_meshes_simple(
-        name,
-        *ROCKS[shape],
-        np.stack([np.cos(turn), still, still, np.sin(turn)], axis=1).astype(np.float32),
-        np.stack([col, -row, still], axis=1).astype(np.float32),
-        batched_scales=np.stack([width, width, 0.55 + 0.45 * grain], axis=1).astype(np.float32),
-        batched_colors=linear(np.array(ROCK) * (0.8 + 0.24 * grain[:, None])),
-        flat_shading=True,
-        lod="off",
-        cast_shadow=has_shadows,
-        receive_shadow=has_shadows,
+        name, *ROCKS[shape], turns, places, batched_scales=scales, batched_colors=colours, **look
     )
 
 
@@ -106,7 +93,7 @@ def add_rover(
     """Add the rover, facing east (+x), and return the frame that all of its parts hang on."""
     rover = scene.add_frame("/rover", show_axes=False)
     common: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": False}
-    for name, colour, dimensions, position in (
+    for name, colour, size, position in (
         ("body", PALE, (0.72, 0.46, 0.2), (0.0, 0.0, 0.36)),
         ("deck", accent, (0.66, 0.5, 0.06), (-0.02, 0.0, 0.49)),
         ("panel", CELLS, (0.34, 0.9, 0.04), (-0.22, 0.0, 0.55)),
@@ -116,29 +103,19 @@ def add_rover(
         ("eyes", DARK, (0.03, 0.26, 0.08), (0.39, 0.0, 1.0)),
         ("arm", PALE, (0.3, 0.06, 0.06), (0.48, 0.12, 0.34)),
     ):
-        scene.add_box(
-            f"/rover/{name}", color=colour, dimensions=dimensions, position=position, **common
-        )
-    wheel: dict[str, Any] = {
-        "color": DARK,
-        "radius": 0.16,
-        "height": 0.14,
-        "radial_segments": 12,
-        **common,
-    }
-    for number, (x, y) in enumerate((x, y) for x in (-0.33, 0.0, 0.33) for y in (-0.36, 0.36)):
-        scene.add_cylinder(
-            f"/rover/wheel{number}", position=(x, y, 0.16), wxyz=(0.7071, 0.7071, 0.0, 0.0), **wheel
-        )
+        scene.add_box(f"/rover/{name}", color=colour, dimensions=size, position=position, **common)
+    common |= {"color": DARK, "radius": 0.16, "height": 0.14, "radial_segments": 12}
+    for number, (x, y) in enumerate(product((-0.33, 0.0, 0.33), (-0.36, 0.36))):
+        place, lying = (x, y, 0.16), (0.7071, 0.7071, 0.0, 0.0)
+        scene.add_cylinder(f"/rover/wheel{number}", position=place, wxyz=lying, **common)
     return rover
 
 
 def circle(radius: float, pieces: int, height: float) -> Corners:
     """Return segments[pieces, 2, 3] of a level circle around the origin, metres."""
     turn = np.linspace(0, 2 * np.pi, pieces + 1)
-    points = np.stack(
-        [np.cos(turn) * radius, np.sin(turn) * radius, np.full_like(turn, height)], axis=1
-    )
+    level = np.full_like(turn, height)
+    points = np.stack([np.cos(turn) * radius, np.sin(turn) * radius, level], axis=1)
     return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
 
 
@@ -175,19 +152,26 @@ def wedges(probabilities: Sequence[float]) -> tuple[Corners, Faces]:
 
 def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
     """Return corners[4 n, 3] and faces[2 n, 3] of a square on each of cells[n, 2], (row, col), a little smaller."""
-    around = 0.46 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    around = 0.46 * np.array(AROUND)
     middles = np.stack([cells[:, 1], -cells[:, 0]], axis=1)[:, None]
     return flat(np.asarray(middles + around), 0.0)
 
 
 def ring() -> tuple[Corners, Faces]:
     """Return corners[8, 3] and faces[8, 3] of a flat square ring along the edge of a cell, about the origin."""
-    around = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))]).astype(
-        np.float32
-    )
+    around = np.array(AROUND)
+    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))])
     pieces = [[(n, (n + 1) % 4, 4 + n), ((n + 1) % 4, 4 + (n + 1) % 4, 4 + n)] for n in range(4)]
-    return corners, np.array(pieces, np.uint32).reshape(-1, 3)
+    return corners.astype(np.float32), np.array(pieces, np.uint32).reshape(-1, 3)
+
+
+def star() -> tuple[Corners, Faces]:
+    """Return corners[17, 3] and faces[16, 3] of a flat star of eight points about the origin."""
+    turn = np.arange(16) * np.pi / 8
+    rim = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.tile([[0.55], [0.95]], (8, 1))
+    corners = np.hstack([np.vstack([rim, [[0.0, 0.0]]]), np.zeros((17, 1))])
+    faces = [[n, (n + 1) % 16, 16] for n in range(16)]
+    return corners.astype(np.float32), np.array(faces, np.uint32)
 
 
 def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
@@ -197,9 +181,8 @@ def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
     places = np.stack([cells[..., 1], -cells[..., 0]], axis=-1)
     middle, ahead = places.mean(axis=1), places[:, 1] - places[:, 0]
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
-    return flat(
-        np.stack([middle + long * ahead + wide * aside for long, wide in DASH], axis=1), 0.05
-    )
+    corners = [middle + long * ahead + wide * aside for long, wide in DASH]
+    return flat(np.stack(corners, axis=1), 0.05)
 
 
 def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:

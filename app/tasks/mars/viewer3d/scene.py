@@ -78,28 +78,18 @@ def soil(rows: int, cols: int) -> bytes:
     height, width = rows * scale, cols * scale
     rng = np.random.default_rng(rows * 1009 + cols)
     noise = np.zeros((height, width))
-    for cells, weight in (
-        (max(rows, cols) / 9, 0.5),
-        (max(rows, cols) / 3, 0.3),
-        (max(rows, cols) * 1.5, 0.2),
-    ):
-        coarse = rng.random(
-            (
-                max(2, round(cells * rows / max(rows, cols))),
-                max(2, round(cells * cols / max(rows, cols))),
-            )
-        )
-        blurred = Image.fromarray(coarse.astype(np.float32)).resize(
-            (width, height), Image.Resampling.BICUBIC
-        )
+    side = max(rows, cols)
+    for cells, weight in ((side / 9, 0.5), (side / 3, 0.3), (side * 1.5, 0.2)):
+        coarse = rng.random([max(2, round(cells * each / side)) for each in (rows, cols)])
+        picture = Image.fromarray(coarse.astype(np.float32))
+        blurred = picture.resize((width, height), Image.Resampling.BICUBIC)
         noise += weight * np.asarray(blurred)
     ground = np.array(SOIL) * (0.74 + 0.5 * noise[..., None])
     lines = (np.arange(height)[:, None] % scale == 0) | (np.arange(width)[None] % scale == 0)
     ground[lines] *= 0.86
     ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
-    return encoded(
-        Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8)), format="JPEG", quality=80
-    )
+    drawn = Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8))
+    return encoded(drawn, format="JPEG", quality=80)
 
 
 @lru_cache(maxsize=1)
@@ -109,9 +99,8 @@ def sky() -> NDArray[np.uint8]:
     dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
     away = np.hypot((across - 0.24) * 1.6, down - 0.07)
     glow = (0.5 * np.exp(-((away / 0.22) ** 2)) + 0.9 * np.exp(-((away / 0.025) ** 4)))[..., None]
-    colours = (
-        np.array(NIGHT) * (1 - 0.85 * dust) + np.array(DUST) * 0.85 * dust + np.array(GLOW) * glow
-    )
+    night, day = np.array(NIGHT) * (1 - 0.85 * dust), np.array(DUST) * 0.85 * dust
+    colours = night + day + np.array(GLOW) * glow
     picture: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8)
     return picture
 
@@ -128,9 +117,8 @@ def fog(codes: NDArray[np.uint8]) -> bytes:
     unknown = codes == UNKNOWN
     near = np.pad(unknown, 1)
     borders = near[:-2, 1:-1] | near[2:, 1:-1] | near[1:-1, :-2] | near[1:-1, 2:]
-    picture = np.where(
-        unknown, FOG, np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))
-    ).astype(np.uint8)
+    known = np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))
+    picture = np.where(unknown, FOG, known).astype(np.uint8)
     scale = pixels_a_cell(max(codes.shape), 400, 4)
     picture = picture.repeat(scale, 0).repeat(scale, 1)
     if scale > 2:
@@ -255,23 +243,20 @@ class Scene:
     def show_paired_path(self, paired: View | None) -> None:
         """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
         if not _are_of_same_run(paired, self._paired):
-            for node in [
-                node for node in self._episode_nodes if node.name.startswith("/paired_path/")
-            ]:
-                node.remove()
-                self._episode_nodes.remove(node)
+            for node in self._episode_nodes[:]:
+                if node.name.startswith("/paired_path/"):
+                    node.remove()
+                    self._episode_nodes.remove(node)
             self._paired_steps = 0
         self._paired = paired
         if paired is None or paired.steps == self._paired_steps:
             return
-        for start in range(
-            self._paired_steps // ITEMS_PER_NODE * ITEMS_PER_NODE, paired.steps, ITEMS_PER_NODE
-        ):
+        first = self._paired_steps // ITEMS_PER_NODE * ITEMS_PER_NODE
+        for start in range(first, paired.steps, ITEMS_PER_NODE):
             corners, faces = models.dashes(paired.path[start : start + ITEMS_PER_NODE + 1])
             if len(faces):
-                self._add_episode_node(
-                    self._add_mark(f"/paired_path/{start}", corners, faces, self._other)
-                )
+                node = self._add_mark(f"/paired_path/{start}", corners, faces, self._other)
+                self._add_episode_node(node)
         self._paired_steps = paired.steps
 
     def _begin(self, episode: View) -> None:
@@ -293,12 +278,9 @@ class Scene:
     def _add_light(self) -> None:
         """Light the scene by the sky and a low sun, and draw the sky behind the board."""
         self._scene.add_light_ambient("/sky", intensity=1.3)
+        has_shadows, place = self._options.has_effects, (-30, -8, 34)
         self._scene.add_light_directional(
-            "/sun",
-            color=SUN,
-            intensity=2.6,
-            position=(-30, -8, 34),
-            cast_shadow=self._options.has_effects,
+            "/sun", color=SUN, intensity=2.6, position=place, cast_shadow=has_shadows
         )
         self._scene.set_background_image(sky(), format="png")
 
@@ -307,12 +289,9 @@ class Scene:
         night = np.full((2, 2, 4), (*NIGHT, 255), np.uint8)
         self._soil = self._scene.add_image("/soil", night[..., :3], 1, 1, format="jpeg", **flat)
         self._fog = self._scene.add_image("/fog", night, 1, 1, format="png", **flat)
+        edges = np.zeros((4, 2, 3), np.float32)
         self._border = self._scene.add_line_segments(
-            "/border",
-            np.zeros((4, 2, 3), np.float32),
-            colors=(150, 104, 78),
-            thickness=1.5,
-            thickness_units="screen",
+            "/border", edges, colors=(150, 104, 78), thickness=1.5, thickness_units="screen"
         )
 
     def _resize_ground(self, rows: int, cols: int) -> None:
@@ -323,17 +302,7 @@ class Scene:
             picture.render_width, picture.render_height = float(cols), float(rows)
             picture.position = ((cols - 1) / 2, -(rows - 1) / 2, height)
         if self._options.has_effects:
-            x, y = (cols - 1) / 2, (1 - rows) / 2
-            around = np.array(
-                [
-                    [
-                        (-cols / 2, -rows / 2),
-                        (cols / 2, -rows / 2),
-                        (cols / 2, rows / 2),
-                        (-cols / 2, rows / 2),
-                    ]
-                ]
-            )
+            around = 0.5 * np.array([models.AROUND]) * (cols, rows)
             shade = self._scene.add_mesh_simple(
                 "/shade",
                 *models.flat(around, 0.0),
@@ -341,7 +310,7 @@ class Scene:
                 receive_shadow=0.6,
                 cast_shadow=False,
             )
-            shade.position = (x, y, 0.04)
+            shade.position = ((cols - 1) / 2, (1 - rows) / 2, 0.04)
         x, y = cols - 0.5, 0.5 - rows
         corners = np.array(
             [[-0.5, 0.5, 0.03], [x, 0.5, 0.03], [x, y, 0.03], [-0.5, y, 0.03]], np.float32
@@ -352,12 +321,9 @@ class Scene:
         """Draw the range of the lidar, dashed, and a small ring that marks the rover on small boards."""
         dashes, ring = models.circle(radius, 72, 0.06)[::2], models.circle(0.66, 24, 0.1)
         for name, segments, thickness in (("reach", dashes, 1.5), ("ring", ring, 2.0)):
+            look: dict[str, Any] = {"colors": self._accent, "thickness": thickness}
             self._scene.add_line_segments(
-                f"/rover/{name}",
-                segments,
-                colors=self._accent,
-                thickness=thickness,
-                thickness_units="screen",
+                f"/rover/{name}", segments, **look, thickness_units="screen"
             )
 
     def _add_marks(self, radius: int) -> None:
@@ -365,25 +331,13 @@ class Scene:
         corners, faces = models.wedges((1, 0, 0, 0))
         self._thought = self._add_mark("/thought", corners, faces, self._accent, visible=False)
         self._goal = self._add_mark("/goal", *models.ring(), PALE, visible=False)
-        burst = np.array(
-            [
-                (0.95 if n % 2 else 0.55) * np.array([np.cos(n * np.pi / 8), np.sin(n * np.pi / 8)])
-                for n in range(16)
-            ]
-        )
-        ring = np.array([[n, (n + 1) % 16, 16] for n in range(16)], np.uint32)
-        star = np.hstack([np.vstack([burst, [[0.0, 0.0]]]), np.full((17, 1), 0.0)]).astype(
-            np.float32
-        )
-        self._crash = self._add_mark("/crash", star, ring, ALARM, visible=False)
+        self._crash = self._add_mark("/crash", *models.star(), ALARM, visible=False)
         if self._options.has_effects:
-            self._found = self._add_mark(
-                "/found", *models.squares(np.zeros((1, 2), np.int64)), self._accent, visible=False
-            )
+            square = models.squares(np.zeros((1, 2), np.int64))
+            self._found = self._add_mark("/found", *square, self._accent, visible=False)
             self._found.opacity = 0.5
-            self._sweep = self._add_mark(
-                "/sweep", *models.sector(radius, SWEEP_WIDTH, 12), self._accent, visible=False
-            )
+            sector = models.sector(radius, SWEEP_WIDTH, 12)
+            self._sweep = self._add_mark("/sweep", *sector, self._accent, visible=False)
             self._sweep.opacity = 0.22
 
     def _add_mark(
@@ -395,14 +349,10 @@ class Scene:
         visible: bool = True,
     ) -> viser.MeshHandle:
         """Add a flat, translucent mark on the ground and return its node."""
-        plain: dict[str, Any] = {
-            "side": "double",
-            "flat_shading": True,
-            "cast_shadow": False,
-            "receive_shadow": False,
-        }
+        plain: dict[str, Any] = {"side": "double", "flat_shading": True, "opacity": 0.85}
+        plain |= {"cast_shadow": False, "receive_shadow": False}
         return self._scene.add_mesh_simple(
-            name, corners, faces, color=colour, opacity=0.85, visible=visible, **plain
+            name, corners, faces, color=colour, visible=visible, **plain
         )
 
     def _show_rocks(self, codes: NDArray[np.uint8]) -> None:
@@ -415,11 +365,13 @@ class Scene:
         shapes = models.shape_of(cells)
         for shape in np.unique(shapes).tolist():
             self._open_rocks[shape] += [(int(row), int(col)) for row, col in cells[shapes == shape]]
-            name = f"/rocks/{shape}/{self._rock_nodes[shape]}"
-            rocks = np.array(self._open_rocks[shape])
-            self._add_episode_node(
-                models.add_rocks(self._scene, name, shape, rocks, self._options.has_effects)
+            name, has_shadows = (
+                f"/rocks/{shape}/{self._rock_nodes[shape]}",
+                self._options.has_effects,
             )
+            rocks = np.array(self._open_rocks[shape])
+            node = models.add_rocks(self._scene, name, shape, rocks, has_shadows)
+            self._add_episode_node(node)
             if len(rocks) >= ITEMS_PER_NODE:
                 self._open_rocks[shape], self._rock_nodes[shape] = [], self._rock_nodes[shape] + 1
 
@@ -441,28 +393,22 @@ class Scene:
 
     def _add_episode_node(self, node: viser.SceneNodeHandle) -> None:
         """Keep a node that is removed with the episode, in the place of one of the same name."""
-        self._episode_nodes = [
-            other for other in self._episode_nodes if other.name != node.name
-        ] + [node]
+        others = [other for other in self._episode_nodes if other.name != node.name]
+        self._episode_nodes = [*others, node]
 
     def _show_trail(self, since: int) -> None:
         """Draw the path from step `since` on, in chunks, so that a move sends only the last one."""
         path = self.episode.path
         for start in range(since // ITEMS_PER_NODE * ITEMS_PER_NODE, len(path) - 1, ITEMS_PER_NODE):
             cells = np.array(path[start : start + ITEMS_PER_NODE + 1], np.float32)
-            points = np.stack(
-                [cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)], axis=1
-            ).astype(np.float32)
+            places = [cells[:, 1], -cells[:, 0], np.full(len(cells), 0.08)]
+            points = np.stack(places, axis=1).astype(np.float32)
             segments = np.stack([points[:-1], points[1:]], axis=1)
-            self._add_episode_node(
-                self._scene.add_line_segments(
-                    f"/trail/{start}",
-                    segments,
-                    colors=self._accent,
-                    thickness=0.26,
-                    thickness_units="world",
-                )
+            look: dict[str, Any] = {"colors": self._accent, "thickness": 0.26}
+            trail = self._scene.add_line_segments(
+                f"/trail/{start}", segments, **look, thickness_units="world"
             )
+            self._add_episode_node(trail)
 
 
 def _are_of_same_run(one: View | None, other: View | None) -> bool:

@@ -9,9 +9,9 @@ import asyncio
 import json
 import logging
 import time
-from collections.abc import Callable
-from types import TracebackType
-from typing import Any, Self
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -84,9 +84,8 @@ class BoardCamera:
             self._client.flush()
             return
         offset = np.asarray(camera.position) - np.asarray(camera.look_at)
-        if self._pointed_s + SETTLING_S < time.monotonic() or np.allclose(
-            offset, self._offset, atol=0.2
-        ):
+        is_late = self._pointed_s + SETTLING_S < time.monotonic()
+        if is_late or np.allclose(offset, self._offset, atol=0.2):
             self._pointed_s = 0.0
         if self._pointed_s == 0.0:
             self._offset = offset
@@ -136,10 +135,7 @@ class Viewer:
     """
 
     def __init__(self) -> None:
-        with (
-            mock.patch.object(viser.infra, "WebsockServer", Transport),
-            mock.patch("rich.print"),
-        ):
+        with mock.patch.object(viser.infra, "WebsockServer", Transport), mock.patch("rich.print"):
             self._server = viser.ViserServer(host="asgi", port=0, verbose=False)
         transport = self._server._websock_server
         assert isinstance(transport, Transport), (
@@ -169,9 +165,8 @@ class Viewer:
         """Serve one browser's 3-D socket until it leaves; its query has the browser's `ViewOptions`."""
         if PROTOCOL not in websocket.scope.get("subprotocols", []):
             await websocket.accept()
-            await Connection(websocket).close(
-                1002, f"expected the subprotocol {PROTOCOL}; reload the page"
-            )
+            reason = f"expected the subprotocol {PROTOCOL}; reload the page"
+            await Connection(websocket).close(1002, reason)
             return
         await websocket.accept(subprotocol=PROTOCOL)
         options = ViewOptions.from_query(websocket.query_params)
@@ -186,9 +181,8 @@ class Viewer:
     async def _on_connect(self, client: viser.ClientHandle) -> None:
         board = self._transport.boards.get(client.client_id)
         if board is not None:
-            task = self._tasks[client.client_id] = asyncio.create_task(
-                keep_scene(client, board.session, board.options)
-            )
+            scene = keep_scene(client, board.session, board.options)
+            task = self._tasks[client.client_id] = asyncio.create_task(scene)
             task.add_done_callback(lambda task: self._report(client.client_id, task))
 
     def _report(self, client_id: int, task: asyncio.Task[None]) -> None:
@@ -196,9 +190,8 @@ class Viewer:
         error = None if task.cancelled() else task.exception()
         if error is None:
             return
-        _log.error(
-            "the 3-D view of a session broke; its browser will connect again", exc_info=error
-        )
+        said = "the 3-D view of a session broke; its browser will connect again"
+        _log.error(said, exc_info=error)
         state = self._transport._client_state_from_id.get(client_id)
         if state is not None:
             state.message_buffer.set_done()
@@ -230,50 +223,34 @@ def paired_view(session: Session) -> View | None:
     if other is None or not player_board(session).shown.ended:
         return None
     here, there = session.current, other.current
-    return (
-        mars_view(other) if (here.config, here.terrain) == (there.config, there.terrain) else None
-    )
+    are_alike = (here.config, here.terrain) == (there.config, there.terrain)
+    return mars_view(other) if are_alike else None
 
 
-class PairedBoardListener:
-    """Wakes whoever shows a board when the paired board moves, while that board's path is drawn; a context manager.
+@contextmanager
+def paired_board_listener(
+    session: Session, wake: Callable[[], None]
+) -> Iterator[Callable[[], None]]:
+    """Let `wake` be called when the paired board moves, while that board's path is drawn.
 
-    Call `update` before each drawing: the paired board may be another one by then. `wake` is called without arguments.
+    Yields what is to be called before each drawing: the paired board may be another one by then, and no other is listened to.
     """
+    listened_to: Session | None = None
+    with ExitStack() as listening:
 
-    def __init__(self, session: Session, wake: Callable[[], None]) -> None:
-        self._session, self._wake = session, wake
-        self._listened_to: Session | None = None
-        self._remove: Callable[[], None] | None = None
+        def on_change() -> None:
+            if player_board(session).shown.ended:
+                wake()
 
-    def update(self) -> None:
-        """Listen to the board that is paired now, and to no other."""
-        if self._session.paired_with is self._listened_to:
-            return
-        self._stop()
-        self._listened_to = self._session.paired_with
-        if self._listened_to is not None:
-            self._remove = self._listened_to.channel.add_listener(self._on_change)
+        def update() -> None:
+            nonlocal listened_to
+            if session.paired_with is not listened_to:
+                listening.close()
+                listened_to = session.paired_with
+                if listened_to is not None:
+                    listening.callback(listened_to.channel.add_listener(on_change))
 
-    def _on_change(self) -> None:
-        if player_board(self._session).shown.ended:
-            self._wake()
-
-    def _stop(self) -> None:
-        if self._remove is not None:
-            self._remove()
-            self._remove = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stop()
+        yield update
 
 
 async def keep_scene(client: viser.ClientHandle, session: Session, options: ViewOptions) -> None:
@@ -282,10 +259,10 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
     camera = BoardCamera(client, options)
     with (
         session.channel.subscribe() as subscriber,
-        PairedBoardListener(session, subscriber.wake) as paired_board,
+        paired_board_listener(session, subscriber.wake) as update,
     ):
         async for _ in subscriber:
-            paired_board.update()
+            update()
             episode = mars_view(session)
             with client.atomic():
                 if scene is None:

@@ -75,13 +75,11 @@ class Connection:
             raise ConnectionClosedOK(None, None)
         data = message.get("bytes")
         if data is None:
-            raise ViewerMessageError(
-                UNSUPPORTED, "expected a binary message of viser's client, got text"
-            )
+            reason = "expected a binary message of viser's client, got text"
+            raise ViewerMessageError(UNSUPPORTED, reason)
         if len(data) > MAX_VIEWER_MESSAGE_BYTES:
-            raise ViewerMessageError(
-                TOO_BIG, f"expected at most {MAX_VIEWER_MESSAGE_BYTES} bytes, got {len(data)}"
-            )
+            reason = f"expected at most {MAX_VIEWER_MESSAGE_BYTES} bytes, got {len(data)}"
+            raise ViewerMessageError(TOO_BIG, reason)
         return bytes(data)
 
     async def close(self, code: int = 1000, reason: str = "") -> None:
@@ -110,15 +108,11 @@ async def produce(
             messages = tuple(message.as_serializable_dict(blobs) for message in batch)
             lengths = tuple(blob.nbytes for blob in blobs)
             stamp = next(connection.stamps)
-            body = msgspec.msgpack.encode(
-                {"messages": messages, "timestampSec": stamp, "binaryBufferLengths": lengths}
-            )
+            whole = {"messages": messages, "timestampSec": stamp, "binaryBufferLengths": lengths}
+            body = msgspec.msgpack.encode(whole)
             packed = compressor.compress(body)
-            parts: list[bytes | memoryview] = [
-                len(body).to_bytes(8, "little"),
-                len(packed).to_bytes(8, "little"),
-                packed,
-            ]
+            sizes = len(body).to_bytes(8, "little") + len(packed).to_bytes(8, "little")
+            parts: list[bytes | memoryview] = [sizes, packed]
             _infra._append_aligned_buffers(parts, blobs, 16 + len(packed))
             await connection.send(b"".join(parts))
         raise ConnectionClosedOK(None, None)
@@ -158,15 +152,13 @@ class Transport(_infra.WebsockServer):
         tasks: list[asyncio.Task[None]] = []
         try:
             await _call(self._client_connect_cb, client)
-            tasks = [
-                asyncio.create_task(produce(connection, state.message_buffer, client_id)),
-                asyncio.create_task(
-                    produce(
-                        connection, self._broadcast_buffer, client_id, self._backlog_done_message
-                    )
-                ),
-                asyncio.create_task(self._consume(connection, client, client_id)),
-            ]
+            last = self._backlog_done_message
+            work = (
+                produce(connection, state.message_buffer, client_id),
+                produce(connection, self._broadcast_buffer, client_id, last),
+                self._consume(connection, client, client_id),
+            )
+            tasks = [asyncio.create_task(each) for each in work]
             await asyncio.gather(*tasks)
         except ConnectionClosedOK:
             pass
@@ -193,9 +185,8 @@ class Transport(_infra.WebsockServer):
             except ConnectionClosedOK:
                 raise
             except Exception as error:  # whatever the bytes cause, it ends this connection alone
-                raise ViewerMessageError(
-                    INVALID, "expected a message of viser's client; reload the page"
-                ) from error
+                reason = "expected a message of viser's client; reload the page"
+                raise ViewerMessageError(INVALID, reason) from error
 
     async def _forget(
         self,

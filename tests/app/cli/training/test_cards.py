@@ -8,16 +8,8 @@ from app.cli.training import cards
 
 
 def git(folder, *arguments):
-    command = [
-        "git",
-        "-C",
-        str(folder),
-        "-c",
-        "user.name=a",
-        "-c",
-        "user.email=a@example.org",
-        *arguments,
-    ]
+    author = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+    command = ["git", "-C", str(folder), *author, *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 

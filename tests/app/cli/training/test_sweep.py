@@ -31,13 +31,9 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     def sweep_run(name, config, seed):
         return SweepRun(name, "best", config, 16384, seed, 4, {"summary": "Little."})
 
-    broken = {**CONFIG.to_dict(), "rows": 3}
-    runs = [
-        sweep_run("one", CONFIG.to_dict(), 3),
-        sweep_run("broken", broken, 0),
-        sweep_run("two", CONFIG.to_dict(), 4),
-    ]
-    calls = []
+    whole, calls = CONFIG.to_dict(), []
+    given = (("one", whole, 3), ("broken", {**whole, "rows": 3}, 0), ("two", whole, 4))
+    runs = [sweep_run(*each) for each in given]
     with Jobs(2, ray=address) as jobs:
         one, failed, two = train_all(jobs, runs, tmp_path, lambda *done: calls.append(done))
     assert calls[-1] == (3, 3)
@@ -50,11 +46,8 @@ def test_a_sweep_trains_what_training_here_gives_and_a_failure_stays_alone(addre
     assert any(not torch.equal(tensor, other[name]) for name, tensor in trained.items())
     again = evaluate([str(one.policy), "frontier-cost", "frontier-utility"], CONFIG, 4, 10**9)
     row = again.rows[0]
-    assert (one.steps, one.completion, one.score) == (
-        row.steps_mean,
-        row.completion,
-        row.score_mean,
-    )
+    figures = (row.steps_mean, row.completion, row.score_mean)
+    assert (one.steps, one.completion, one.score) == figures
     assert one.rule_ratio == again.compared(row).ratio_mean
     written = {path.name for path in (tmp_path / "one").iterdir()}
     assert written > {"one.onnx", "log.jsonl", "curve.png"}
@@ -79,9 +72,8 @@ def test_the_table_is_the_one_made_without_ray_and_policy_files_travel(tmp_path)
     names = ["frontier-cost", "random", str(write_network(tmp_path / "mine.onnx"))]
     configs, calls = [CONFIG, replace(CONFIG, level="1-1-1")], []
     with Jobs(2, ray=LOCAL) as jobs:
-        there = evaluate(
-            names, configs, 12, 5, lambda *done: calls.append(done), traces=True, executor=jobs
-        )
+        given = (names, configs, 12, 5, lambda *done: calls.append(done))
+        there = evaluate(*given, traces=True, executor=jobs)
     assert there == evaluate(names, configs, 12, 5, traces=True)
     assert calls[-1] == (72, 72)
 

@@ -94,27 +94,18 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     assert done.exit_code == 0, done.output
 
     card = read_card(folder / "mine.onnx")
-    ppo = card["training"]["began_with"]["training"]
-    assert (
-        card["training"]["rounds"],
-        card["training"]["plan"]["sizes"],
-        card["training"]["seed"],
-    ) == (2, [21, 24], 3)
-    assert (ppo["moves"], ppo["recipe"]["rule_coef"], ppo["seed"]) == (
-        256, list(TINY.rule_coef), 3,
-    )  # fmt: skip
-    assert (
-        "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3"
-        in card["command"]
-    )
-    for results in (card["results"], card["training"]["began_with"]["results"]):
-        assert {where: each["terrains"] for where, each in results.items()} == {
-            "random 21x21": 3,
-            "random 24x24": 2,
-        }
-    assert [
-        json.loads(line)["round"] for line in (folder / "refine.jsonl").read_text().splitlines()
-    ] == [1, 2]
+    own, began = card["training"], card["training"]["began_with"]
+    ppo = began["training"]
+    assert (own["rounds"], own["plan"]["sizes"], own["seed"]) == (2, [21, 24], 3)
+    assert (ppo["moves"], ppo["seed"]) == (256, 3)
+    assert ppo["recipe"]["rule_coef"] == list(TINY.rule_coef)
+    given = "--recipe priced --level random --size 21 --size 24 --steps 256 --refine 2 --seed 3"
+    assert given in card["command"]
+    for results in (card["results"], began["results"]):
+        terrains = {where: each["terrains"] for where, each in results.items()}
+        assert terrains == {"random 21x21": 3, "random 24x24": 2}
+    lines = (folder / "refine.jsonl").read_text().splitlines()
+    assert [json.loads(line)["round"] for line in lines] == [1, 2]
     assert "pairs" not in torch.load(folder / "refine.pt", weights_only=True)["run"]
 
 
@@ -127,9 +118,8 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     ],
 )
 def test_what_cannot_be_refined_is_refused_before_anything_is_trained(options, part, tmp_path):
-    refused = CliRunner().invoke(
-        cli, ["train", *options, "--steps", "1", "--out", str(tmp_path / "new")]
-    )
+    words = ["train", *options, "--steps", "1", "--out", str(tmp_path / "new")]
+    refused = CliRunner().invoke(cli, words)
     assert refused.exit_code == 2
     assert part in refused.output
     assert not (tmp_path / "new").exists()
