@@ -112,9 +112,7 @@ class WrittenRelease:
 
 
 def build_release(
-    request: ReleaseRequest,
-    advance: Advance = lambda done, total: None,
-    bar: ProgressBar = no_bar,
+    request: ReleaseRequest, advance: Advance = lambda done, total: None, bar: ProgressBar = no_bar
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 

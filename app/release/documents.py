@@ -12,10 +12,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 
 from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader
+from app.report.statistics.formatting import templates
 from app.series.protocol import canonical
 
 LICENCES = {
@@ -99,15 +100,7 @@ def documents(
 
 @cache
 def _environment() -> Environment:
-    """Return the environment of the templates; what a template names and nobody gives is an error."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=False,  # no HTML comes from these templates
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = templates(Path(__file__).parent / "templates", is_html=False)
     environment.filters["json"] = partial(json.dumps, ensure_ascii=False)
     environment.filters["ascii_json"] = json.dumps
     return environment

@@ -7,15 +7,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from statistics import median
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.db.trial import Trial
 from app.report.cautions import cautions, deviations, study_deviations
-from app.report.checklist import Facts, checklist
+from app.report.checklist import checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis
 from app.report.statistics.attestation_summary import attestation_summary
@@ -34,6 +32,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
+from app.report.statistics.formatting import utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
 from app.report.statistics.mixed_model import fit_mixed_model
@@ -85,13 +84,13 @@ def build(
         title=data.protocol.title,
         synthetic=synthetic,
         status="open" if data.closed_ms is None else "closed",
-        made_at=_iso(time.time_ns() // 1_000_000),
+        made_at=utc(time.time_ns() // 1_000_000),
         software_version=version("marsexplorer-playground"),
         core_version=data.protocol.rules.version,
         protocol_hash=data.protocol_hash,
         commitment=data.commitment,
-        frozen_at=_iso(data.frozen_ms),
-        closed_at=None if data.closed_ms is None else _iso(data.closed_ms),
+        frozen_at=utc(data.frozen_ms),
+        closed_at=None if data.closed_ms is None else utc(data.closed_ms),
         protocol=data.protocol.model_dump(mode="json"),
         estimand=ESTIMAND,
         rule=HEADLINE_RULE,
@@ -100,7 +99,7 @@ def build(
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
         scripts=_script_counts(data),
-        checklist=() if synthetic else checklist(_facts(data, groups[0], runs)),
+        checklist=() if synthetic else checklist(data, groups[0], [run.name for run in runs]),
     )
 
 
@@ -299,46 +298,3 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
     if group.figures[0].players:
         return f"Nobody finished the study. Of those who began: {figure_sentence(group.figures[0], group.words)}"
     return NO_HUMAN_FIGURE
-
-
-def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> Facts:
-    """Return what the checklist's answers are made from."""
-    ids = {person.id for person in data.people if person.kind == "human"}
-    ranked = [
-        each
-        for each in data.trials
-        if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None
-    ]
-    return Facts(
-        protocol=data.protocol,
-        frozen_at=_iso(data.frozen_ms),
-        hash=data.protocol_hash,
-        is_closed=data.closed_ms is not None,
-        software=version("marsexplorer-playground"),
-        players=people.figure.players,
-        joined=people.joined,
-        finished=people.finished,
-        episodes=len(ranked),
-        labelled=sum(bool(trial.labels) for trial in ranked),
-        median_minutes=median(map(_minutes, ranked)) if ranked else None,
-        policies=tuple(run.name for run in runs),
-        leak=people.leak.sentence(people.words) if people.leak else "",
-        started=people.started,
-        excluded=people.started - people.figure.players,
-        sets="; ".join(
-            f"{figure.name}: {figure_sentence(figure, people.words)}"
-            for figure in people.figures
-            if figure.players
-        ),
-    )
-
-
-def _minutes(trial: Trial) -> float:
-    """Return how long a finished trial took."""
-    assert trial.ended_ms is not None
-    return (trial.ended_ms - trial.started_ms) / 60_000
-
-
-def _iso(ms: int) -> str:
-    """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
-    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))

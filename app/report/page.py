@@ -12,11 +12,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 
 from app.report.charts import charts
 from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, GroupReport, Report
+from app.report.statistics.formatting import templates
 from app.report.statistics.study_figures import why_no_interval
 from app.report.tables import (
     GroupTables,
@@ -86,10 +87,7 @@ def _sections(report: Report) -> list[Section]:
     )
     return [
         Section(
-            group,
-            group_tables(report, group),
-            second_analysis_tables(group),
-            charts(report, group),
+            group, group_tables(report, group), second_analysis_tables(group), charts(report, group)
         )
         for group in groups
     ]
@@ -97,15 +95,7 @@ def _sections(report: Report) -> list[Section]:
 
 @cache
 def _environment() -> Environment:
-    """Return the environment of the templates; what a template names and nobody gives is an error."""
-    environment = Environment(
-        loader=FileSystemLoader(FOLDER / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = templates(FOLDER / "templates", is_html=True)
     environment.filters["counts"] = _counts
     return environment
 

@@ -222,12 +222,7 @@ def coverage_table(report: Report) -> PageTable | None:
     size = f"{cells[0].studies} simulated studies each, {cells[0].players} players x 30 terrains"
     return PageTable(
         caption=f"Coverage (%) of 95 % intervals in {size}",
-        heads=(
-            "population",
-            "ICC",
-            "headline",
-            "new terrains",
-        ),
+        heads=("population", "ICC", "headline", "new terrains"),
         rows=[_coverage_row(cell) for cell in cells],
     )
 

@@ -142,8 +142,7 @@ def _figure(
         )
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
-        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids],
-        np.float64,
+        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64
     )
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     score, steps = (

@@ -238,18 +238,7 @@ def test_export_writes_both_tables(run, database, tmp_path):
 
 
 def test_export_of_the_human_episodes(run, database, tmp_path):
-    assert (
-        run(
-            "export",
-            "--database",
-            database,
-            "--out",
-            tmp_path,
-            "--who",
-            "human",
-        )[0]
-        == 0
-    )
+    assert run("export", "--database", database, "--out", tmp_path, "--who", "human")[0] == 0
     (row,) = csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines())
     assert row["driver"] == "human"
 

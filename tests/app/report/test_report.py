@@ -289,9 +289,7 @@ def test_the_live_figure_is_the_reports(data):
 
 
 def test_where_nobody_finished_the_live_figure_is_of_all():
-    data = study(
-        *played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]),
-    )
+    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]))
     live = live_figure(data)
     assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
     assert build(data).sentence.startswith(
@@ -371,16 +369,8 @@ def test_the_report_counts_what_the_required_level_leaves_out():
     trials[7] = replace(trials[7], attestation="supervised")
     report = build(study(people, trials, required_attestation="attested"))
     group = report.groups[0]
-    assert group.attestation.episodes == {
-        "unattested": 2,
-        "attested": 15,
-        "supervised": 1,
-    }
-    assert group.attestation.people == {
-        "unattested": 1,
-        "attested": 3,
-        "supervised": 1,
-    }
+    assert group.attestation.episodes == {"unattested": 2, "attested": 15, "supervised": 1}
+    assert group.attestation.people == {"unattested": 1, "attested": 3, "supervised": 1}
     assert (group.attestation.left_out, group.attestation.people_left_out) == (2, 1)
     assert group.attestation.reasons == {"no press of its own": 2}
     assert (group.figure.players, group.excluded) == (2, {"not attested": 1})

@@ -141,11 +141,7 @@ def test_an_open_study_shows_no_figure(tmp_path, capsys):
         code,
         "No figure is shown until the study is closed: 2 of 3 have finished." in out,
         "mean score" in out,
-    ) == (
-        0,
-        True,
-        False,
-    )
+    ) == (0, True, False)
     assert "SYNTHETIC" in run("--synthetic")[1]
     Folder(tmp_path / "studies").close("dunes")
     code, out, _ = run()

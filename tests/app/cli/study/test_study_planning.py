@@ -96,12 +96,7 @@ def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_n
         "±5 steps" in err,
         "seen in 0 %" in err,
         "plan 141 players, or write 21 or more" in err,
-    ) == (
-        2,
-        True,
-        True,
-        True,
-    )
+    ) == (2, True, True, True)
     edit(tmp_path, ranked=3, config={"rows": 7, "cols": 9})
     code, out, _ = study("freeze", "mine", "--underpowered")
     assert (code, "power: learning flat within ±5 steps" in out) == (0, True)
