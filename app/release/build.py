@@ -81,13 +81,12 @@ def request_of(
     study: str,
     out: Path,
     database: Path,
-    studies: Path,
+    folder: Folder,
     authors: tuple[str, ...] = (),
     url: str | None = None,
     without_policies: tuple[str, ...] = (),
 ) -> ReleaseRequest:
     """Return what releases a study with its report, from a database and the folder of studies; StudyError as `Folder`."""
-    folder = Folder(studies)
     return ReleaseRequest(
         database=database,
         study=study,

@@ -23,7 +23,7 @@ from app.report.statistics.summaries import (
 )
 from app.series.data import StudyData, load
 from app.series.flow import with_invitations
-from app.series.folder import Folder, Study
+from app.series.folder import Folder
 from app.series.invitations import Invitations
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.policy_files import FOLDER
@@ -39,7 +39,7 @@ REPORT_FILES = {
 
 def make_study_report(
     database: Path,
-    studies: Path,
+    folder: Folder,
     name: str,
     bar: ProgressBar,
     synthetic: bool = False,
@@ -53,7 +53,7 @@ def make_study_report(
     """
     with closing(Reader.open(database)) as reader:
         with reader.snapshot():
-            data, seeds = load_with_folder(reader, studies, name)
+            data, seeds = load_with_folder(reader, folder, name)
             data = data.shown()
             pictures = _pictures(reader, data, synthetic, bar)
         is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
@@ -166,14 +166,15 @@ def _run(
     return PolicyRun(name, score, steps, outcomes, pictures)
 
 
-def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyData, dict[int, int]]:
+def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:
     """Return a study's data, and the seeds of its ranked terrains by index.
 
     Where the folder has the study, it gives every seed and says whether the study is closed; otherwise the seeds are those of
     terrains that somebody has begun. A study that nobody has joined is known from the folder alone. StudyError for a study that
     is in neither, and for two different ones of that name.
     """
-    study, policies = _in_folder(studies, name), studies / name / FOLDER
+    study = folder.study(name) if name in folder.names() else None
+    policies = folder.root / name / FOLDER
     joined = find_study(reader, name) is not None
     if study is None:
         data = load(reader, name).with_policies_in(policies)
@@ -194,7 +195,7 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         )
     if data.protocol_hash != study.protocol_hash:
         raise StudyError(
-            f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"
+            f"the study {name!r} in {reader.path} has another protocol than the one in {folder.root}: give the right --studies"
         )
     opened = [
         person.invitation for person in participants(reader, name) if person.invitation is not None
@@ -202,15 +203,10 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
     if study.protocol.recruitment == "invitation":
         data = replace(
             data,
-            arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened),
+            arrivals=with_invitations(data.arrivals, Invitations(folder).of(name), opened),
         )
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
 
-
-def _in_folder(studies: Path, name: str) -> Study | None:
-    """Return the frozen study of that name, None where the folder has none; StudyError for a draft or a thawed one."""
-    folder = Folder(studies)
-    return folder.study(name) if name in folder.names() else None

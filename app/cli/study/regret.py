@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click import option
 
 from app.cli.console import (
     DATABASE,
@@ -17,7 +18,6 @@ from app.cli.console import (
     failures,
     print_table,
     progress,
-    settings_of,
     study_errors,
     write_file,
 )
@@ -25,19 +25,20 @@ from app.cli.console import (
 if TYPE_CHECKING:
     from app.report.moves.regret import RegretSummary
     from app.series.data import StudyData
+    from app.series.folder import Folder
 
 
 @click.command(short_help="Where the players of a study lose moves.")
-@click.option("--study", "name", required=True, metavar="NAME", help="The study.")
+@option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
 @STUDIES
-@click.option(
+@option(
     "--json",
     "json_path",
     type=PATH,
     help="Write the summary and every move with its regret to this file.",
 )
-def regret(name: str, database: Path | None, studies: Path | None, json_path: Path | None) -> None:
+def regret(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
     """Print the mean regret per episode of each player, and in which moves it lies.
 
     The regret of a move is how many moves sooner 99 % would have been discovered after the best action, the policy ppo
@@ -53,13 +54,15 @@ def regret(name: str, database: Path | None, studies: Path | None, json_path: Pa
     from app.report.making import load_with_folder
     from app.report.moves.regret import regret_of_study
 
-    settings = settings_of()
-    path = database or settings.database
     try:
-        with failures(f"cannot read {path}"), study_errors(), closing(Reader.open(path)) as reader:
-            data, _ = load_with_folder(reader, studies or settings.studies, name)
-            with progress("regret of each move") as advance:
-                summary, rows = regret_of_study(reader, data, advance)
+        with (
+            failures(f"cannot read {database}"),
+            study_errors(),
+            closing(Reader.open(database)) as reader,
+            progress("regret of each move") as advance,
+        ):
+            data, _ = load_with_folder(reader, folder, name)
+            summary, rows = regret_of_study(reader, data, advance)
     except ValueError as error:
         raise click.ClickException(str(error)) from error
     _show(data, summary)

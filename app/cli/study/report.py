@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click import option
 
 from app.cli.console import (
     DATABASE,
@@ -14,40 +15,38 @@ from app.cli.console import (
     failures,
     print_table,
     progress,
-    settings_of,
     study_errors,
     write_file,
 )
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport, Report
+    from app.series.folder import Folder
 
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
-@click.option("--study", "name", required=True, metavar="NAME", help="The study.")
+@option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
-@click.option(
-    "--html", type=PATH, help="Write the report to this file: one page, nothing outside it."
-)
-@click.option("--json", "json_path", type=PATH, help="Write every number to this file.")
+@option("--html", type=PATH, help="Write the report to this file: one page, nothing outside it.")
+@option("--json", "json_path", type=PATH, help="Write every number to this file.")
 @STUDIES
-@click.option(
+@option(
     "--synthetic",
     is_flag=True,
     help="Report over the scripts instead of the people, marked SYNTHETIC throughout.",
 )
-@click.option(
+@option(
     "--no-policies",
     is_flag=True,
     help="Do not play the policies: no comparisons, done in a second.",
 )
-@click.option(
+@option(
     "--no-moves",
     is_flag=True,
     help="Leave out the regret of each move and the likeness to policies: done sooner.",
 )
 def report(
-    name: str, database: Path | None, html: Path | None, json_path: Path | None, studies: Path | None, synthetic: bool,
+    name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
     no_policies: bool, no_moves: bool,
 ) -> None:  # fmt: skip
     """Print a study's figures: the human level with its interval, and policies on the same terrains.
@@ -66,13 +65,10 @@ def report(
     from app.report.page import render
     from app.task import PolicyError
 
-    settings = settings_of()
-    where = database or settings.database, studies or settings.studies
+    wanted = synthetic, not no_policies, not no_moves
     try:
-        with failures(f"cannot read {where[0]}"), study_errors():
-            found = make_study_report(
-                *where, name, progress, synthetic, not no_policies, not no_moves
-            )
+        with failures(f"cannot read {database}"), study_errors():
+            found = make_study_report(database, folder, name, progress, *wanted)
     except PolicyError as error:
         raise click.ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import argument, option
 
 from app.cli.console import (
     DATABASE,
@@ -21,7 +22,6 @@ from app.cli.console import (
     default_config,
     env_config_of,
     failures,
-    folder_of,
     print_table,
     progress,
     settings_of,
@@ -32,12 +32,16 @@ from app.cli.console import (
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyPlan
+    from app.series.folder import Folder
     from app.series.invitations import Use
     from app.series.protocol import Protocol
     from app.task import Words
 
 
-@click.group(short_help="Plan, freeze and close a study of how well people play.")
+@click.group(
+    short_help="Plan, freeze and close a study of how well people play.",
+    context_settings={"show_default": True},
+)
 def study() -> None:
     """Plan a study, freeze its protocol, and close it when everybody has played.
 
@@ -57,52 +61,32 @@ def study() -> None:
 
 
 @study.command(short_help="Begin a study: write its protocol as a draft.")
-@click.argument("name")
-@click.option("--title", help="What participants read at the top.")
-@click.option(
+@argument("name")
+@option("--title", help="What participants read at the top.")
+@option(
     "--task",
     metavar="ID",
     help="Another environment, like FrozenLake-v1; the server needs --task too.  [default: MarsExplorer]",
 )
-@click.option(
-    "--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2."
-)
-@click.option(
-    "--size",
-    type=SizeType(),
-    default="21",
-    show_default=True,
-    help="21 for a square, 42x84 for rows x columns.",
-)
-@click.option(
-    "--warm-up",
-    type=int,
-    default=15,
-    show_default=True,
-    help="Episodes that do not count, before the others.",
-)
-@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
-@click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
-@click.option(
-    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation", show_default=True,
+@option("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2.")
+@option("--size", type=SizeType(), default="21", help="21 for a square, 42x84 for rows x columns.")
+@option("--warm-up", default=15, help="Episodes that do not count, before the others.")
+@option("--ranked", default=30, help="Episodes that count.")
+@option("--players", default=10, help="Participants planned.")
+@option(
+    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
     help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
 )  # fmt: skip
-@click.option(
-    "--break-every",
-    type=int,
-    default=10,
-    show_default=True,
-    help="Ranked episodes after which a break is offered.",
-)
-@click.option(
+@option("--break-every", default=10, help="Ranked episodes after which a break is offered.")
+@option(
     "--outside-id", "outside_ids", multiple=True,
     help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
 )  # fmt: skip
-@click.option(
+@option(
     "--return-url", help="Where participants go at the end; {code} becomes their completion code."
 )
-@click.option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
-@click.option(
+@option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
+@option(
     "--policy",
     "policies",
     multiple=True,
@@ -114,7 +98,7 @@ def new(
     task: str | None,
     level: str,
     size: int | tuple[int, int],
-    studies: Path | None,
+    folder: Folder,
     **given: Any,
 ) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
@@ -136,22 +120,22 @@ def new(
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
-        folder_of(studies).path(name)
+        folder.path(name)
         protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
-        path = folder_of(studies).create(protocol)
+        path = folder.create(protocol)
     _echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")
-@click.argument("name")
-@click.option(
+@argument("name")
+@option(
     "--underpowered",
     is_flag=True,
     help="Freeze although a planned comparison has less than 50 % power.",
 )
 @STUDIES
-def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
+def freeze(name: str, underpowered: bool, folder: Folder) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
@@ -162,7 +146,6 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
     """
-    folder = folder_of(studies)
     with study_errors():
         plan = (
             _checked_plan(folder.draft(name), underpowered)
@@ -187,22 +170,21 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
 
 
 @study.command(short_help="End the study and reveal its secret.")
-@click.argument("name")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@argument("name")
+@option("--yes", is_flag=True, help="Do not ask.")
 @DATABASE
 @STUDIES
-def close(name: str, yes: bool, studies: Path | None, database: Path | None) -> None:
+def close(name: str, yes: bool, folder: Folder, database: Path) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
     There is no way back: whoever knows the secret knows every terrain. A running server sees it at once.
     """
-    folder = folder_of(studies)
     with study_errors():
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
         found = folder.close(name)
-    _note_in_database(found, database or settings_of().database)
+    _note_in_database(found, database)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
@@ -236,9 +218,9 @@ def _note_in_database(found: Any, database: Path) -> None:
 
 
 @study.command(short_help="Show a study's protocol and state.")
-@click.argument("name")
+@argument("name")
 @STUDIES
-def show(name: str, studies: Path | None) -> None:
+def show(name: str, folder: Folder) -> None:
     """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study.
 
     The texts of a draft are shown as participants would read them, with every placeholder filled in.
@@ -247,7 +229,6 @@ def show(name: str, studies: Path | None) -> None:
 
     from app.series.templates import fill
 
-    folder = folder_of(studies)
     with study_errors():
         status, protocol = folder.status(name), folder.draft(name)
         protocol = fill(protocol) if status == "draft" else protocol
@@ -262,9 +243,8 @@ def show(name: str, studies: Path | None) -> None:
 
 @study.command("list", short_help="List all studies.")
 @STUDIES
-def list_(studies: Path | None) -> None:
+def list_(folder: Folder) -> None:
     """Print every study in the folder with its state."""
-    folder = folder_of(studies)
     rows = []
     for name in folder.names():
         with study_errors():
@@ -278,44 +258,28 @@ def list_(studies: Path | None) -> None:
 
 
 @study.command(short_help="How many players give the interval wanted.")
-@click.option(
+@option(
     "--half-width",
     type=float,
     required=True,
     help="Wanted half-width of the 95 % interval, in the metric's unit.",
 )
-@click.option(
+@option(
     "--player-sd",
     type=float,
     help="Standard deviation between players' true means, in the metric's unit.",
 )
-@click.option(
+@option(
     "--episode-sd", type=float, help="Standard deviation of an episode around its player's mean."
 )
-@click.option(
-    "--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot)."
-)
-@click.option(
-    "--metric",
-    type=click.Choice(["score", "steps"]),
-    default="score",
-    show_default=True,
-    help="With --study.",
-)
-@click.option(
-    "--ranked", type=int, default=30, show_default=True, help="Episodes each player plays."
-)
-@click.option(
-    "--assurance",
-    type=float,
-    default=0.8,
-    show_default=True,
-    help="Share of studies that reach the width.",
-)
+@option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
+@option("--metric", type=click.Choice(["score", "steps"]), default="score", help="With --study.")
+@option("--ranked", default=30, help="Episodes each player plays.")
+@option("--assurance", default=0.8, help="Share of studies that reach the width.")
 @DATABASE
 def power(
     half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
-    assurance: float, database: Path | None,
+    assurance: float, database: Path,
 ) -> None:  # fmt: skip
     """Say how many players a study needs for an interval of a wanted width.
 
@@ -364,27 +328,24 @@ def _players(count: int | None) -> str:
     return "more players than can be planned for here" if count is None else f"{count} players"
 
 
-def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
+def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
     from app.report.statistics.power import spread_of
     from app.series.data import load
 
-    path = database or settings_of().database
-    with failures(f"cannot read {path}"), study_errors():
-        return spread_of(load(path, name), metric)
+    with failures(f"cannot read {database}"), study_errors():
+        return spread_of(load(database, name), metric)
 
 
 @study.command(short_help="Print single-use links to a study.")
-@click.argument("name")
-@click.argument("count", type=int, metavar="[N]", default=0)
-@click.option(
+@argument("name")
+@argument("count", type=int, metavar="[N]", default=0)
+@option(
     "--url",
     help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
 )
-@click.option(
-    "--list", "lists", is_flag=True, help="List all invitations with their state instead."
-)
-@click.option(
+@option("--list", "lists", is_flag=True, help="List all invitations with their state instead.")
+@option(
     "--csv",
     "table",
     type=PATH,
@@ -399,8 +360,8 @@ def invite(
     url: str | None,
     lists: bool,
     table: Path | None,
-    database: Path | None,
-    studies: Path | None,
+    database: Path,
+    folder: Folder,
 ) -> None:
     """Print N single-use links to a study whose recruitment is by invitation.
 
@@ -423,12 +384,11 @@ def invite(
     settings = settings_of()
     known = url or settings.public_url
     base = known or f"http://{settings.host}:{settings.port}"
-    folder = folder_of(studies)
     invitations = Invitations(folder)
     with study_errors():
         study = folder.study(name)
         found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
-    uses = _uses(database or settings.database, name)
+    uses = _uses(database, name)
     states = {
         each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "")
         for each in found
@@ -453,10 +413,10 @@ def invite(
 
 
 @study.command(short_help="Take invitations back.")
-@click.argument("name")
-@click.argument("ids", nargs=-1, required=True)
+@argument("name")
+@argument("ids", nargs=-1, required=True)
 @STUDIES
-def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
+def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
     """Take invitations back by their ids: nobody can agree to take part with them any more.
 
     Whoever has agreed with one already goes on; `marsexplorer forget` erases a participant.
@@ -468,14 +428,14 @@ def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
     from app.series.invitations import Invitations
 
     with study_errors():
-        revoked = Invitations(folder_of(studies)).revoke(name, ids)
+        revoked = Invitations(folder).revoke(name, ids)
     click.echo(f"revoked: {', '.join(each.id for each in revoked)}")
 
 
 @study.command(short_help="Print the operator's code for supervised sessions.")
-@click.argument("name")
+@argument("name")
 @STUDIES
-def supervise(name: str, studies: Path | None) -> None:
+def supervise(name: str, folder: Folder) -> None:
     """Print the code that an operator types on a participant's page in the lab.
 
     Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
@@ -485,7 +445,7 @@ def supervise(name: str, studies: Path | None) -> None:
     from app.series.recruitment import code_of, valid_until_ms
 
     with study_errors():
-        study = folder_of(studies).study(name)
+        study = folder.study(name)
     if not study.is_open:
         raise click.UsageError(
             f"the study {name!r} is closed: nobody can be supervised in it any more"
@@ -593,12 +553,10 @@ def _comparison(each: Any) -> str:
 
 
 @study.command(short_help="Write the preregistration, ready for OSF.")
-@click.argument("name")
-@click.option(
-    "--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]"
-)
+@argument("name")
+@option("--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]")
 @STUDIES
-def preregister(name: str, out: Path | None, studies: Path | None) -> None:
+def preregister(name: str, out: Path | None, folder: Folder) -> None:
     """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
 
     Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule, analyses, power, and the
@@ -613,7 +571,6 @@ def preregister(name: str, out: Path | None, studies: Path | None) -> None:
     from app.report.preregistration import preregistration
     from app.series.templates import fill
 
-    folder = folder_of(studies)
     with study_errors():
         found = None if folder.status(name) == "draft" else folder.study(name)
         protocol = fill(folder.draft(name)) if found is None else found.protocol

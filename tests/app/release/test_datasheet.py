@@ -74,7 +74,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, name):
     with closing(Reader.open(place / "play.db")) as reader:
-        data, _ = load_with_folder(reader, place / "studies", "dunes")
+        data, _ = load_with_folder(reader, Folder(place / "studies"), "dunes")
     own = asdict(build(data).groups[0].flow)
     assert own["arrivals"] == {
         "declined": 1,
