@@ -209,4 +209,3 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
-
