@@ -43,14 +43,12 @@ LICENCES = {
 
 def licence_url(licence: str) -> str:
     """Return where a licence can be read; its SPDX page for one that is not in the list."""
-    return (
-        LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
-    )
+    return LICENCES.get(licence, ("", f"https://spdx.org/licenses/{licence}.html"))[1]
 
 
 def licence_title(licence: str) -> str:
     """Return a licence's title; its identifier for one that is not in the list."""
-    return LICENCES[licence][0] if licence in LICENCES else licence
+    return LICENCES.get(licence, (licence, ""))[0]
 
 
 def citation(header: ReleaseHeader) -> str:
@@ -70,9 +68,8 @@ def write_documents(
     """
     _write_json(folder / "columns.json", dictionary())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
-    for name, text in documents(
-        header, minari, without_moves, (folder / "report.json").exists()
-    ).items():
+    has_report = (folder / "report.json").exists()
+    for name, text in documents(header, minari, without_moves, has_report).items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -91,7 +88,7 @@ def documents(
         "database": BUNDLE_DATABASE,
         "has_report": has_report,
         "tables": {
-            name: (summary(name), markdown(bundle_table(name)[1])) for name in BUNDLE_TABLES
+            each: (summary(each), markdown(bundle_table(each)[1])) for each in BUNDLE_TABLES
         },
     }
     names = ("DATASHEET.md", "CITATION.cff", "LICENSE")

@@ -60,7 +60,7 @@ def draw_svg(
         canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
         if is_synthetic:
-            look = {"fontsize": 46, "color": "#b00020", "alpha": 0.16, "rotation": 24}
+            look: Any = {"fontsize": 46, "color": "#b00020", "alpha": 0.16, "rotation": 24}
             canvas.text(0.5, 0.5, "SYNTHETIC", ha="center", va="center", **look)
         # once: as the canvas's own engine it would do so in each of two passes of `savefig`, which then draws twice
         ConstrainedLayoutEngine().execute(canvas)

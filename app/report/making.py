@@ -15,12 +15,7 @@ from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
 from app.report.page import render
-from app.report.statistics.summaries import (
-    coverage_curve,
-    summarize_groups,
-    summary_of,
-    visit_counts,
-)
+from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.data import StudyData, load
 from app.series.flow import with_invitations
 from app.series.folder import Folder
@@ -158,12 +153,7 @@ def _run(
         summaries[index].outcome if index in summaries else "" for index in range(terrains)
     )
     groups = [[summary] for summary in summaries.values()]
-    pictures = (
-        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
-        if groups
-        else {}
-    )
-    return PolicyRun(name, score, steps, outcomes, pictures)
+    return PolicyRun(name, score, steps, outcomes, curve_and_visits(config, groups))
 
 
 def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:

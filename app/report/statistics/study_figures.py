@@ -40,20 +40,17 @@ class StudyFigure:
 
     name: str
     rule: str
-    players: int
-    episodes: int
-    score: Estimate | None
-    steps: Estimate | None
-    completed: float | None
+    players: int = 0
+    episodes: int = 0
+    score: Estimate | None = None
+    steps: Estimate | None = None
+    completed: float | None = None
 
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
     """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order."""
-    sets: list[tuple[str, Mapping[Any, Any] | None]] = [
-        (ALL, None),
-        *data.protocol.exclusion.items(),
-    ]
-    return tuple(_figure(data, cohort, name, rules) for name, rules in sets)
+    sets = {ALL: None, **data.protocol.exclusion}
+    return tuple(_figure(data, cohort, name, rules) for name, rules in sets.items())
 
 
 def primary_set(data: StudyData) -> str:
@@ -102,10 +99,8 @@ def figure_sentence(figure: StudyFigure, words: Words) -> str:
     ):
         reasons.append(why_no_interval(found))
         if reasons[-1] is None and found.interval is not None:
-            text, kind = (
-                f"{text} ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})",
-                "",
-            )
+            text += f" ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})"
+            kind = ""
         said.append(text)
     why = dict.fromkeys(reason for reason in reasons if reason)
     return " ".join([f"{who}: {', '.join(said)}.", *why])
@@ -154,8 +149,8 @@ def _figure(
         for metric in METRICS
     )
     return StudyFigure(
-        name=name,
-        rule=rule_in_words(rules),
+        name,
+        rule_in_words(rules),
         players=len(ids),
         episodes=int(episodes.sum()),
         score=score,
