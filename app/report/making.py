@@ -22,8 +22,7 @@ from app.series.folder import Folder
 from app.series.invitations import Invitations
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.policy_files import FOLDER
-from app.series.protocol import StudyError
-from app.task import Configuration, Rules
+from app.series.protocol import Protocol, StudyError
 
 REPORT_FILES = {
     False: ("report.json", "report.html"),
@@ -86,12 +85,7 @@ def _built(
     pictures: Pictures,
     moves: Mapping[str, MoveAnalysis] | None,
 ) -> Report:
-    config, terrains = data.protocol.env_config, data.protocol.ranked
-    runs = (
-        runs_of(episodes, data.protocol.rules, config, terrains)
-        if has_played(data, synthetic)
-        else ()
-    )
+    runs = runs_of(episodes, data.protocol) if has_played(data, synthetic) else ()
     return build(data, runs, synthetic, pictures, moves)
 
 
@@ -103,11 +97,10 @@ def report_files(report: Report) -> dict[str, bytes]:
 
 def has_played(data: StudyData, synthetic: bool) -> bool:
     """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
-    kind = "script" if synthetic else "human"
-    return any(
-        each.kind == kind and each.ended_ms is not None and each.phase == "ranked"
-        for each in data.trials
-    )
+    ended = {
+        each.kind for each in data.trials if each.phase == "ranked" and each.ended_ms is not None
+    }
+    return ("script" if synthetic else "human") in ended
 
 
 def play_compared(
@@ -119,41 +112,24 @@ def play_compared(
         return play_policies(names, rules, config, seeds, advance, data.policy_files)
 
 
-def runs_of(
-    episodes: Sequence[PolicyEpisode],
-    rules: Rules,
-    config: Configuration,
-    terrains: int,
-    names: Sequence[str] = (),
-) -> tuple[PolicyRun, ...]:
-    """Return one run per policy from its episodes, which are replayed; `names` without an episode are empty runs."""
-    found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
+def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
+    """Return one run per policy from its episodes, which are replayed."""
+    found: dict[str, dict[int, PolicyEpisode]] = {}
     for each in episodes:
         found.setdefault(each.policy, {})[each.terrain] = each
-    return tuple(
-        _run(name, rules, config, by_terrain, terrains) for name, by_terrain in found.items()
-    )
+    return tuple(_run(name, by_terrain, protocol) for name, by_terrain in found.items())
 
 
-def _run(
-    name: str,
-    rules: Rules,
-    config: Configuration,
-    episodes: Mapping[int, PolicyEpisode],
-    terrains: int,
-) -> PolicyRun:
+def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -> PolicyRun:
+    rules, config, terrains = protocol.rules, protocol.env_config, protocol.ranked
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    summaries = {
-        index: summary_of(rules, each.replay(rules, config))
-        for index, each in sorted(episodes.items())
-    }
-    for index, summary in summaries.items():
+    outcomes, summaries = [""] * terrains, {}
+    for index, each in sorted(episodes.items()):
+        summary = summaries[index] = summary_of(rules, each.replay(rules, config))
         score[index], steps[index] = summary.score, summary.steps
-    outcomes = tuple(
-        summaries[index].outcome if index in summaries else "" for index in range(terrains)
-    )
+        outcomes[index] = summary.outcome
     groups = [[summary] for summary in summaries.values()]
-    return PolicyRun(name, score, steps, outcomes, curve_and_visits(config, groups))
+    return PolicyRun(name, score, steps, tuple(outcomes), curve_and_visits(config, groups))
 
 
 def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:
@@ -187,14 +163,12 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         raise StudyError(
             f"the study {name!r} in {reader.path} has another protocol than the one in {folder.root}: give the right --studies"
         )
-    opened = [
-        person.invitation for person in participants(reader, name) if person.invitation is not None
-    ]
     if study.protocol.recruitment == "invitation":
-        data = replace(
-            data,
-            arrivals=with_invitations(data.arrivals, Invitations(folder).of(name), opened),
-        )
+        opened = [
+            each.invitation for each in participants(reader, name) if each.invitation is not None
+        ]
+        arrivals = with_invitations(data.arrivals, Invitations(folder).of(name), opened)
+        data = replace(data, arrivals=arrivals)
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)

@@ -39,16 +39,16 @@ def attestation_summary(data: StudyData) -> AttestationSummary:
         if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
     ]
     below = [each for each in ranked if not level_reaches(each.attestation, required)]
-    reasons = Counter(
-        _without_step(each.attestation_reason) for each in ranked if each.attestation_reason
-    )
+    given = [each.attestation_reason for each in ranked if each.attestation_reason]
+    reasons = Counter(map(_without_step, given))
+    people = {
+        level: [each.participant for each in ranked if each.attestation == level]
+        for level in LEVELS
+    }
     return AttestationSummary(
         required=required,
-        episodes={level: sum(each.attestation == level for each in ranked) for level in LEVELS},
-        people={
-            level: len({each.participant for each in ranked if each.attestation == level})
-            for level in LEVELS
-        },
+        episodes={level: len(own) for level, own in people.items()},
+        people={level: len(set(own)) for level, own in people.items()},
         left_out=len(below),
         people_left_out=len({each.participant for each in below}),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),

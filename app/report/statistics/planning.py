@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from app.report.statistics.learning import LEVEL
-from app.report.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
+from app.report.statistics.power import MAX_PLAYERS, chi_squared_quantile
 from app.series.protocol import Protocol
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
 
@@ -76,8 +76,7 @@ def plan_study(protocol: Protocol) -> StudyPlan:
     player_sd, episode_sd = planned_sds(protocol)
     half_width = None
     if protocol.players > 1:
-        plan = plan_sample_size(player_sd, episode_sd, 1.0, protocol.ranked)
-        half_width = _half_width(plan.mean_sd, protocol.players)
+        half_width = _half_width(_mean_sd(protocol, player_sd, episode_sd), protocol.players)
     found = [_learning(protocol, episode_sd)] if protocol.ranked >= 3 else []
     if protocol.policies:
         found.append(_policies(protocol, player_sd, episode_sd))
@@ -97,12 +96,9 @@ def derived_margin(protocol: Protocol) -> float | None:
     _, episode_sd = planned_sds(protocol)
     if protocol.players < 2 or protocol.ranked < 3:
         return None
-    return _whole(
-        _least(
-            lambda margin: flat_power(_change_sd(protocol, episode_sd), protocol.players, margin)
-        ),
-        protocol,
-    )
+    spread = _change_sd(protocol, episode_sd)
+    least = _least(lambda margin: flat_power(spread, protocol.players, margin))
+    return _whole(least, protocol)
 
 
 def derived_difference(protocol: Protocol) -> float | None:
@@ -111,10 +107,8 @@ def derived_difference(protocol: Protocol) -> float | None:
         return None
     spread = _mean_sd(protocol, *planned_sds(protocol))
     count = _policy_count(protocol)
-    return _whole(
-        _least(lambda difference: difference_power(spread, protocol.players, difference, count)),
-        protocol,
-    )
+    least = _least(lambda other: difference_power(spread, protocol.players, other, count))
+    return _whole(least, protocol)
 
 
 def flat_power(change_sd: float, players: int, margin: float) -> float:
@@ -138,20 +132,20 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * np.sqrt(
-        chi_squared_quantile(_QUANTILES, freedom) / freedom
-    )
+    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
+    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * sampled
     return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
 
 
 def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
     spread, margin = _change_sd(protocol, episode_sd), protocol.equivalence_margin
+    least = None
+    if protocol.players > 1:
+        least = _least(lambda other: flat_power(spread, protocol.players, other))
     return PlannedComparison(
         what=f"learning flat within ±{margin:g} steps, if it is flat",
         power=flat_power(spread, protocol.players, margin),
-        least=_least(lambda other: flat_power(spread, protocol.players, other))
-        if protocol.players > 1
-        else None,
+        least=least,
         players=_fewest(lambda players: flat_power(spread, players, margin)),
         field="equivalence_margin",
     )
@@ -159,11 +153,9 @@ def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
 
 def _policies(protocol: Protocol, player_sd: float, episode_sd: float) -> PlannedComparison:
     spread, count = _mean_sd(protocol, player_sd, episode_sd), _policy_count(protocol)
-    least = (
-        _least(lambda other: difference_power(spread, protocol.players, other, count))
-        if protocol.players > 1
-        else None
-    )
+    least = None
+    if protocol.players > 1:
+        least = _least(lambda other: difference_power(spread, protocol.players, other, count))
     wanted = protocol.policy_difference or (1.0 if least is None else _whole(least, protocol))
     return PlannedComparison(
         what=f"each of {count} policies, if it differs by {wanted:g} steps from the people on these terrains",
@@ -191,9 +183,8 @@ def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
     freedom = players - 1
     unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
     mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
-    return unit * mean, unit * math.sqrt(
-        float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom
-    )
+    assured = math.sqrt(float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom)
+    return unit * mean, unit * assured
 
 
 def _least(power: Callable[[float], float]) -> float:

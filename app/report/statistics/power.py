@@ -45,11 +45,6 @@ class SampleSizePlan:
     table     half-widths for some numbers of players, the two above among them
     """
 
-    half_width: float
-    player_sd: float
-    episode_sd: float
-    ranked: int
-    assurance: float
     mean_sd: float
     players: int | None
     assured: int | None
@@ -68,32 +63,19 @@ def plan_sample_size(
     ValueError for a spread or width that cannot be.
     """
     if player_sd < 0 or episode_sd < 0 or not player_sd + episode_sd > 0:
-        raise ValueError(
-            f"the SDs must be at least 0, and one above 0; got {player_sd} and {episode_sd}"
-        )
+        given = f"{player_sd} and {episode_sd}"
+        raise ValueError(f"the SDs must be at least 0, and one above 0; got {given}")
     if not half_width > 0:
         raise ValueError(f"the half-width must be above 0, got {half_width}")
     if ranked < 1 or not 0 < assurance < 1:
-        raise ValueError(
-            f"ranked must be at least 1 and assurance in (0, 1), got {ranked} and {assurance}"
-        )
+        given = f"{ranked} and {assurance}"
+        raise ValueError(f"ranked must be at least 1 and assurance in (0, 1), got {given}")
     spread = float(np.sqrt(player_sd**2 + episode_sd**2 / ranked))
     widths = _widths(spread, assurance)
     players = next((width.players for width in widths if width.expected <= half_width), None)
     assured = next((width.players for width in widths if width.assured <= half_width), None)
     shown = sorted({*LISTED_PLAYERS, *(count for count in (players, assured) if count is not None)})
-    table = tuple(widths[count - 2] for count in shown)
-    return SampleSizePlan(
-        half_width=half_width,
-        player_sd=player_sd,
-        episode_sd=episode_sd,
-        ranked=ranked,
-        assurance=assurance,
-        mean_sd=spread,
-        players=players,
-        assured=assured,
-        table=table,
-    )
+    return SampleSizePlan(spread, players, assured, tuple(widths[count - 2] for count in shown))
 
 
 def _widths(spread: float, assurance: float) -> list[Width]:
@@ -104,10 +86,8 @@ def _widths(spread: float, assurance: float) -> list[Width]:
     log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
     mean_sd = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
     assured = unit * np.sqrt(chi_squared_quantile(assurance, freedom) / freedom)
-    return [
-        Width(*row)
-        for row in zip(players.tolist(), (unit * mean_sd).tolist(), assured.tolist(), strict=True)
-    ]
+    columns = players.tolist(), (unit * mean_sd).tolist(), assured.tolist()
+    return [Width(*row) for row in zip(*columns, strict=True)]
 
 
 def chi_squared_quantile(probability: float | Floats, freedom: int | NDArray[np.int64]) -> Floats:
@@ -127,15 +107,13 @@ def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> t
 
     The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
     """
-    if data.closed_ms is None:
-        raise ValueError(
-            f"the study {data.protocol.name!r} shows no figure until it is closed: give the SDs instead"
-        )
-    cohort = people_of(data)
-    ids = members(cohort, {})
-    found = variance_components(cohort.table(ids, metric)) if ids else None
+    why = "shows no figure until it is closed"
+    found = None
+    if data.closed_ms is not None:
+        why = "has too few players with a spread to plan from"
+        cohort = people_of(data)
+        ids = members(cohort, {})
+        found = variance_components(cohort.table(ids, metric)) if ids else None
     if found is None:
-        raise ValueError(
-            f"the study {data.protocol.name!r} has too few players with a spread to plan from: give the SDs instead"
-        )
+        raise ValueError(f"the study {data.protocol.name!r} {why}: give the SDs instead")
     return found.between_sd, found.rest_sd
