@@ -49,7 +49,7 @@ COMMANDS = {
     "study": ("study.study", "study", "Plan, freeze, open and close a study with participants."),
     "simulate": ("study.simulate", "study", "Let synthetic players take part in a study."),
     "report": ("study.report", "study", "Write a study's figures with their intervals, as a page and as JSON."),
-    "regret": ("study.regret", "study", "Show where the players of a study lose moves."),
+    "regret": ("study.report", "study", "Show where the players of a study lose moves."),
     "policies": ("training.policies", "hub", "List policies, show their cards, share them on the Hugging Face hub."),
     "verify": ("database", "study", "Simulate every recorded episode again and compare."),
     "release": ("bundles", "export", "Write a study as a citable, signed bundle."),

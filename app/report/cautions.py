@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from app.db.trial import Trial
 from app.report import measured_coverage
-from app.report.statistics.exclusion_sets import Cohort
-from app.report.statistics.formatting import percent
+from app.report.statistics.exclusion_sets import Cohort, ended_ranked
+from app.report.statistics.formatting import counted, percent
 from app.report.statistics.intervals import TAIL, Estimate
 from app.series.data import StudyData
 from app.series.policy_episodes import closed_seeds
@@ -33,8 +33,9 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         planned = f"{figure.players} of the {data.protocol.players} players planned"
         found.append(f"{planned} are in the primary figure.")
     if figure.players < LEAST_PLAYERS:
-        few = "1 player is" if figure.players == 1 else f"{figure.players} players are"
-        found.append(f"{few} few: their spread, and with it every interval, is poorly known.")
+        are = "is" if figure.players == 1 else "are"
+        why = "their spread, and with it every interval, is poorly known"
+        found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
@@ -65,7 +66,7 @@ def _about_failures(group: GroupReport) -> str:
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
-    seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended {group.words.short}"
+    seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
@@ -85,12 +86,7 @@ def _described(cell: measured_coverage.Cell) -> str:
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     """Return how a cohort's episodes deviated from the protocol."""
-    ids = {person.id for person in cohort.people}
-    ranked = [
-        trial
-        for trial in data.trials
-        if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
-    ]
+    ranked = ended_ranked(data, cohort.people)
     config, version = data.protocol.env_config.hash, data.protocol.core_version
     seeds = closed_seeds(data)
     kinds: dict[str, Callable[[Trial], bool]] = {
@@ -113,9 +109,8 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     for what, is_one in kinds.items():
         trials = [trial for trial in ranked if is_one(trial)]
         if trials:
-            count, people = len(trials), len({trial.participant for trial in trials})
-            one = f"{count} ranked episode{'s' * (count != 1)} of {people} participant{'s' * (people != 1)}"
-            found.append(f"{one} {what}.")
+            people = counted(len({trial.participant for trial in trials}), "participant")
+            found.append(f"{counted(len(trials), 'ranked episode')} of {people} {what}.")
     nothing = "A deviation was recorded without words."
     for person in cohort.people:
         details = [detail for _, kind, detail in person.events if kind == "deviation"]

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from app.report.model import GroupReport, Report
+from app.report.statistics.formatting import counted
 from app.report.statistics.intervals import Interval
 from app.series.flow import ParticipantFlow
 
@@ -140,7 +141,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         axes.set_ylim(-1.2 - len(labels) + 0.3, max(heights) + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel(f"mean of a player ({len(values)} player{'s' * (len(values) != 1)})")
+        axes.set_xlabel(f"mean of a player ({counted(len(values), 'player')})")
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 
@@ -167,11 +168,8 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
         third = trials // 3
         for low in (0.5, trials - third + 0.5):
             axes.axvspan(low, low + third, color="#eceff2", zorder=0)
-        rows = [
-            (number, *means)
-            for number, (players, *means) in enumerate(metric.learning.by_trial, 1)
-            if players
-        ]
+        numbered = enumerate(metric.learning.by_trial, 1)
+        rows = [(number, *means) for number, (players, *means) in numbered if players]
         banded = np.array([row for row in rows if row[2] is not None], np.float64).T
         if banded.size:
             band = np.clip(

@@ -14,7 +14,8 @@ from statistics import median
 from typing import Any
 
 from app.report.model import GroupReport, Item
-from app.report.statistics.formatting import utc
+from app.report.statistics.exclusion_sets import ended_ranked
+from app.report.statistics.formatting import counted, utc
 from app.report.statistics.study_figures import figure_sentence
 from app.series.data import StudyData
 
@@ -44,17 +45,12 @@ def _item(line: str, given: dict[str, Any]) -> Item:
 def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, Any]:
     """Return what `checklist.txt` has in braces."""
     protocol, words, players = data.protocol, people.words, people.figure.players
-    ids = {person.id for person in data.people if person.kind == "human"}
-    ranked = [
-        each
-        for each in data.trials
-        if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None
-    ]
+    ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
     minutes = [((each.ended_ms or 0) - each.started_ms) / 60_000 for each in ranked]
     sets = [
         f"{each.name}: {figure_sentence(each, words)}" for each in people.figures if each.players
     ]
-    is_compared = bool(policies and players)
+    is_compared, nobody = bool(policies and players), "Nobody has played."
     return {
         "protocol": protocol,
         "people": people,
@@ -64,8 +60,8 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "frozen_at": utc(data.frozen_ms),
         "hash": data.protocol_hash[:16],
         "recruitment": RECRUITMENT[protocol.recruitment],
-        "questions": _many(len(protocol.questions), "question"),
-        "warm_up": _many(protocol.warm_up, "warm-up episode"),
+        "questions": counted(len(protocol.questions), "question"),
+        "warm_up": counted(protocol.warm_up, "warm-up episode"),
         "leak": people.leak.sentence(words) if people.leak else "",
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
@@ -74,19 +70,12 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "policies": ", ".join(policies) or "none played",
         "test": TEST if is_compared else "None.",
         "metrics": f"{words.score[0].upper()}{words.score[1:]} and {words.steps}",
-        "sets": "; ".join(sets) or "Nobody has played.",
-        "time": f"Median {median(minutes):.1f} minutes a ranked episode."
-        if minutes
-        else "Nobody has played.",
+        "sets": "; ".join(sets) or nobody,
+        "time": f"Median {median(minutes):.1f} minutes a ranked episode." if minutes else nobody,
         "unfinished": people.joined - people.finished,
         "secret": "revealed when the study closes" if data.closed_ms is None else "revealed",
         "software": version("marsexplorer-playground"),
     }
-
-
-def _many(count: int, one: str) -> str:
-    """Return a count with its noun: `1 question`, `3 questions`."""
-    return f"{count} {one}{'s' * (count != 1)}"
 
 
 def _power(data: StudyData) -> dict[str, str]:

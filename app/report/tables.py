@@ -12,7 +12,7 @@ from app.report.model import GroupReport, Metric, Report
 from app.report.moves.likeness import Likeness
 from app.report.moves.regret import RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
-from app.report.statistics.formatting import NONE, interval, number, p_value, percent
+from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Interval
 from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.study_figures import why_no_interval
@@ -151,15 +151,11 @@ def coverage_table(report: Report) -> PageTable | None:
     cells = nearest(players)
     size = f"{cells[0].studies} simulated studies each, {cells[0].players} players x 30 terrains"
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}
-    rows = [
-        (
-            f"{cell.population}: {summary[cell.population]}",
-            f"{cell.icc:g}",
-            number(cell.headline, 1),
-            number(cell.new_terrains, 1),
-        )
-        for cell in cells
-    ]
+    rows = []
+    for cell in cells:
+        shares = number(cell.headline, 1), number(cell.new_terrains, 1)
+        name = f"{cell.population}: {summary[cell.population]}"
+        rows.append((name, f"{cell.icc:g}", *shares))
     heads = ("population", "ICC", "headline", "new terrains")
     return PageTable(f"Coverage (%) of 95 % intervals in {size}", heads, rows)
 
@@ -180,7 +176,7 @@ def _by_metric(
 ) -> PageTable:
     """Return a table with a column for each metric of the group; no rows where the group has no metrics."""
     rows = list(zip(names, *columns, strict=True)) if columns else []
-    heads = ("quantity", *(_heading(group, metric.name) for metric in group.metrics))
+    heads = "quantity", *(_heading(group, metric.name) for metric in group.metrics)
     return PageTable(caption, heads, rows)
 
 
@@ -194,8 +190,7 @@ def _result(group: GroupReport) -> PageTable | None:
         ends = headline, metric.new_terrains
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
-    players = f"{found.players} player{'s' * (found.players != 1)}"
-    who = f"{players}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
+    who = f"{counted(found.players, 'player')}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
     kind = "guaranteed " if found.score.headline == "guaranteed" else ""
     names = "mean", f"{kind}95 % interval (headline)", "95 % interval, new terrains too"
     table = _by_metric(f"Means over players. {who}", group, names, columns)
@@ -228,15 +223,10 @@ def _attestation(group: GroupReport) -> PageTable | None:
     found = group.attestation
     if found is None or not any(found.episodes.values()):
         return None
-    rows = [
-        (
-            f"{level} (required)" if level == found.required else level,
-            str(found.episodes[level]),
-            str(found.people[level]),
-            text,
-        )
-        for level, text in LEVELS_IN_WORDS.items()
-    ]
+    rows = []
+    for level, text in LEVELS_IN_WORDS.items():
+        name = f"{level} (required)" if level == found.required else level
+        rows.append((name, str(found.episodes[level]), str(found.people[level]), text))
     caption = "Ranked episodes by what the server could attest; those below the level required are in no figure"
     return PageTable(caption, ("level", "episodes", "people", "what it means"), rows)
 
@@ -343,14 +333,10 @@ def _by_tenth(found: RegretSummary) -> PageTable:
 
 
 def _regret_by_player(found: RegretSummary) -> PageTable:
-    rows = [
-        (
-            each.player,
-            str(each.episodes),
-            *(number(lost, 1) for lost in (each.mean, *each.by_kind.values())),
-        )
-        for each in found.by_player
-    ]
+    rows = []
+    for each in found.by_player:
+        lost = [number(moves, 1) for moves in (each.mean, *each.by_kind.values())]
+        rows.append((each.player, str(each.episodes), *lost))
     heads = ("player", "episodes", "regret", *found.by_kind)
     return PageTable("Each player\u2019s mean regret per episode", heads, rows)
 

@@ -32,7 +32,7 @@ from app.cli.console import (
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyPlan
-    from app.series.folder import Folder
+    from app.series.folder import Folder, Study
     from app.series.invitations import Use
     from app.series.protocol import Protocol
     from app.task import Words
@@ -147,11 +147,8 @@ def freeze(name: str, underpowered: bool, folder: Folder) -> None:
     knows every terrain.
     """
     with study_errors():
-        plan = (
-            _checked_plan(folder.draft(name), underpowered)
-            if folder.status(name) == "draft"
-            else None
-        )
+        is_draft = folder.status(name) == "draft"
+        plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
@@ -159,14 +156,15 @@ def freeze(name: str, underpowered: bool, folder: Folder) -> None:
         _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
-    click.echo(
-        f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
-    )
+    click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
     click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
-        click.echo(
-            f"It is by invitation: `marsexplorer study invite {name} {found.protocol.players}` makes the links"
-        )
+        invite = f"marsexplorer study invite {name} {found.protocol.players}"
+        click.echo(f"It is by invitation: `{invite}` makes the links")
+
+
+def _hashes(found: Study) -> str:
+    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
 
 
 @study.command(short_help="End the study and reveal its secret.")
@@ -195,9 +193,8 @@ def _confirm(question: str) -> None:
     except click.Abort:
         if sys.stdin.isatty():
             raise
-        raise click.ClickException(
-            "nothing was closed: the answer was not yes; --yes closes without asking"
-        ) from None
+        why = "nothing was closed: the answer was not yes; --yes closes without asking"
+        raise click.ClickException(why) from None
 
 
 def _note_in_database(found: Any, database: Path) -> None:
@@ -235,7 +232,7 @@ def show(name: str, folder: Folder) -> None:
         found = None if status == "draft" else folder.study(name)
     click.echo(f"{name}: {status}, {folder.path(name)}")
     if found is not None:
-        click.echo(f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
+        click.echo(_hashes(found))
         if not found.is_open:
             click.echo(f"secret         {found.secret.hex()}")
     click.echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
@@ -291,37 +288,29 @@ def power(
       marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
       marsexplorer study power --study pilot --metric steps --half-width 3
     """
-    from app.report.statistics.power import plan_sample_size
+    from app.report.statistics.planning import plan_sample_size
 
     if name is not None and (player_sd is not None or episode_sd is not None):
         raise click.UsageError("give --study or the two SDs, not both")
     if name is None and (player_sd is None or episode_sd is None):
-        raise click.UsageError(
-            "expected --player-sd and --episode-sd, or --study NAME to take them from"
-        )
+        given = "--player-sd and --episode-sd, or --study NAME to take them from"
+        raise click.UsageError(f"expected {given}")
     try:
-        spread = (
-            (player_sd or 0.0, episode_sd or 0.0)
-            if name is None
-            else _spread_of(name, metric, database)
-        )
+        spread = player_sd or 0.0, episode_sd or 0.0
+        if name is not None:
+            spread = _spread_of(name, metric, database)
         plan = plan_sample_size(*spread, half_width, ranked, assurance)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
-    click.echo(
-        f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}"
-    )
-    click.echo(
-        f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
-    )
+    sds = f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}"
+    click.echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
+    found = f"{_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
+    click.echo(f"half-width {half_width:g} on average: {found}")
     rows = [
         (str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table
     ]
-    print_table(
-        "Half-width of the 95 % interval",
-        ("players", "on average", f"in {assurance:.0%} of studies"),
-        rows,
-    )
+    heads = ("players", "on average", f"in {assurance:.0%} of studies")
+    print_table("Half-width of the 95 % interval", heads, rows)
 
 
 def _players(count: int | None) -> str:
@@ -330,7 +319,7 @@ def _players(count: int | None) -> str:
 
 def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
-    from app.report.statistics.power import spread_of
+    from app.report.statistics.planning import spread_of
     from app.series.data import load
 
     with failures(f"cannot read {database}"), study_errors():
@@ -378,9 +367,8 @@ def invite(
     from app.series.invitations import Invitations, link_of, state_of
 
     if (count > 0) == lists:
-        raise click.UsageError(
-            "expected the number of links to make, such as 10, or --list to see those there are"
-        )
+        given = "the number of links to make, such as 10, or --list to see those there are"
+        raise click.UsageError(f"expected {given}")
     settings = settings_of()
     known = url or settings.public_url
     base = known or f"http://{settings.host}:{settings.port}"
@@ -389,27 +377,29 @@ def invite(
         study = folder.study(name)
         found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
     uses = _uses(database, name)
-    states = {
-        each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "")
-        for each in found
-    }
-    links = {each.id: link_of(study, each.id, base) for each in found}
+    rows, links = [], []
+    for each in found:
+        use = uses.get(each.id)
+        rows.append((each.id, state_of(each, use), use.label if use else ""))
+        links.append(link_of(study, each.id, base))
     if table is not None:
-        _write_csv(table, [(each.id, *states[each.id], links[each.id]) for each in found])
+        _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
     if known is None and (table is not None or not lists):
-        click.echo(
-            f"{base} is a guess: give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere",
-            err=True,
+        way_out = (
+            "give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere"
         )
+        click.echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
-        click.echo("\n".join(links.values()))
+        click.echo("\n".join(links))
     elif not found:
-        click.echo(
-            f"nobody has been invited to {name}; `marsexplorer study invite {name} 10` makes ten links"
-        )
+        way_out = f"`marsexplorer study invite {name} 10` makes ten links"
+        click.echo(f"nobody has been invited to {name}; {way_out}")
     else:
-        rows = [(each.id, *states[each.id], _day(each.issued_ms)) for each in found]
-        print_table(f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), rows)
+        issued = [_day(each.issued_ms) for each in found]
+        printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
+        print_table(
+            f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), printed
+        )
 
 
 @study.command(short_help="Take invitations back.")
@@ -447,9 +437,8 @@ def supervise(name: str, folder: Folder) -> None:
     with study_errors():
         study = folder.study(name)
     if not study.is_open:
-        raise click.UsageError(
-            f"the study {name!r} is closed: nobody can be supervised in it any more"
-        )
+        why = "nobody can be supervised in it any more"
+        raise click.UsageError(f"the study {name!r} is closed: {why}")
     now = now_ms()
     click.echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
 
@@ -495,15 +484,12 @@ def _with_reachable_effects(protocol: Protocol) -> Protocol:
 def _echo_reachable_effects(protocol: Protocol) -> None:
     """Print what margin and difference a new protocol holds, and what they rest on."""
     if protocol.policy_difference is None:
-        click.echo(
-            "One player gives no interval and no test: plan at least two to compare anything."
-        )
+        why = "One player gives no interval and no test"
+        click.echo(f"{why}: plan at least two to compare anything.")
         return
-    margin = (
-        f"changes of ±{protocol.equivalence_margin:g}"
-        if protocol.ranked >= 3
-        else "no learning (below 3 ranked episodes)"
-    )
+    margin = f"changes of ±{protocol.equivalence_margin:g}"
+    if protocol.ranked < 3:
+        margin = "no learning (below 3 ranked episodes)"
     click.echo(
         f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
         f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
@@ -531,18 +517,15 @@ def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
 
 def _echo_plan(plan: StudyPlan, words: Words) -> None:
     """Print the width of the interval and the power of each planned comparison."""
-    assumed = (
-        "those of a new study, since the protocol names none"
-        if plan.is_default
-        else "the protocol's"
-    )
-    click.echo(
-        f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes"
-    )
+    whose = "the protocol's"
+    if plan.is_default:
+        whose = "those of a new study, since the protocol names none"
+    assumed = f"assumed standard deviations ({whose})"
+    click.echo(f"{assumed}: {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
     if plan.half_width is not None:
-        click.echo(
-            f"mean {words.steps}: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
-        )
+        mean, most = plan.half_width
+        width = f"±{mean:.1f} on average, at most ±{most:.1f} in 80 % of studies"
+        click.echo(f"mean {words.steps}: {width}")
     for each in plan.comparisons:
         more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
         click.echo(f"power: {_comparison(each)}{more}")
@@ -579,6 +562,5 @@ def preregister(name: str, out: Path | None, folder: Folder) -> None:
         click.echo(text, nl=False)
         return
     write_file(out, text.encode(), "--out")
-    click.echo(
-        f"{out}: read it, state what is marked TO BE STATED, then register it before anybody plays"
-    )
+    then = "state what is marked TO BE STATED, then register it before anybody plays"
+    click.echo(f"{out}: read it, {then}")

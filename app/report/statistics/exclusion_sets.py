@@ -7,7 +7,7 @@ rules, its own moves allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
@@ -79,6 +79,13 @@ def metric_value(trial: Trial, metric: MetricName) -> float:
     found = trial.score if metric == "score" else trial.steps_to_target
     assert found is not None
     return float(found)
+
+
+def ended_ranked(data: StudyData, people: Iterable[Person]) -> list[Trial]:
+    """Return the ranked episodes that some participants ended, whoever drove them."""
+    ids = {person.id for person in people}
+    ended = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
+    return [each for each in ended if each.participant in ids]
 
 
 def people_of(data: StudyData) -> Cohort:

@@ -35,6 +35,11 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
+def counted(count: int, one: str) -> str:
+    """Return a count with its noun: "1 player", "3 players"."""
+    return f"{count} {one}" if count == 1 else f"{count} {one}s"
+
+
 def utc(ms: int) -> str:
     """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))

@@ -20,6 +20,7 @@ import numpy as np
 
 from app.db.reader import Reader
 from app.report.statistics.exclusion_sets import MetricName
+from app.report.statistics.formatting import counted
 from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import Interval, estimate
 from app.report.statistics.study_figures import metric_bounds
@@ -128,7 +129,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def _sentence(figure: dict[str, Any]) -> str:
     """Return a figure in plain words."""
-    who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
+    who = f"{counted(figure['players'], 'player')}, {counted(figure['episodes'], 'episode')}"
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
     where = figure["where"]
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
@@ -144,7 +145,3 @@ def _interval(figure: dict[str, Any], metric: MetricName, form: str) -> str:
         return ""
     kind = "guaranteed 95 % interval" if figure["headline"] == "guaranteed" else "95 % interval"
     return f" ({kind} {low:{form}} to {high:{form}})"
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

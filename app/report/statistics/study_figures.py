@@ -18,6 +18,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     rule_in_words,
 )
+from app.report.statistics.formatting import counted
 from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import Estimate, Interval, estimate
 from app.series.data import StudyData
@@ -89,7 +90,7 @@ def figure_sentence(figure: StudyFigure, words: Words) -> str:
     """Return a figure that has at least one player as a sentence."""
     assert figure.score is not None
     assert figure.steps is not None
-    who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
+    who = f"{counted(figure.players, 'player')}, {figure.episodes} ranked episodes"
     kind = "guaranteed " if figure.score.headline == "guaranteed" else ""
     kind += "95 % interval "  # said once
     reasons, said = [], []
@@ -126,15 +127,7 @@ def _figure(
     """Return the figure of the cohort's members under one set's rules; None are the rules of "all"."""
     ids = members(cohort, rules or {})
     if not ids:
-        return StudyFigure(
-            name=name,
-            rule=rule_in_words(rules),
-            players=0,
-            episodes=0,
-            score=None,
-            steps=None,
-            completed=None,
-        )
+        return StudyFigure(name, rule_in_words(rules))
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
         [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64

@@ -57,15 +57,6 @@ def test_scripts_are_reported_when_asked_for_and_marked(report, tmp_path):
     assert document["policies"] == []
 
 
-def test_the_same_database_gives_the_same_numbers_twice(report, tmp_path):
-    for name in ("one", "two"):
-        assert report("--json", tmp_path / name)[0] == 0
-    one, two = (json.loads((tmp_path / name).read_text()) for name in ("one", "two"))
-    one.pop("made_at")
-    two.pop("made_at")
-    assert one == two
-
-
 @pytest.mark.parametrize(
     ("given", "code", "said"),
     [
@@ -107,13 +98,6 @@ def test_a_file_that_cannot_be_written_leaves_nothing_half_done(report, tmp_path
     assert report("--no-policies", "--html", tmp_path / "kept.html", study="moon")[0] == 2
     assert (tmp_path / "kept.html").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["kept.html"]
-
-
-def test_the_help_teaches(capsys):
-    code, said, _ = command(capsys, "report", "--help")
-    assert code == 0
-    assert "marsexplorer report --study pilot --html pilot.html" in said
-    assert "--synthetic" in said
 
 
 def test_an_open_study_shows_no_figure(tmp_path, capsys):
