@@ -564,7 +564,8 @@ class Session:
         An episode that a script has moved may have begun as a person's.
         """
         study = self.participation
-        if not self.is_human or not self.takes_persons_moves or (study and study.driver != HUMAN):
+        is_persons = self.is_human and self.takes_persons_moves
+        if current.driver != HUMAN and not (is_persons and self.driver == HUMAN):
             return None
         key_map = key_map_of(self.task.keys, study.settings() if study is not None else ())
         supervised_ms = study.supervised_ms() if study is not None else ()

@@ -6,29 +6,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click import argument, option
 
 from app.cli.console import (
     DATABASE,
     PATH,
     STUDIES,
+    database_option,
     failures,
     pins_file,
     print_table,
     progress,
-    settings_of,
 )
 from app.cli.study.report import show
 
 if TYPE_CHECKING:
     from app.release.reproduce import Reproduction
+    from app.series.folder import Folder
 
 MAX_PRINTED = 20
 """Differences that are printed; more are counted."""
 
 
 @click.command(short_help="Write a study as a citable, signed bundle.")
-@click.option("--study", required=True, help="The study's name.")
-@click.option(
+@option("--study", required=True, help="The study's name.")
+@option(
     "--out",
     type=PATH,
     required=True,
@@ -36,9 +38,9 @@ MAX_PRINTED = 20
 )
 @DATABASE
 @STUDIES
-@click.option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
-@click.option("--url", help="Where the bundle will be found, a DOI's address say.")
-@click.option(
+@option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
+@option("--url", help="Where the bundle will be found, a DOI's address say.")
+@option(
     "--without-policy",
     "without",
     multiple=True,
@@ -48,8 +50,8 @@ MAX_PRINTED = 20
 def release(
     study: str,
     out: Path,
-    database: Path | None,
-    studies: Path | None,
+    database: Path,
+    folder: Folder,
     authors: tuple[str, ...],
     url: str | None,
     without: tuple[str, ...],
@@ -76,11 +78,9 @@ def release(
     from app.release.build import build_release, request_of
     from app.task import PolicyError
 
-    settings = settings_of()
-    places = database or settings.database, studies or settings.studies
     try:
         with failures(f"cannot write to {out}", way_out):
-            request = request_of(study, out, *places, authors, url, without)
+            request = request_of(study, out, database, folder, authors, url, without)
             with progress("verifying and writing") as advance:
                 built = build_release(request, advance, progress)
     except PolicyError as error:
@@ -99,9 +99,9 @@ def release(
 
 
 @click.command(short_help="Derive a bundle's figures again and compare.")
-@click.argument("folder", type=PATH)
-@click.option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
-@click.option(
+@argument("folder", type=PATH)
+@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+@option(
     "--recorded",
     is_flag=True,
     help="Do not play the policies again: replay their recorded moves only.",
@@ -156,10 +156,10 @@ def _show(folder: Path, made: Reproduction) -> None:
 
 
 @click.command("import", short_help="Bring a released bundle into a database.")
-@click.argument("folder", type=PATH)
-@click.option("--database", type=PATH, help="The database to bring it into; made when absent.")
-@click.option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
-def import_release(folder: Path, database: Path | None, key: str | None) -> None:
+@argument("folder", type=PATH)
+@database_option("The database to bring it into; made when absent.")
+@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+def import_release(folder: Path, database: Path, key: str | None) -> None:
     """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
 
     What is there already and equal is let be; the same episodes under other names are refused. People whom the database
@@ -174,11 +174,10 @@ def import_release(folder: Path, database: Path | None, key: str | None) -> None
     from app.release.manifest import read_manifest
     from app.release.signing import check_signer, fingerprint_of
 
-    path = database or settings_of().database
-    with failures(f"cannot bring {folder} into {path}"):
+    with failures(f"cannot bring {folder} into {database}"):
         expected = None if key is None else fingerprint_of(key)
         with progress("verifying (the rules are compiled first)") as advance:
-            counts = bundle.import_release(folder, path, advance, expected)
+            counts = bundle.import_release(folder, database, advance, expected)
         signer = check_signer(read_manifest(folder)[0], expected, pins_file())
     there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
     left = (
@@ -188,6 +187,6 @@ def import_release(folder: Path, database: Path | None, key: str | None) -> None
     )
     people, episodes = counts.added["participants"], counts.added["episodes"]
     click.echo(
-        f"{path}: {people} participants and {episodes:,} episodes from {folder}{there}{left}"
+        f"{database}: {people} participants and {episodes:,} episodes from {folder}{there}{left}"
     )
     click.echo(signer.sentence())

@@ -23,16 +23,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
-STUDIES = click.option(
-    "--studies",
-    type=PATH,
-    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
-)
-DATABASE = click.option(
-    "--database",
-    type=PATH,
-    help="The database the study was played in; a running server may go on writing.",
-)
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
 
@@ -105,6 +95,34 @@ def settings_of(**flags: Any) -> Settings:
         ) from error
 
 
+def _folder(ctx: click.Context, param: click.Parameter, studies: Path | None) -> Folder:
+    from app.series.folder import Folder
+
+    return Folder(studies or settings_of().studies)
+
+
+def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
+    return path or settings_of().database
+
+
+def database_option(text: str) -> Callable[[F], F]:
+    """Return the option --database, which is that of the settings where it is not given; `text` says what it is for."""
+    return click.option("--database", type=PATH, callback=_database, help=text)
+
+
+DATABASE = database_option(
+    "The database the study was played in; a running server may go on writing."
+)
+STUDIES = click.option(
+    "--studies",
+    "folder",
+    type=PATH,
+    callback=_folder,
+    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
+)
+"""The option --studies, which a command is given as its `folder`."""
+
+
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a StudyError into one sentence: exit code 1 where the disk refused, 2 otherwise."""
@@ -155,13 +173,6 @@ def write_file(path: Path, content: bytes, option: str = "file", private: bool =
         raise click.ClickException(
             f"cannot write {path}: {reason(error)}; choose another {option}"
         ) from error
-
-
-def folder_of(studies: Path | None) -> Folder:
-    """Return the folder of studies: the one given, else that of the settings."""
-    from app.series.folder import Folder
-
-    return Folder(studies or settings_of().studies)
 
 
 def pins_file() -> Path:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from app.cli.extras import missing_extra
+from app.cli.commands import COMMANDS, missing_extra
 
 try:
     import click
@@ -21,57 +21,6 @@ except ModuleNotFoundError as error:  # the environment can be installed without
         raise
     print(f"marsexplorer: {sentence}", file=sys.stderr)
     sys.exit(2)
-
-COMMANDS = {
-    "serve": "Play and watch in a browser; every move is recorded.",
-    "export": "Write the recorded episodes as CSV.",
-    "replay": "Write an episode as a page in one file, a GIF or an MP4.",
-    "evaluate": "Score policies on the same terrains.",
-    "leaderboard": "Make the leaderboard's figures of the shipped policies.",
-    "train": "Train a policy on this machine.",
-    "refine": "Improve a trained policy by trying other moves.",
-    "sweep": "Train on many levels and seeds.",
-    "study": "Plan, freeze, open and close a study with participants.",
-    "simulate": "Let synthetic players take part in a study.",
-    "report": "Write a study's figures with their intervals, as a page and as JSON.",
-    "regret": "Show where the players of a study lose moves.",
-    "policies": "List policies, show their cards, share them on the Hugging Face hub.",
-    "verify": "Simulate every recorded episode again and compare.",
-    "release": "Write a study as a citable, signed bundle.",
-    "reproduce": "Derive a bundle's figures again and compare.",
-    "import": "Write the episodes of a released bundle into a database.",
-    "merge": "Join the databases of several servers.",
-    "forget": "Erase a participant from a database.",
-    "backup": "Copy the database into one verified file while people play.",
-    "restore": "Put a backup in the place of the database.",
-    "operator": "Let operators log in at /admin by name.",
-}
-"""Name -> its line in `marsexplorer --help`. The command NAME is the object NAME, with "_" for "-", of its module; `import`,
-which Python keeps for itself, is `import_release`."""
-
-_MODULES = {
-    "export": "database",
-    "verify": "database",
-    "merge": "database",
-    "forget": "database",
-    "backup": "database",
-    "restore": "database",
-    "operator": "database",
-    "evaluate": "training.evaluate",
-    "leaderboard": "training.leaderboard",
-    "train": "training.train",
-    "refine": "training.refine",
-    "sweep": "training.sweep",
-    "policies": "training.policies",
-    "study": "study.study",
-    "simulate": "study.simulate",
-    "report": "study.report",
-    "regret": "study.regret",
-    "release": "bundles",
-    "reproduce": "bundles",
-    "import": "bundles",
-}
-"""Command -> its module below app.cli. One that is not here is app.cli.NAME."""
 
 
 class Commands(click.Group):
@@ -87,9 +36,8 @@ class Commands(click.Group):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module = _MODULES.get(cmd_name, cmd_name.replace("-", "_"))
-        name = "import_release" if cmd_name == "import" else cmd_name.replace("-", "_")
-        command = getattr(import_module(f"app.cli.{module}"), name)
+        module = import_module(f"app.cli.{COMMANDS[cmd_name][0]}")
+        command = getattr(module, "import_release" if cmd_name == "import" else cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -97,12 +45,13 @@ class Commands(click.Group):
         """Write the list of commands without importing any."""
         del ctx
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, line) for name, (_, _, line) in COMMANDS.items()])
 
 
-@click.group(
-    cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
-)
+SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+@click.group(cls=Commands, context_settings=SETTINGS)
 @click.version_option(package_name="marsexplorer-playground", prog_name="marsexplorer")
 def cli() -> None:
     """Drive the MarsExplorer rover in a browser, watch policies, record every episode, and compare.

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click import argument, option
 
-from app.cli.console import PATH, progress, reason, settings_of
+from app.cli.console import PATH, database_option, progress, write_file
 
 if TYPE_CHECKING:
     from app.task import Course
@@ -18,28 +19,24 @@ NO_GHOST = "none"
 
 
 @click.command(short_help="Write an episode as a page in one file, a GIF or an MP4.")
-@click.argument("episode")
-@click.option(
+@argument("episode")
+@option(
     "--out",
     type=PATH,
     required=True,
     metavar="FILE",
     help="FILE.html, .gif, .mp4 or .png: the ending decides.",
 )
-@click.option(
-    "--database", type=PATH, help="The database to read; a running server may go on writing."
-)
-@click.option(
+@database_option("The database to read; a running server may go on writing.")
+@option(
     "--ghost", metavar="POLICY", help='A policy on the same terrain, or "none".  [default: ppo]'
 )
-@click.option(
+@option(
     "--speed",
     type=click.FloatRange(0.5, 1000),
     help="Moves per second of an animation.  [default: all within 15 s]",
 )
-def replay(
-    episode: str, out: Path, database: Path | None, ghost: str | None, speed: float | None
-) -> None:
+def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: float | None) -> None:
     """Write the replay of a finished EPISODE, by its id or the beginning of it.
 
     The id is the last part of a replay's address; `marsexplorer export` lists them. A page of one file shows everything that
@@ -54,24 +51,18 @@ def replay(
     """
     from app.task import GhostError
     from app.web.replays.files import VideoMissingError, file_of
-    from marsexplorer.files import write_whole
 
     form = _format_of(out)
-    shown = _find(database or settings_of().database, episode)
+    shown = _find(database, episode)
     try:
         courses = _courses(shown, ghost)
         with progress("drawing") as advance:
             content = file_of(form, shown.id, courses, speed, advance)
-        with write_whole(out) as file:
-            file.write(content)
     except (GhostError, VideoMissingError) as error:
         raise click.UsageError(str(error)) from error
-    except OSError as error:
-        raise click.ClickException(
-            f"cannot write {out}: {reason(error)}; choose another --out"
-        ) from error
     except ValueError as error:
         raise click.ClickException(str(error)) from error
+    write_file(out, content, "--out")
     others = f", with {courses[1].name}" if len(courses) > 1 else ""
     click.echo(
         f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {len(content):,} bytes"

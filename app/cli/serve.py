@@ -6,112 +6,107 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click import argument, option
 
 from app.cli.console import PATH, check_more, settings_of, task_name
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
-@click.option(
+@option(
     "--host", help="Address to listen on; 0.0.0.0 lets other machines in.  [default: 127.0.0.1]"
 )
-@click.option(
+@option(
     "--port",
     type=click.IntRange(0, 65535),
     help="Port to listen on; 0 takes a free one.  [default: 8000]",
 )
-@click.option(
+@option(
     "--database",
     type=PATH,
     help="SQLite file to record in; made when absent.  [default: see below]",
 )
-@click.option(
+@option(
     "--task",
     metavar="ID",
     help="Play another environment, like FrozenLake-v1.  [default: MarsExplorer]",
 )
-@click.option(
+@option(
     "--studies",
     type=PATH,
     help="Folder of studies to offer.  [default: studies, beside the default database]",
 )
-@click.option(
+@option(
     "--policy",
     "policies",
     type=PATH,
     multiple=True,
     help="A trained policy's file to offer; repeatable.",
 )
-@click.option(
-    "--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well."
-)
-@click.option(
+@option("--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well.")
+@option(
     "--map",
     "maps",
     type=PATH,
     multiple=True,
     help="A map_server file (YAML) to play on; repeatable.",
 )
-@click.option(
-    "--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]"
-)
-@click.option(
+@option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@option(
     "--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example."
 )
-@click.option(
+@option(
     "--trusted-proxy",
     "trusted_proxies",
     multiple=True,
     metavar="ADDRESS",
     help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
-@click.option(
+@option(
     "--durable",
     is_flag=True,
     default=None,
     help="Survive a power cut, at some milliseconds a move.",
 )
-@click.option(
+@option(
     "--accept-loss",
     is_flag=True,
     default=None,
     help="Start although the log of a killed server is gone.",
 )
-@click.option(
+@option(
     "--backup-every",
     type=float,
     metavar="MINUTES",
     help="Make a verified backup every so many minutes.",
 )
-@click.option(
+@option(
     "--backup-to",
     type=PATH,
     metavar="DIR",
     help="Keep them there.  [default: backups, beside the database]",
 )
-@click.option(
-    "--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]"
-)
-@click.option(
+@option("--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]")
+@option(
     "--admin",
     is_flag=True,
     default=None,
     help="Open the operator's page /admin; its password is printed.",
 )
-@click.option(
+@option(
     "--metrics-port",
     type=click.IntRange(0, 65535),
     help="Serve metrics to Prometheus on this port too; 0: a free one.",
 )
-@click.option(
+@option(
     "--metrics-host",
     help="Address for the metrics; only this machine reaches the default.  [default: 127.0.0.1]",
 )
-@click.option(
+@option(
     "--log-format",
     type=click.Choice(["text", "json"]),
     help="json: each request too, an object a line on stderr.",
 )
-@click.argument("more", type=PATH, nargs=-1, metavar="")
+@argument("more", type=PATH, nargs=-1, metavar="")
 def serve(
     more: tuple[Path, ...],
     policies: tuple[Path, ...],

@@ -9,7 +9,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import astuple, dataclass, replace
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from app.release.bundle import initials
 from app.release.croissant import write_croissant
 from app.release.documents import citation, licence_url, write_documents
 from app.release.errors import ReleaseError, check_libraries
-from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader, write_manifest
+from app.release.manifest import BUNDLE_DATABASE, COUNTED_TABLES, ReleaseHeader, write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.tables import QUERIES, released_episodes, write_tables
@@ -39,17 +38,17 @@ from app.report.moves.regret import (
     regret_rows,
     study_estimator,
 )
+from app.report.statistics.formatting import utc
 from app.series.data import StudyData, load
+from app.series.files import now_ms
 from app.series.folder import Advance, Folder
 from app.series.invitations import Invitation, Invitations
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.series.policy_files import FOLDER, PolicyFiles
 from app.series.protocol import Protocol, StudyError, parse_protocol
 from app.series.verification import verify_moment
-from app.task import Configuration, Rules
 from marsexplorer.files import replace_whole
 
-COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 FORGOTTEN_REASON = "a participant asked to be forgotten"
 
 
@@ -81,13 +80,12 @@ def request_of(
     study: str,
     out: Path,
     database: Path,
-    studies: Path,
+    folder: Folder,
     authors: tuple[str, ...] = (),
     url: str | None = None,
     without_policies: tuple[str, ...] = (),
 ) -> ReleaseRequest:
     """Return what releases a study with its report, from a database and the folder of studies; StudyError as `Folder`."""
-    folder = Folder(studies)
     return ReleaseRequest(
         database=database,
         study=study,
@@ -112,9 +110,7 @@ class WrittenRelease:
 
 
 def build_release(
-    request: ReleaseRequest,
-    advance: Advance = lambda done, total: None,
-    bar: ProgressBar = no_bar,
+    request: ReleaseRequest, advance: Advance = lambda done, total: None, bar: ProgressBar = no_bar
 ) -> WrittenRelease:
     """Verify a study and write its release to `request.out`.
 
@@ -129,27 +125,21 @@ def build_release(
         raise ReleaseError(
             f"{request.out} is there already: a release is written into a new folder; choose another --out"
         )
-    with reading(
-        request.database
-    ) as source:  # it sees one moment, whatever a server writes meanwhile
+    with reading(request.database) as source:  # one moment, whatever a server writes meanwhile
         header, closed = _new_header(source, request)
         total = 2 * _count_episodes(source, request.study)
         _verify_study(source, request, advance, total)
         with _whole_folder(request.out) as folder:
             key = secrets.token_bytes(32)
-            left = write_pseudonymized(
-                source, request.study, folder / BUNDLE_DATABASE, key, closed, header.arrivals
-            )
-            out = {"open_episodes": left.open_episodes, "without_consent": left.without_consent}
-            given = replace(header, left_out=out)
-            given = _write_report(folder, given, request, bar)
-            written = _write_files(folder, given, lambda done: advance(total // 2 + done, total))
+            target, arrivals = folder / BUNDLE_DATABASE, header.arrivals
+            left = write_pseudonymized(source, request.study, target, key, closed, arrivals)
+            header = _write_report(folder, replace(header, left_out=left), request, bar)
+            written = _write_files(folder, header, lambda done: advance(total // 2 + done, total))
             signing_key = signing.signing_key(request.database)
             manifest_hash = write_manifest(folder, *written, signing_key)
     _note_published(request, written[0], manifest_hash)
-    return WrittenRelease(
-        written[0], manifest_hash, signing.fingerprint(signing.public_pem(signing_key))
-    )
+    signer = signing.fingerprint(signing.public_pem(signing_key))
+    return WrittenRelease(written[0], manifest_hash, signer)
 
 
 def _write_report(
@@ -162,11 +152,8 @@ def _write_report(
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
         played = [synthetic for synthetic in REPORT_FILES if has_played(data, synthetic)]
-        names = [
-            name
-            for name in compared_policies(data.protocol)
-            if name not in request.without_policies
-        ]
+        compared, without = compared_policies(data.protocol), request.without_policies
+        names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()
         agreements: EpisodeAgreements = {}
         regrets: list[RegretRow] = []
@@ -200,12 +187,10 @@ def _new_header(
 ) -> tuple[ReleaseHeader, tuple[int | None, str | None]]:
     found = rows(conn, "SELECT * FROM series WHERE name = ?", request.study)
     if not found:
-        known = (
-            ", ".join(row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name"))
-            or "none"
-        )
+        names = [row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name")]
+        known = f"studies in it: {', '.join(names) or 'none'}"
         raise ReleaseError(
-            f"nobody has joined a study {request.study!r} in {request.database}; studies in it: {known}"
+            f"nobody has joined a study {request.study!r} in {request.database}; {known}"
         )
     row = found[0]
     closed = (row["closed_ms"], row["secret"])
@@ -218,7 +203,6 @@ def _new_header(
             f"`marsexplorer study close {request.study}`"
         )
     last = latest_release(conn, request.study)
-    now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     entries, head = chain.head(conn)
     return ReleaseHeader(
         study=request.study,
@@ -227,7 +211,7 @@ def _new_header(
         commitment=row["commitment"],
         secret=closed[1],
         version=last["version"] + 1 if last else 1,
-        released=now,
+        released=utc(now_ms()),
         software_version=version("marsexplorer-playground"),
         supersedes=_superseded(last) if last else None,
         authors=request.authors or (f"The operators of the study {request.study}",),
@@ -279,30 +263,22 @@ def _write_files(
     """Write everything but the manifest; return the header with its counts, and the rows by file."""
     (folder / QUERIES.name).write_bytes(QUERIES.read_bytes())
     (folder / "minari").mkdir()
-    minari = MinariWriter(
-        folder / "minari", header.study, header.version, header.title, header.protocol.data_licence
-    )
+    minari = MinariWriter(folder / "minari", header)
     outcomes = Counter[str]()
     with reading(folder / BUNDLE_DATABASE) as conn:
         for done, (row, episode) in enumerate(released_episodes(conn), 1):
             minari.add(row, episode)
             outcomes[row["outcome"]] += 1
             advance(done)
-        counts = {
-            table: int(conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
-            for table in COUNTED_TABLES
-        }
+        count = "SELECT count(*) FROM"
+        counts = {each: conn.execute(f"{count} {each}").fetchone()[0] for each in COUNTED_TABLES}
         written = write_tables(folder, conn)
         people = _counted_people(conn)
     minari.close()
     header = replace(header, rows=counts, outcomes=dict(outcomes), **people)
-    named = {
-        dataset_id(header.study, driver, header.version): count
-        for driver, count in minari.episodes.items()
-    }
+    named = {dataset_id(header, driver): count for driver, count in minari.episodes.items()}
     write_documents(folder, header, named, minari.without_moves)
-    licence = header.protocol.data_licence
-    write_croissant(folder, header, citation(header), licence_url(licence))
+    write_croissant(folder, header, citation(header), licence_url(header.protocol.data_licence))
     files = {f"minari/{name}/data/main_data.hdf5": count for name, count in named.items()}
     return header, {**written, **files, BUNDLE_DATABASE: sum(counts.values())}
 
@@ -315,46 +291,28 @@ def _write_derived(
     agreements: EpisodeAgreements,
 ) -> None:
     """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
-    places = {
-        name: place for place, name in enumerate(dict.fromkeys(each.policy for each in episodes))
+    names = list(dict.fromkeys(each.policy for each in episodes))
+    ended = [trial for trial in data.trials if trial.ended_ms is not None]
+    derived: dict[str, Iterable[tuple[Any, ...]]] = {
+        "input_summaries": [
+            (each.id, json.dumps(list(each.labels)), each.pause_share) for each in ended
+        ],
+        "policy_episodes": [
+            (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
+        ],
+        "move_regrets": map(astuple, regrets),
+        "move_agreements": [(*key, each.moves, each.agreed) for key, each in agreements.items()],
     }
-    found = [
-        (places[each.policy], *_policy_row(each, data.protocol.rules, data.protocol.env_config))
-        for each in episodes
-    ]
-    conn = sqlite3.connect(database, isolation_level=None)
-    try:
-        with transaction(conn):
-            for table in TABLES.values():
-                for statement in table.statements("bundle database"):
-                    conn.execute(statement)
-            _add(
-                conn,
-                "input_summaries",
-                (
-                    (trial.id, json.dumps(list(trial.labels)), trial.pause_share)
-                    for trial in data.trials
-                    if trial.ended_ms is not None
-                ),
-            )
-            _add(conn, "policy_episodes", found)
-            _add(conn, "move_regrets", map(astuple, regrets))
-            _add(
-                conn,
-                "move_agreements",
-                ((*key, each.moves, each.agreed) for key, each in agreements.items()),
-            )
-    finally:
-        conn.close()
+    with closing(sqlite3.connect(database, isolation_level=None)) as conn, transaction(conn):
+        for table in TABLES.values():
+            for statement in table.statements("bundle database"):
+                conn.execute(statement)
+        for name, found in derived.items():
+            conn.executemany(TABLES[name].insert("bundle database"), found)
 
 
-def _add(conn: sqlite3.Connection, table: str, found: Iterable[tuple[Any, ...]]) -> None:
-    conn.executemany(TABLES[table].insert("bundle database"), found)
-
-
-def _policy_row(
-    each: PolicyEpisode, rules: Rules, config: Configuration
-) -> tuple[str | int | float | None, ...]:
+def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:
+    rules, config = protocol.rules, protocol.env_config
     episode, letters = each.replay(rules, config).record(), initials(rules)
     return (
         each.policy,
@@ -375,23 +333,15 @@ def _counted_people(conn: sqlite3.Connection) -> dict[str, Any]:
     levels = """SELECT coalesce(e.attestation, '') AS level, count(*) AS n FROM episodes e
         JOIN series_episodes s ON s.episode_id = e.id JOIN participants p ON p.id = s.participant_id
         WHERE s.phase = 'ranked' AND p.kind = 'human' GROUP BY 1"""
-    (times,) = rows(
-        conn,
-        "SELECT (SELECT frozen_ms FROM series) AS frozen, (SELECT min(joined_ms) FROM participants) AS came",
-    )
-    (left,) = rows(
-        conn, "SELECT count(*) AS n FROM participants WHERE kind = 'human' AND stage = 'withdrawn'"
-    )
+    sql = """SELECT (SELECT frozen_ms FROM series) AS frozen, (SELECT min(joined_ms) FROM participants) AS came,
+        (SELECT count(*) FROM participants WHERE kind = 'human' AND stage = 'withdrawn') AS withdrawn"""
+    (found,) = rows(conn, sql)
     return {
         "attestation": {row["level"]: row["n"] for row in rows(conn, levels)},
-        "withdrawn": left["n"],
-        "frozen_at": _iso(times["frozen"]),
-        "first_came_at": "" if times["came"] is None else _iso(times["came"]),
+        "withdrawn": found["withdrawn"],
+        "frozen_at": utc(found["frozen"]),
+        "first_came_at": "" if found["came"] is None else utc(found["came"]),
     }
-
-
-def _iso(ms: int) -> str:
-    return datetime.fromtimestamp(ms // 1000, UTC).isoformat().replace("+00:00", "Z")
 
 
 @contextmanager
@@ -401,21 +351,18 @@ def _whole_folder(out: Path) -> Iterator[Path]:
         with replace_whole(out) as unfinished:
             unfinished.mkdir(parents=True)
             yield unfinished
-    except OSError as error:
-        raise ReleaseError(
-            f"cannot write {out}: {(error.strerror or str(error)).lower()}; choose another --out"
-        ) from error
-    except sqlite3.Error as error:
-        raise ReleaseError(f"cannot write {out}: {error}; choose another --out") from error
+    except (OSError, sqlite3.Error) as error:
+        why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else error
+        raise ReleaseError(f"cannot write {out}: {why}; choose another --out") from error
 
 
 def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
     """Keep the release in the database, so that the next one knows its number; a server may be running."""
+    row = ReleaseRow(header.study, header.version, manifest_hash, now_ms())
     conn = sqlite3.connect(request.database, timeout=BUSY_MS / 1000, isolation_level=None)
     try:
-        now = int(datetime.now(UTC).timestamp() * 1000)
         with transaction(conn):
-            note_release(conn, ReleaseRow(header.study, header.version, manifest_hash, now))
+            note_release(conn, row)
     except sqlite3.Error as error:
         raise StoreError(
             f"{request.out} is written, but {request.database} did not take note of it ({error}): the next release will have "

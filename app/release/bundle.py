@@ -57,9 +57,8 @@ class Bundle:
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
         recorded = {**played, POLICY: self.regret_policy_hash}
         known = {name: digest for name, digest in recorded.items() if digest}
-        files = replace(
-            data.policy_files, hashes={**data.policy_files.hashes, **known}, folder=folder / FOLDER
-        )
+        hashes = {**data.policy_files.hashes, **known}
+        files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)
         self.data = replace(data, policy_files=files)
 
     def __enter__(self) -> Self:
@@ -90,14 +89,11 @@ class Bundle:
 
     def agreements(self) -> dict[tuple[str, str], Any]:
         """Return the recorded agreements of moves by (episode id, policy)."""
-        found, players = (
-            self.reader.query("SELECT * FROM move_agreements"),
-            self.data.protocol.rules.players,
-        )
+        if (players := self.data.protocol.rules.players) is None:
+            return {}
         return {
             (row["episode_id"], row["policy"]): players.Agreement(row["moves"], row["agreed"])
-            for row in found
-            if players is not None
+            for row in self.reader.query("SELECT * FROM move_agreements")
         }
 
     def regrets(self) -> tuple[RegretRow, ...]:
@@ -130,9 +126,8 @@ def verify_bundle(
     except StoreError as error:
         findings.append(Finding(f"file {BUNDLE_DATABASE}", "it", "unreadable", str(error)))
         verified = Verification(0, 0, 0, (), 0.0)
-    return VerifiedBundle(
-        manifest, manifest_hash, replace(verified, findings=(*findings, *verified.findings))
-    )
+    verified = replace(verified, findings=(*findings, *verified.findings))
+    return VerifiedBundle(manifest, manifest_hash, verified)
 
 
 def import_release(
@@ -167,10 +162,8 @@ def import_release(
         ):
             counts = merge_rows(conn, source, str(folder))
             learn_counts(conn, source)
-            release = ReleaseRow(
-                manifest["study"], manifest["version"], checked.manifest_hash, released_ms
-            )
-            note_imported_release(conn, release)
+            about = manifest["study"], manifest["version"], checked.manifest_hash, released_ms
+            note_imported_release(conn, ReleaseRow(*about))
         return counts
     finally:
         lock.close()

@@ -39,6 +39,7 @@ def croissant(
     folder: Path, header: ReleaseHeader, citation: str, licence_url: str
 ) -> dict[str, Any]:
     """Return the metadata of a release whose tables lie in `folder`; ReleaseError when mlcroissant finds them not valid."""
+    formats = ENCODING_FORMATS.items()
     with _mlcroissant() as mlc:
         build = _Builder(mlc, folder)
         metadata = mlc.Metadata(
@@ -50,25 +51,17 @@ def croissant(
             url=header.url,
             version=f"{header.version}.0.0",
             date_published=header.released,
-            creators=[
-                mlc.Organization(ctx=build.context, name=author) for author in header.authors
-            ],
+            creators=[mlc.Organization(ctx=build.context, name=name) for name in header.authors],
             keywords=["reinforcement learning", "human baseline", "exploration", "MarsExplorer"],
-            distribution=[
-                build.file(name, encoding) for name, encoding in ENCODING_FORMATS.items()
-            ],
+            distribution=[build.file(name, encoding) for name, encoding in formats],
             record_sets=[
                 *(build.record_set(name, f"parquet/{name}.parquet") for name in PARQUET),
                 build.record_set("scores", "csv/scores.csv"),
             ],
         )
         found: dict[str, Any] = metadata.to_json()
-    creators = found["creator"]
-    return {
-        **found,
-        "creator": creators if isinstance(creators, list) else [creators],
-        "isLiveDataset": False,
-    }
+    creators = found["creator"] if isinstance(found["creator"], list) else [found["creator"]]
+    return {**found, "creator": creators, "isLiveDataset": False}
 
 
 def write_croissant(folder: Path, header: ReleaseHeader, citation: str, licence_url: str) -> None:
@@ -84,9 +77,8 @@ def _mlcroissant() -> Iterator[Any]:
     mlc = library("mlcroissant")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", DeprecationWarning
-            )  # rdflib's, about how mlcroissant calls it
+            # rdflib's, about how mlcroissant calls it
+            warnings.simplefilter("ignore", DeprecationWarning)
             yield mlc
     except mlc.ValidationError as error:
         raise ReleaseError(f"the Croissant metadata is not valid: {error}") from error
@@ -99,13 +91,8 @@ class _Builder:
         self._mlc, self._folder = mlc, folder
         rdf = mlc.Rdf(context={**mlc.Rdf().context, **TERMS_OF_1_1})
         self.context = mlc.Context(conforms_to="http://mlcommons.org/croissant/1.1", rdf=rdf)
-        types = mlc.DataType
-        self._types = {
-            "text": types.TEXT,
-            "integer": types.INTEGER,
-            "real": types.FLOAT,
-            "boolean": types.BOOL,
-        }
+        of = mlc.DataType
+        self._types = {"text": of.TEXT, "integer": of.INTEGER, "real": of.FLOAT, "boolean": of.BOOL}
 
     def file(self, name: str, encoding: str) -> Any:
         """Return the FileObject of a file, by its size and SHA-256."""
@@ -123,15 +110,13 @@ class _Builder:
     def record_set(self, table: str, file: str) -> Any:
         """Return the RecordSet of a table that is read from a file."""
         made_from, columns = bundle_table(table)
-        fields = [self._field(table, file, column) for column in columns]
-        key = [f"{table}/{name}" for name in made_from.keys]
         return self._mlc.RecordSet(
             ctx=self.context,
             id=table,
             name=table,
             description=summary(table),
-            fields=fields,
-            key=key,
+            fields=[self._field(table, file, column) for column in columns],
+            key=[f"{table}/{name}" for name in made_from.keys],
         )
 
     def _field(self, table: str, file: str, column: Column) -> Any:

@@ -12,10 +12,11 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 
 from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary, markdown, summary
 from app.release.manifest import BUNDLE_DATABASE, ReleaseHeader
+from app.report.statistics.formatting import templates
 from app.series.protocol import canonical
 
 LICENCES = {
@@ -42,14 +43,12 @@ LICENCES = {
 
 def licence_url(licence: str) -> str:
     """Return where a licence can be read; its SPDX page for one that is not in the list."""
-    return (
-        LICENCES[licence][1] if licence in LICENCES else f"https://spdx.org/licenses/{licence}.html"
-    )
+    return LICENCES.get(licence, ("", f"https://spdx.org/licenses/{licence}.html"))[1]
 
 
 def licence_title(licence: str) -> str:
     """Return a licence's title; its identifier for one that is not in the list."""
-    return LICENCES[licence][0] if licence in LICENCES else licence
+    return LICENCES.get(licence, (licence, ""))[0]
 
 
 def citation(header: ReleaseHeader) -> str:
@@ -69,9 +68,8 @@ def write_documents(
     """
     _write_json(folder / "columns.json", dictionary())
     _write_json(folder / "protocol.json", json.loads(canonical(header.protocol)))
-    for name, text in documents(
-        header, minari, without_moves, (folder / "report.json").exists()
-    ).items():
+    has_report = (folder / "report.json").exists()
+    for name, text in documents(header, minari, without_moves, has_report).items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -90,7 +88,7 @@ def documents(
         "database": BUNDLE_DATABASE,
         "has_report": has_report,
         "tables": {
-            name: (summary(name), markdown(bundle_table(name)[1])) for name in BUNDLE_TABLES
+            each: (summary(each), markdown(bundle_table(each)[1])) for each in BUNDLE_TABLES
         },
     }
     names = ("DATASHEET.md", "CITATION.cff", "LICENSE")
@@ -99,15 +97,7 @@ def documents(
 
 @cache
 def _environment() -> Environment:
-    """Return the environment of the templates; what a template names and nobody gives is an error."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=False,  # no HTML comes from these templates
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = templates(Path(__file__).parent / "templates", is_html=False)
     environment.filters["json"] = partial(json.dumps, ensure_ascii=False)
     environment.filters["ascii_json"] = json.dumps
     return environment

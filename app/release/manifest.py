@@ -21,6 +21,7 @@ RELEASE_FORMAT = "marsexplorer-release-1"
 BUNDLE_DATABASE = "study.sqlite"
 MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
 UNLISTED = {MANIFEST, SIGNATURE}
+COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ class ReleaseHeader:
     def summary(self) -> str:
         """Return what the dataset is, in a few sentences."""
         config = self.protocol.env_config
-        counted = ", ".join(
-            f"{self.rows.get(name, 0)} {words}" for name, words in _COUNTED_IN_SUMMARY
+        counts = {name: self.rows.get(name, 0) for name in COUNTED_TABLES}
+        counted = "{participants} participants, {episodes} episodes, {steps} moves, {input_events} input events".format_map(
+            counts
         )
         where = self.protocol.rules.where(config)
         return (
@@ -85,29 +87,21 @@ class ReleaseHeader:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the header as the manifest holds it."""
-        own = ("study", "title", "version", "released", "software_version")
-        also = ("protocol_hash", "commitment", "secret")
-        rest = ("supersedes", "rows", "left_out", "chain_head", "chain_entries")
+        names = (
+            *("study", "title", "version", "released", "software_version", "core_version"),
+            *("protocol_hash", "commitment", "secret", "data_licence", "authors", "supersedes"),
+            *("rows", "left_out", "chain_head", "chain_entries", "without_policies"),
+        )
+        own = {
+            "core_version": self.protocol.core_version,
+            "data_licence": self.protocol.data_licence,
+        }
         return {
             "format": RELEASE_FORMAT,
-            **{name: getattr(self, name) for name in own},
-            "core_version": self.protocol.core_version,
-            **{name: getattr(self, name) for name in also},
-            "data_licence": self.protocol.data_licence,
-            "authors": list(self.authors),
-            **{name: getattr(self, name) for name in rest},
-            "without_policies": list(self.without_policies),
+            **{name: own[name] if name in own else getattr(self, name) for name in names},
             "regret_policy_hash": self.regret_policy_hash or None,
             "arrivals": asdict(self.arrivals),
         }
-
-
-_COUNTED_IN_SUMMARY = (
-    ("participants", "participants"),
-    ("episodes", "episodes"),
-    ("steps", "moves"),
-    ("input_events", "input events"),
-)
 
 
 def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int], key: Any) -> str:
@@ -125,11 +119,8 @@ def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int],
         for name in listing(folder)
         if name not in UNLISTED
     }
-    content = {
-        **header.to_dict(),
-        "signer": signing.fingerprint((folder / PUBLIC_KEY).read_bytes()),
-        "files": files,
-    }
+    signer = signing.fingerprint((folder / PUBLIC_KEY).read_bytes())
+    content = {**header.to_dict(), "signer": signer, "files": files}
     data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
     (folder / MANIFEST).write_bytes(data)
     (folder / SIGNATURE).write_bytes(key.sign(data))
@@ -146,15 +137,10 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
             f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote"
         ) from error
     except ValueError as error:
-        raise ReleaseError(
-            f"{folder / MANIFEST} is damaged: {error}; get the release again"
-        ) from error
-    if (
-        not isinstance(manifest, dict)
-        or manifest.get("format") != RELEASE_FORMAT
-        or not isinstance(manifest.get("files"), dict)
-    ):
-        found = manifest.get("format") if isinstance(manifest, dict) else None
+        damaged = f"{folder / MANIFEST} is damaged: {error}; get the release again"
+        raise ReleaseError(damaged) from error
+    found = manifest.get("format") if isinstance(manifest, dict) else None
+    if found != RELEASE_FORMAT or not isinstance(manifest.get("files"), dict):
         raise ReleaseError(
             f"{folder / MANIFEST} has format {found!r}, this version reads {RELEASE_FORMAT!r}: update the software"
         )
@@ -172,15 +158,13 @@ def check_files(
         pem = (folder / PUBLIC_KEY).read_bytes()
         signature = (folder / SIGNATURE).read_bytes()
     except OSError as error:
-        yield Finding(
-            f"file {Path(str(error.filename)).name}", "it", "missing", "a file of every release"
-        )
+        name = Path(str(error.filename)).name
+        yield Finding(f"file {name}", "it", "missing", "a file of every release")
         return
     found = signing.fingerprint(pem)
     if not signing.is_signed(pem, signature, (folder / MANIFEST).read_bytes()):
-        yield Finding(
-            f"file {MANIFEST}", "its signature", "invalid", f"a signature of the key {found}"
-        )
+        key = f"a signature of the key {found}"
+        yield Finding(f"file {MANIFEST}", "its signature", "invalid", key)
     for expected in (manifest.get("signer"), signer):
         if expected is not None and expected != found:
             yield Finding(f"file {PUBLIC_KEY}", "the signing key", found, expected)
@@ -196,9 +180,8 @@ def check_files(
 
 def listing(folder: Path) -> list[str]:
     """Return the files below a folder by their path in it, in order."""
-    return sorted(
-        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
-    )
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def sha256(path: Path) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from app.release.errors import library
+from app.release.manifest import ReleaseHeader
 from app.release.tables import TableRow
 from app.task import Configuration, Record, Run, rules_of
 
@@ -26,19 +27,18 @@ _METADATA = (
 )  # fmt: skip
 
 
-def dataset_id(study: str, driver: str, version: int) -> str:
+def dataset_id(header: ReleaseHeader, driver: str) -> str:
     """Return the name `minari.load_dataset` takes."""
-    return f"marsexplorer/{study}/{driver}-v{version}"
+    return f"marsexplorer/{header.study}/{driver}-v{header.version}"
 
 
 class MinariWriter:
     """The datasets of a release, one episode after another; call `close` at the end."""
 
-    def __init__(self, root: Path, study: str, version: int, title: str, licence: str) -> None:
+    def __init__(self, root: Path, header: ReleaseHeader) -> None:
         self._minari = library("minari")
         library("h5py")
-        self._root, self._study, self._version = root, study, version
-        self._about = f"{title} Data licence: {licence}. Its environment comes with: pip install marsexplorer-playground"
+        self._root, self._header = root, header
         self._waiting: dict[str, list[tuple[TableRow, Run]]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
@@ -68,9 +68,8 @@ class MinariWriter:
         if driver in self._made:
             self._made[driver].update_episodes(buffers)
         else:
-            self._made[driver] = self._create(
-                driver, waiting[0][0]["task"], waiting[0][1].record().config, buffers
-            )
+            row, run = waiting[0]
+            self._made[driver] = self._create(driver, row["task"], run.record().config, buffers)
         numbers = range(first, first + len(waiting))
         self._made[driver].update_episode_metadata([_metadata(row) for row, _ in waiting], numbers)
         self.episodes[driver] = first + len(waiting)
@@ -79,14 +78,16 @@ class MinariWriter:
     def _create(self, driver: str, task: str, config: Configuration, buffers: list[Any]) -> Any:
         rules = rules_of(task)
         low, high = rules.returns(config) or (None, None)
+        licence = self._header.protocol.data_licence
+        comes_with = "Its environment comes with: pip install marsexplorer-playground"
         with _datasets_in(self._root):
             return self._minari.create_dataset_from_buffers(
-                dataset_id=dataset_id(self._study, driver, self._version),
+                dataset_id=dataset_id(self._header, driver),
                 buffer=buffers,
                 env=rules.environment(config),
                 algorithm_name=driver,
                 author="the study's participants, under pseudonyms",
-                description=self._about,
+                description=f"{self._header.title} Data licence: {licence}. {comes_with}",
                 requirements=["marsexplorer-playground"],
                 ref_min_score=low,
                 ref_max_score=high,

@@ -11,7 +11,7 @@ import hmac
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +42,6 @@ _SELECTS = {
 }
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """What a release does not hold: unfinished episodes, and people who did not consent."""
-
-    open_episodes: int
-    without_consent: int
-
-
 class Pseudonyms:
     """Pseudonyms made with one release's key; without the key nobody can find the id of a pseudonym."""
 
@@ -70,12 +62,8 @@ class Pseudonyms:
         """Return the pseudonym of an id that stands nowhere else, so that no text is looked through for it; None for none."""
         if ident is None:
             return None
-        return (
-            prefix
-            + hmac.new(
-                self._key, f"{table or prefix}|{ident}".encode(), hashlib.sha256
-            ).hexdigest()[:12]
-        )
+        message = f"{table or prefix}|{ident}".encode()
+        return prefix + hmac.new(self._key, message, hashlib.sha256).hexdigest()[:12]
 
 
 def write_pseudonymized(
@@ -85,7 +73,7 @@ def write_pseudonymized(
     key: bytes,
     closed: tuple[int | None, str | None],
     arrivals: Arrivals,
-) -> LeftOut:
+) -> dict[str, int]:
     """Write the study's rows into a new database at `target`, with a chain of its own, in one file; return what was left out.
 
     source  a connection that reads one moment
@@ -99,10 +87,9 @@ def write_pseudonymized(
         with transaction(conn):
             conn.execute("PRAGMA defer_foreign_keys = ON")
             conn.execute("INSERT INTO meta VALUES (:name, :value)", _arrivals_row(study, arrivals))
-            for table, found in _rows(source, study, pseudonyms, closed):
-                conn.execute(
-                    TABLES[table].insert(), [found[name] for name in TABLES[table].names()]
-                )
+            for name, found in _rows(source, study, pseudonyms, closed):
+                table = TABLES[name]
+                conn.execute(table.insert(), [found[column] for column in table.names()])
             chain.append_all(conn, chain.things(conn))
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
@@ -117,10 +104,8 @@ def _rows(
     pseudonyms: Pseudonyms,
     closed: tuple[int | None, str | None],
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    yield from (
-        ("meta", row)
-        for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
-    )
+    for row in rows(source, "SELECT * FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%"):
+        yield "meta", row
     row = rows(source, "SELECT * FROM series WHERE name = ?", study)[0]
     yield "series", {**row, "closed_ms": closed[0], "secret": closed[1]}
     people = rows(source, _PEOPLE, study)
@@ -130,12 +115,8 @@ def _rows(
     pseudonymizer = RowPseudonymizer(pseudonyms, _identities(source, study))
     for person in people:
         invitation = pseudonyms.once("I", person["invitation"])
-        yield (
-            "participants",
-            pseudonymizer.row(
-                "participants", {**_without_traces(person), "invitation": invitation}
-            ),
-        )
+        row = {**_without_traces(person), "invitation": invitation}
+        yield "participants", pseudonymizer.row("participants", row)
     for table, sql in _SELECTS.items():
         for row in stream(source, sql, study):
             yield table, pseudonymizer.row(table, row)
@@ -155,23 +136,17 @@ def _players_and_sessions(
     played_on = f"SELECT DISTINCT session_id FROM episodes WHERE id IN ({_EPISODE_IDS})"
     used = {row["session_id"] for row in rows(source, played_on, study)}
     used |= {person["session_id"] for person in people if person["session_id"]}
-    sessions = [
-        row
-        for ident in sorted(used)
-        for row in rows(source, "SELECT * FROM sessions WHERE id = ?", ident)
-    ]
-    players = {person["player_id"] for person in people} | {
-        row[name] for row in sessions for name in ("player_id", "owner_id")
-    }
+    one = "SELECT * FROM sessions WHERE id = ?"
+    sessions = [row for ident in sorted(used) for row in rows(source, one, ident)]
+    players = {person["player_id"] for person in people}
+    players |= {row[name] for row in sessions for name in ("player_id", "owner_id")}
     for ident in sorted(players - {None}):
         for row in rows(source, "SELECT * FROM players WHERE id = ?", ident):
             yield "players", {**row, "id": pseudonyms.of("players", ident)}
     for row in sorted(sessions, key=lambda row: row["created_ms"]):
         owners = {name: pseudonyms.of("players", row[name]) for name in ("player_id", "owner_id")}
-        yield (
-            "sessions",
-            {**row, **owners, "id": pseudonyms.of("sessions", row["id"]), "rival_of": None},
-        )
+        ident = pseudonyms.of("sessions", row["id"])
+        yield "sessions", {**row, **owners, "id": ident, "rival_of": None}
 
 
 class RowPseudonymizer:
@@ -214,10 +189,12 @@ def _identities(source: sqlite3.Connection, study: str) -> dict[str, str]:
     return {value: name for name, value in source.execute(sql, [study]) if len(value) >= 5}
 
 
-def _left_out(source: sqlite3.Connection, study: str) -> LeftOut:
+def _left_out(source: sqlite3.Connection, study: str) -> dict[str, int]:
+    """Return how many unfinished episodes, and people who did not consent, a release does not hold."""
     sql = f"""SELECT (SELECT count(*) FROM series_episodes WHERE {_OF}) - (SELECT count(*) FROM ({_EPISODE_IDS})),
         (SELECT count(*) FROM participants WHERE study = ? AND consent_ms IS NULL)"""
-    return LeftOut(*source.execute(sql, (study, study, study)).fetchone())
+    found = source.execute(sql, (study, study, study)).fetchone()
+    return dict(zip(("open_episodes", "without_consent"), found, strict=True))
 
 
 def count_arrivals(
@@ -232,17 +209,13 @@ def count_arrivals(
     (counted,) = rows(conn, undecided, study)
     erased = rows(conn, "SELECT value FROM meta WHERE name LIKE ?", f"{ERASED}|{study}|%")
     noted = rows(conn, "SELECT value FROM meta WHERE name = ?", f"{ARRIVALS}|{study}")
-    found = with_noted(
-        arrivals_of(**counted, erased=[json.loads(row["value"]) for row in erased]),
-        json.loads(noted[0]["value"]) if noted else {},
-    )
+    before = json.loads(noted[0]["value"]) if noted else {}
+    kept = [json.loads(row["value"]) for row in erased]
+    found = with_noted(arrivals_of(**counted, erased=kept), before)
     if invitations is None:
         return found
-    opened = rows(
-        conn,
-        "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL",
-        study,
-    )
+    sql = "SELECT invitation FROM participants WHERE study = ? AND invitation IS NOT NULL"
+    opened = rows(conn, sql, study)
     return with_invitations(found, invitations, [row["invitation"] for row in opened])
 
 

@@ -34,7 +34,7 @@ MOVE_KEYS = ("moves", "cautions")
 """Keys of a group that cannot be derived without the policies that its moves are compared with."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
-SECTIONS = (
+SECTIONS = [
     "figures",
     "metrics",
     "comparisons",
@@ -45,7 +45,7 @@ SECTIONS = (
     "labels",
     "outcomes",
     "stages",
-)
+]
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
 
@@ -72,9 +72,8 @@ class Section:
         if not is_same:
             self.differ += 1
             if len(self.differences) < MOST_NAMED:
-                self.differences.append(
-                    f"{where}: {_shown(recorded)} in the release, {_shown(derived)} derived again"
-                )
+                both = f"{_shown(recorded)} in the release, {_shown(derived)} derived again"
+                self.differences.append(f"{where}: {both}")
 
 
 @dataclass
@@ -134,17 +133,14 @@ def reproduce(
 class _Derivation:
     """The work of one reproduction."""
 
-    def __init__(
-        self, bundle: Bundle, made: Reproduction, bar: ProgressBar, plays_again: bool
-    ) -> None:
+    def __init__(self, bundle: Bundle, made: Reproduction, bar: ProgressBar, plays_again: bool):
         self._bundle, self._made, self._bar, self._plays_again = bundle, made, bar, plays_again
         self._data, self._episodes = bundle.data, bundle.policy_episodes
         self._at_hand: dict[str, bool] = {}
 
     def run(self) -> None:
-        held = [
-            each for each in REPORT_FILES if (self._bundle.folder / REPORT_FILES[each][0]).exists()
-        ]
+        folder = self._bundle.folder
+        held = [each for each, (name, _) in REPORT_FILES.items() if (folder / name).exists()]
         if held:
             with TemporaryDirectory() as cache:
                 known = self._known_moves(Path(cache))
@@ -239,7 +235,7 @@ class _Derivation:
         """Play each policy again whose file is at hand and the same, and compare the moves."""
         recorded = {(each.policy, each.terrain): each for each in self._episodes}
         names = [
-            name for name in dict.fromkeys(name for name, _ in recorded) if self._is_at_hand(name)
+            each for each in dict.fromkeys(name for name, _ in recorded) if self._is_at_hand(each)
         ]
         if not names or self._data.protocol.core_version != self._data.protocol.rules.version:
             return
@@ -259,9 +255,8 @@ class _Derivation:
                 names.append(name)
             except PolicyError as error:
                 self._made.left_out.append(f"{name} is left out: {error}")
-        return play_compared(
-            self._data, closed_seeds(self._data) or self._data.seeds(), names, self._bar
-        )
+        seeds = closed_seeds(self._data) or self._data.seeds()
+        return play_compared(self._data, seeds, names, self._bar)
 
     def _is_at_hand(self, name: str) -> bool:
         """Return whether the policy that played is here; what is not is noted once."""
@@ -275,9 +270,8 @@ class _Derivation:
             except PolicyError as error:
                 why = str(error)
             if why is not None:
-                self._made.not_compared.append(
-                    f"{name} was not played again, its recorded moves were replayed: {why}"
-                )
+                replayed = "was not played again, its recorded moves were replayed"
+                self._made.not_compared.append(f"{name} {replayed}: {why}")
             self._at_hand[name] = why is None
         return self._at_hand[name]
 
@@ -305,9 +299,8 @@ def compare_reports(
     known = dict(_leaves(derived))
     versions = str(recorded.get("software_version")), str(derived.get("software_version"))
     for place, value in _leaves(recorded):
-        if place[0] in NOT_COMPARED or (
-            place[0] == "groups" and len(place) > 2 and place[2] in left_out
-        ):
+        is_left_out = place[0] == "groups" and len(place) > 2 and place[2] in left_out
+        if place[0] in NOT_COMPARED or is_left_out:
             continue
         again = known.get(place, _ABSENT)
         section = found.setdefault(_section(place), Section())

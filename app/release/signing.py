@@ -33,11 +33,9 @@ def signing_key(database: Path) -> Any:
     serialization, ed25519 = _libraries()
     path = key_path(database)
     if not path.exists():
-        drawn = ed25519.Ed25519PrivateKey.generate().private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.NoEncryption(),
-        )
+        form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+        key = ed25519.Ed25519PrivateKey.generate()
+        drawn = key.private_bytes(*form, serialization.NoEncryption())
         try:
             with os.fdopen(
                 os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb"
@@ -46,9 +44,8 @@ def signing_key(database: Path) -> Any:
         except FileExistsError:
             pass  # another release drew it a moment ago
         except OSError as error:
-            raise ReleaseError(
-                f"cannot write the signing key {path}: {(error.strerror or str(error)).lower()}"
-            ) from error
+            why = (error.strerror or str(error)).lower()
+            raise ReleaseError(f"cannot write the signing key {path}: {why}") from error
     try:
         return serialization.load_pem_private_key(path.read_bytes(), None)
     except (OSError, ValueError, TypeError) as error:
@@ -119,11 +116,8 @@ class SignerCheck:
             return f"signer checked: {self.fingerprint} is the key that was given"
         if self.known_by == "pin":
             return f"signer checked: {self.fingerprint} is a pinned key"
-        changed = (
-            f", and it is not {self.other}, the key that is pinned for this study"
-            if self.other
-            else ""
-        )
+        known = f", and it is not {self.other}, the key that is pinned for this study"
+        changed = known if self.other else ""
         return (
             f"signer not checked: nothing here says whose key {self.fingerprint} is{changed}; "
             "give the fingerprint that its owners published with --key"
@@ -150,11 +144,8 @@ def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> Si
     """
     found = str(manifest.get("signer"))
     pinned = read_pins(pins)
-    others = [
-        name
-        for name, about in pinned.items()
-        if about.get("protocol_hash") == manifest.get("protocol_hash")
-    ]
+    study = manifest.get("protocol_hash")
+    others = [name for name, about in pinned.items() if about.get("protocol_hash") == study]
     other = next((name for name in others if name != found), None)
     if key is not None:
         return SignerCheck(found, "key" if key == found else None, other)
@@ -166,14 +157,10 @@ def pin(pins: Path, manifest: Mapping[str, Any]) -> None:
     about = {name: manifest.get(name) for name in ("study", "authors", "protocol_hash")}
     about["pinned"] = datetime.now(UTC).isoformat(timespec="seconds")
     signers = {**read_pins(pins), str(manifest["signer"]): about}
+    content = {"format": SIGNERS_FORMAT, "signers": signers}
     pins.parent.mkdir(parents=True, exist_ok=True)
     with write_whole(pins) as file:
-        file.write(
-            json.dumps(
-                {"format": SIGNERS_FORMAT, "signers": signers}, indent=2, ensure_ascii=False
-            ).encode()
-            + b"\n"
-        )
+        file.write(json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n")
 
 
 def read_pins(pins: Path) -> dict[str, dict[str, Any]]:

@@ -52,9 +52,8 @@ def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]
     """Yield every episode of a release's database, oldest first: its row of the table of episodes, and its replay."""
     for header in select(conn, "episodes"):
         (row,) = rows(conn, "SELECT * FROM episodes WHERE id = ?", header["episode"])
-        steps = rows(
-            conn, "SELECT * FROM steps WHERE episode_id = ? ORDER BY step", header["episode"]
-        )
+        of_episode = "SELECT * FROM steps WHERE episode_id = ? ORDER BY step"
+        steps = rows(conn, of_episode, header["episode"])
         trial = Trial.of(row)
         yield header, trial.rules.replay_record(trial.record(steps))
 
@@ -70,10 +69,8 @@ def write_tables(folder: Path, conn: sqlite3.Connection) -> dict[str, int]:
     for table in BUNDLE_TABLES:
         names = [f"csv/{table}.csv", *([f"parquet/{table}.parquet"] if table in PARQUET else [])]
         with ExitStack() as stack:
-            writers = [
-                stack.enter_context(_WRITERS[Path(name).suffix](folder / name, table))
-                for name in names
-            ]
+            opened = [_WRITERS[Path(name).suffix](folder / name, table) for name in names]
+            writers = [stack.enter_context(each) for each in opened]
             count, selected = 0, select(conn, table)
             while group := list(islice(selected, ROWS_PER_GROUP)):
                 count += len(group)
@@ -97,12 +94,8 @@ def _csv(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
 @contextmanager
 def _parquet(path: Path, table: str) -> Iterator[Callable[[list[TableRow]], None]]:
     pa, pq = library("pyarrow"), library("pyarrow.parquet")
-    kinds = {
-        "text": pa.string(),
-        "integer": pa.int64(),
-        "real": pa.float64(),
-        "boolean": pa.bool_(),
-    }
+    text, integer, real, boolean = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+    kinds = {"text": text, "integer": integer, "real": real, "boolean": boolean}
     schema = pa.schema(
         pa.field(each.name, kinds[each.exported_type], each.optional, {"description": each.meaning})
         for each in bundle_table(table)[1]

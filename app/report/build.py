@@ -7,15 +7,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.db.trial import Trial
 from app.report.cautions import cautions, deviations, study_deviations
-from app.report.checklist import Facts, checklist
+from app.report.checklist import checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis
 from app.report.statistics.attestation_summary import attestation_summary
@@ -34,6 +31,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
+from app.report.statistics.formatting import utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
 from app.report.statistics.mixed_model import fit_mixed_model
@@ -72,48 +70,38 @@ def build(
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
-    groups = tuple(
-        _with_moves(
-            data,
-            cohort,
-            _group(data, cohort, runs, (pictures or {}).get(cohort.name, {})),
-            moves or {},
-        )
-        for cohort in cohorts
-    )
+    groups = []
+    for cohort in cohorts:
+        group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
+        groups.append(_with_moves(data, cohort, group, moves or {}))
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
         synthetic=synthetic,
         status="open" if data.closed_ms is None else "closed",
-        made_at=_iso(time.time_ns() // 1_000_000),
+        made_at=utc(time.time_ns() // 1_000_000),
         software_version=version("marsexplorer-playground"),
         core_version=data.protocol.rules.version,
         protocol_hash=data.protocol_hash,
         commitment=data.commitment,
-        frozen_at=_iso(data.frozen_ms),
-        closed_at=None if data.closed_ms is None else _iso(data.closed_ms),
+        frozen_at=utc(data.frozen_ms),
+        closed_at=None if data.closed_ms is None else utc(data.closed_ms),
         protocol=data.protocol.model_dump(mode="json"),
         estimand=ESTIMAND,
         rule=HEADLINE_RULE,
         sentence=_sentence(data, groups, synthetic),
-        groups=groups,
+        groups=tuple(groups),
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
         scripts=_script_counts(data),
-        checklist=() if synthetic else checklist(_facts(data, groups[0], runs)),
+        checklist=() if synthetic else checklist(data, groups[0], [run.name for run in runs]),
     )
 
 
 def _script_counts(data: StudyData) -> dict[str, int]:
     """Return how many scripted participants there are of each kind."""
-    return dict(
-        sorted(
-            Counter(
-                person.script or "script" for person in data.people if person.kind == "script"
-            ).items()
-        )
-    )
+    scripts = [person.script or "script" for person in data.people if person.kind == "script"]
+    return dict(sorted(Counter(scripts).items()))
 
 
 def _group(
@@ -124,15 +112,14 @@ def _group(
     everybody = members(cohort, {})
     ids = members(cohort, data.protocol.exclusion.get(primary, {}))
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
+    began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
+    is_human = cohort.kind == "human"
     return GroupReport(
         name=cohort.name,
         words=data.protocol.rules.words,
         kind=cohort.kind,
         joined=len(cohort.people),
-        started=len(
-            {trial.participant for trial in data.trials if trial.phase == "ranked"}
-            & set(cohort.ranked)
-        ),
+        started=len(began & set(cohort.ranked)),
         finished=sum(person.completed_ms is not None for person in cohort.people),
         left=_left(data, cohort),
         stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
@@ -148,9 +135,9 @@ def _group(
         comparisons=_comparisons(cohort, ids, runs),
         deviations=deviations(data, cohort),
         cautions=(),
-        leak=leak_trend(cohort.ranked) if cohort.kind == "human" else None,
-        flow=participant_flow(data) if cohort.kind == "human" else None,
-        attestation=attestation_summary(data) if cohort.kind == "human" else None,
+        leak=leak_trend(cohort.ranked) if is_human else None,
+        flow=participant_flow(data) if is_human else None,
+        attestation=attestation_summary(data) if is_human else None,
         excluded=_excluded(data, cohort, ids),
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
         pictures=pictures,
@@ -177,23 +164,18 @@ def _left(data: StudyData, cohort: Cohort) -> int:
 
 def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
     """Return those who ended all ranked episodes and are not among `ids`, by reason."""
-    ranked = [
-        trial for trial in data.trials if trial.phase == "ranked" and trial.kind == cohort.kind
-    ]
+    ranked = [each for each in data.trials if each.phase == "ranked" and each.kind == cohort.kind]
     scripted = {trial.participant for trial in ranked if trial.driver != cohort.kind}
-    out = [
-        person.id
-        for person in cohort.people
-        if person.completed_ms is not None and person.id not in ids
-    ]
-    reasons = Counter(
-        "a move was a script's"
-        if person in scripted
-        else f"not {data.protocol.required_attestation}"
-        if len(cohort.ranked[person]) < cohort.terrains
-        else "by the set's rules"
-        for person in out
-    )
+    reasons = Counter[str]()
+    for person in cohort.people:
+        if person.completed_ms is None or person.id in ids:
+            continue
+        if person.id in scripted:
+            reasons["a move was a script's"] += 1
+        elif len(cohort.ranked[person.id]) < cohort.terrains:
+            reasons[f"not {data.protocol.required_attestation}"] += 1
+        else:
+            reasons["by the set's rules"] += 1
     return dict(sorted(reasons.items()))
 
 
@@ -235,10 +217,9 @@ def _comparisons(
     """Return every policy's comparison in each metric; none without players or policies."""
     if not ids or not runs:
         return ()
+    tables = {metric: cohort.table(ids, metric) for metric in METRICS}
     return tuple(
-        row
-        for metric in METRICS
-        for row in _comparisons_in(metric, cohort.table(ids, metric), runs)
+        row for each, table in tables.items() for row in _comparisons_in(each, table, runs)
     )
 
 
@@ -246,33 +227,23 @@ def _comparisons_in(
     metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
 ) -> list[PolicyComparison]:
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
-    shared = _shared_terrains(table, runs, metric)
+    shared = ~np.isnan(table).all(
+        axis=0
+    )  # terrains that at least one player and every policy played
+    for run in runs:
+        shared &= ~np.isnan(run.values(metric))
     values = {run.name: run.values(metric)[shared] for run in runs}
     played = table[:, shared]
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    rows = [
-        compare_policy(
-            run.name, metric, values[run.name], players, random, metric == "score", len(runs)
-        )
-        for run in runs
-    ]
+    rest = players, random, metric == "score", len(runs)
+    rows = [compare_policy(run.name, metric, values[run.name], *rest) for run in runs]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
     return [
         replace(row, p_adjusted=p if row.p_value is not None else None)
         for row, p in zip(rows, adjusted, strict=True)
     ]
-
-
-def _shared_terrains(
-    table: Floats, runs: Sequence[PolicyRun], metric: MetricName
-) -> NDArray[np.intp]:
-    """Return the indices of the terrains that at least one player and every policy played."""
-    known = ~np.isnan(table).all(axis=0)
-    for run in runs:
-        known &= ~np.isnan(run.values(metric))
-    return np.flatnonzero(known)
 
 
 def _policy_row(run: PolicyRun) -> PolicyRow:
@@ -301,48 +272,3 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
         began = figure_sentence(group.figures[0], group.words)
         return f"{claim_of(data)}. Nobody finished the study. Of those who began: {began}"
     return NO_HUMAN_FIGURE
-
-
-def _facts(data: StudyData, people: GroupReport, runs: Sequence[PolicyRun]) -> Facts:
-    """Return what the checklist's answers are made from."""
-    ids = {person.id for person in data.people if person.kind == "human"}
-    ranked = [
-        each
-        for each in data.trials
-        if each.participant in ids and each.phase == "ranked" and each.ended_ms is not None
-    ]
-    return Facts(
-        protocol=data.protocol,
-        frozen_at=_iso(data.frozen_ms),
-        hash=data.protocol_hash,
-        is_closed=data.closed_ms is not None,
-        software=version("marsexplorer-playground"),
-        players=people.figure.players,
-        joined=people.joined,
-        finished=people.finished,
-        episodes=len(ranked),
-        labelled=sum(bool(trial.labels) for trial in ranked),
-        median_minutes=median(map(_minutes, ranked)) if ranked else None,
-        policies=tuple(run.name for run in runs),
-        leak=people.leak.sentence(people.words) if people.leak else "",
-        started=people.started,
-        excluded=people.started - people.figure.players,
-        erased=data.arrivals.erased_after_closing,
-        erased_finishers=data.arrivals.erased_finishers,
-        sets="; ".join(
-            f"{figure.name}: {figure_sentence(figure, people.words)}"
-            for figure in people.figures
-            if figure.players
-        ),
-    )
-
-
-def _minutes(trial: Trial) -> float:
-    """Return how long a finished trial took."""
-    assert trial.ended_ms is not None
-    return (trial.ended_ms - trial.started_ms) / 60_000
-
-
-def _iso(ms: int) -> str:
-    """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
-    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from app.db.trial import Trial
 from app.report import measured_coverage
-from app.report.statistics.exclusion_sets import Cohort
-from app.report.statistics.formatting import percent
+from app.report.statistics.exclusion_sets import Cohort, ended_ranked
+from app.report.statistics.formatting import counted, percent
 from app.report.statistics.intervals import TAIL, Estimate
 from app.series.data import StudyData
+from app.series.policy_episodes import closed_seeds
 from app.series.protocol import protocol_hash
-from app.series.seeds import commitment, seed
+from app.series.seeds import commitment
 from app.task import Words
 
 if TYPE_CHECKING:
@@ -29,21 +30,19 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         return ()
     found = []
     if erased := data.arrivals.erased_after_closing:
-        people, finishers = (
-            "1 person was" if erased == 1 else f"{erased} people were",
-            data.arrivals.erased_finishers,
-        )
+        people = "1 person was" if erased == 1 else f"{erased} people were"
         found.append(
-            f"{people} erased after closing, when the figures were known, {finishers} of whom had ended all ranked episodes: "
+            f"{people} erased after closing, when the figures were known, {data.arrivals.erased_finishers} of whom had ended "
+            "all ranked episodes: "
             "no figure here holds them, so that it may not be the one that the study was closed with."
         )
     if figure.players < data.protocol.players:
-        found.append(
-            f"{figure.players} of the {data.protocol.players} players planned are in the primary figure."
-        )
+        planned = f"{figure.players} of the {data.protocol.players} players planned"
+        found.append(f"{planned} are in the primary figure.")
     if figure.players < LEAST_PLAYERS:
-        few = "1 player is" if figure.players == 1 else f"{figure.players} players are"
-        found.append(f"{few} few: their spread, and with it every interval, is poorly known.")
+        are = "is" if figure.players == 1 else "are"
+        why = "their spread, and with it every interval, is poorly known"
+        found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
@@ -51,13 +50,10 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             "rests on how many of these players the sample happens to hold."
         )
     found.append(_about_failures(group))
-    variances = [
-        metric.variance
-        for metric in group.metrics
-        if metric.variance and metric.variance.design_effect > 1.5
-    ]
-    if variances:
-        effect = max(variance.design_effect for variance in variances)
+    effect = max(
+        (each.variance.design_effect for each in group.metrics if each.variance), default=0
+    )
+    if effect > 1.5:
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
     return tuple(found)
@@ -67,11 +63,7 @@ def _about_skewness(score: Estimate, steps: Estimate, words: Words) -> Iterable[
     for name, estimate in (("score", score), (words.steps, steps)):
         if estimate.players > 1 and estimate.sd == 0:
             yield f"All players have the same mean {name}: the sample has no spread, so its interval says nothing."
-        elif (
-            estimate.skewness is not None
-            and abs(estimate.skewness) > STRONG_SKEW
-            and estimate.widened
-        ):
+        elif abs(estimate.skewness or 0.0) > STRONG_SKEW and estimate.widened:
             side = f"the {estimate.widened} end, which the t interval alone would put too near, was moved out"
             yield f"The players' means of {name} are skewed ({estimate.skewness:+.1f}): {side}."
 
@@ -81,7 +73,7 @@ def _about_failures(group: GroupReport) -> str:
     inside = [player for player in group.players if player.in_primary]
     bad = sum(player.failed > 0 for player in inside)
     unseen = 1 - TAIL ** (1 / len(inside))
-    seen = f"{bad or 'none'} of {len(inside)} player{'s' * (len(inside) != 1)} had episodes that ended {group.words.short}"
+    seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
     held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
@@ -94,71 +86,49 @@ def _about_failures(group: GroupReport) -> str:
 
 
 def _described(cell: measured_coverage.Cell) -> str:
-    rate = {
-        population.name: population.collisions for population in measured_coverage.SCORE_POPULATIONS
-    }[cell.population]
+    rates = {each.name: each.collisions for each in measured_coverage.SCORE_POPULATIONS}
+    rate = rates[cell.population]
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
+
+
+SCRIPTED = "had a move made by a script; where a person had begun they count as abandoned, else they enter no figure"
+SPOILT = (
+    "were spoilt by a move that fits no press, after a first one that did; each counts as abandoned"
+)
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     """Return how a cohort's episodes deviated from the protocol."""
-    ids = {person.id for person in cohort.people}
-    ranked = [
-        trial
-        for trial in data.trials
-        if trial.participant in ids and trial.phase == "ranked" and trial.ended_ms is not None
-    ]
-    found = []
-
-    def note(trials: list[Trial], what: str) -> None:
-        if trials:
-            count, people = len(trials), len({trial.participant for trial in trials})
-            one = f"{count} ranked episode{'s' * (count != 1)} of {people} participant{'s' * (people != 1)}"
-            found.append(f"{one} {what}.")
-
+    ranked = ended_ranked(data, cohort.people)
     config, version = data.protocol.env_config.hash, data.protocol.core_version
-    if cohort.kind == "human":
-        note(
-            [trial for trial in ranked if trial.driver != "human"],
-            "had a move made by a script; where a person had begun they count as abandoned, else they enter no figure",
-        )
-    note(
-        [trial for trial in ranked if trial.config_hash != config],
-        "ran on another configuration than the protocol's",
-    )
-    note(
-        [trial for trial in ranked if trial.core_version != version],
-        f"ran on another core version than {version}",
-    )
-    note(
-        [trial for trial in ranked if trial.outcome == "abandoned"],
-        "were given up; each counts with its penalty and as max_steps",
-    )
-    note(
-        [trial for trial in ranked if trial.attestation == "spoilt"],
-        "were spoilt by a move that fits no press, after a first one that did; each counts as abandoned",
-    )
-    note([trial for trial in ranked if trial.labels], "carry a label of implausible input")
-    if data.secret:
-        secret = bytes.fromhex(data.secret)
-        wrong = [
-            trial
-            for trial in ranked
-            if trial.seed != seed(secret, data.protocol_hash, "ranked", trial.terrain_index)
+    seeds = closed_seeds(data)
+    kinds: dict[str, Callable[[Trial], bool]] = {
+        SCRIPTED: lambda trial: cohort.kind == "human" and trial.driver != "human",
+        "ran on another configuration than the protocol's": lambda trial: (
+            trial.config_hash != config
+        ),
+        f"ran on another core version than {version}": lambda trial: trial.core_version != version,
+        "were given up; each counts with its penalty and as max_steps": lambda trial: (
+            trial.outcome == "abandoned"
+        ),
+        SPOILT: lambda trial: trial.attestation == "spoilt",
+        "carry a label of implausible input": lambda trial: bool(trial.labels),
+        "were not on the terrain that the secret gives": lambda trial: (
+            data.secret is not None and trial.seed != seeds.get(trial.terrain_index)
+        ),
+    }
+    found = []
+    for what, is_one in kinds.items():
+        trials = [trial for trial in ranked if is_one(trial)]
+        if trials:
+            people = counted(len({trial.participant for trial in trials}), "participant")
+            found.append(f"{counted(len(trials), 'ranked episode')} of {people} {what}.")
+    nothing = "A deviation was recorded without words."
+    for person in cohort.people:
+        details = [detail for _, kind, detail in person.events if kind == "deviation"]
+        found += [
+            str(each.get("sentence") or each.get("reason") or each or nothing) for each in details
         ]
-        note(wrong, "were not on the terrain that the secret gives")
-    events = [
-        event for person in cohort.people for event in person.events if event[1] == "deviation"
-    ]
-    for _, _, detail in events:
-        found.append(
-            str(
-                detail.get("sentence")
-                or detail.get("reason")
-                or detail
-                or "A deviation was recorded without words."
-            )
-        )
     return tuple(found)
 
 
@@ -177,9 +147,7 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:
         found.append(f"{len(early)} participants joined before the protocol was frozen.")
-    finished = sum(
-        person.kind == "human" and person.completed_ms is not None for person in data.people
-    )
+    finished = sum(each.kind == "human" and each.completed_ms is not None for each in data.people)
     if data.closed_ms is not None and finished != data.protocol.players:
         found.append(f"{finished} people finished, {data.protocol.players} were planned.")
     return tuple(found)

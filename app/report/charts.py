@@ -7,7 +7,9 @@ import re
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
+from itertools import zip_longest
 from typing import Any
 
 import matplotlib
@@ -16,8 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from app.report.model import GroupReport, PolicyRow, Report
-from app.report.statistics.comparisons import PolicyComparison
+from app.report.model import GroupReport, Report
+from app.report.statistics.formatting import counted
+from app.report.statistics.intervals import Interval
 from app.series.flow import ParticipantFlow
 
 PEOPLE_COLOUR = "#1b2733"
@@ -43,6 +46,7 @@ MATPLOTLIB_STYLE: Any = {
 _STYLE_LOCK = threading.Lock()
 """matplotlib's style belongs to the process, so only one chart is drawn at a time."""
 
+GREY = "#7b8794"
 MAX_NAME = 18
 """Characters of a policy's name in a chart; tables have it whole."""
 WIDTH = 5.6
@@ -57,23 +61,13 @@ def draw_svg(
         canvas = Canvas(figsize=(WIDTH, height))
         draw(canvas)
         if is_synthetic:
-            canvas.text(
-                0.5,
-                0.5,
-                "SYNTHETIC",
-                fontsize=46,
-                color="#b00020",
-                alpha=0.16,
-                rotation=24,
-                ha="center",
-                va="center",
-            )
+            look: Any = {"fontsize": 46, "color": "#b00020", "alpha": 0.16, "rotation": 24}
+            canvas.text(0.5, 0.5, "SYNTHETIC", ha="center", va="center", **look)
         # once: as the canvas's own engine it would do so in each of two passes of `savefig`, which then draws twice
         ConstrainedLayoutEngine().execute(canvas)
         written = io.StringIO()
-        canvas.savefig(
-            written, format="svg", transparent=True, metadata={"Date": None, "Creator": None}
-        )
+        nothing = {"Date": None, "Creator": None}
+        canvas.savefig(written, format="svg", transparent=True, metadata=nothing)
     svg = written.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
@@ -86,107 +80,68 @@ def draw_svg(
 
 def charts(report: Report, group: GroupReport) -> dict[str, str]:
     """Return the group's charts as SVG by name; what has nothing to show is left out."""
-    found: dict[str, str] = {}
-
-    def add(name: str, height: float, draw: Callable[[Canvas], None], alt: str) -> None:
-        found[name] = draw_svg(
-            f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
-        )
-
+    found: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
     if group.flow is not None and group.joined:
         steps = flow_steps(
             group.flow, group.figure.players, group.figure.episodes, list(group.excluded.items())
         )
         alt = "; ".join(
-            " ".join(
-                (f"{step.label}: {step.count}", *(f"({why}: {count})" for why, count in step.lost))
-            )
-            for step in steps
+            " ".join([f"{each.label}: {each.count}", *(f"({why}: {n})" for why, n in each.lost)])
+            for each in steps
         )
-        add("flow", 0.56 * flow_height(steps), lambda canvas: draw_flow(canvas, steps), alt)
+        found["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
     if group.metrics:
-        add(
-            "players",
-            3.4,
-            lambda canvas: _players(canvas, group),
-            "Each player's mean score and mean steps, with intervals",
-        )
-        add(
-            "learning",
-            3.6,
-            lambda canvas: _learning(canvas, group),
-            "Mean score and steps by ranked trial, with intervals",
-        )
+        alt = "Each player's mean score and mean steps, with intervals"
+        found["players"] = 3.4, partial(_players, group=group), alt
+        alt = "Mean score and steps by ranked trial, with intervals"
+        found["learning"] = 3.6, partial(_learning, group=group), alt
     if group.comparisons:
         rows = len({each.policy for each in group.comparisons})
-        forest = (
-            "Policies over people: ratio of scores, human-normalized score, difference in steps"
-        )
-        add("forest", 1.6 + 0.32 * rows, lambda canvas: _forest(canvas, group), forest)
-    if group.pictures.get("curve") or any(policy.pictures for policy in report.policies):
-        add(
-            "curves",
-            3.0,
-            lambda canvas: _curves(canvas, group, report.policies),
-            "Mean coverage against steps",
-        )
-        shown = [
-            (group.name, group.pictures),
-            *((policy.name, policy.pictures) for policy in report.policies),
-        ]
-        maps = [(name, pictures["visits"]) for name, pictures in shown if pictures.get("visits")]
+        alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
+        found["forest"] = 1.6 + 0.32 * rows, partial(_forest, group=group), alt
+    policies = [(policy.name, policy.pictures) for policy in report.policies]
+    shown = [(group.name, group.pictures), *policies]
+    if group.pictures.get("curve") or any(pictures for _, pictures in policies):
+        curves = partial(_curves, curves=[(name, own.get("curve")) for name, own in shown])
+        found["curves"] = 3.0, curves, "Mean coverage against steps"
+        maps = [(name, own["visits"]) for name, own in shown if own.get("visits")]
+        alt = "How often the rover stands on each cell of the grid"
         height = 2.05 * -(-len(maps) // 3) + 0.3
-        add(
-            "visits",
-            height,
-            lambda canvas: _visits(canvas, maps),
-            "How often the rover stands on each cell of the grid",
+        found["visits"] = height, partial(_visits, maps=maps), alt
+    return {
+        name: draw_svg(
+            f"{group.name}-{name}".replace(" ", "-"), height, draw, report.synthetic, alt
         )
-    return found
+        for name, (height, draw, alt) in found.items()
+    }
 
 
 def _players(canvas: Canvas, group: GroupReport) -> None:
-    for axes, name, title in zip(
-        canvas.subplots(1, 2),
-        ("score", "steps"),
-        ("Score", group.words.steps.capitalize()),
-        strict=True,
-    ):
+    titles = {"score": "Score", "steps": group.words.steps.capitalize()}
+    for axes, (name, title) in zip(canvas.subplots(1, 2), titles.items(), strict=True):
         values = sorted(getattr(player, name) for player in group.players if player.in_primary)
         heights = _stacked(values)
-        axes.plot(
-            values, heights, "o", color=PEOPLE_COLOUR, markersize=5, alpha=0.75, markeredgewidth=0
-        )
+        dots = {"markersize": 5, "alpha": 0.75, "markeredgewidth": 0}
+        axes.plot(values, heights, "o", color=PEOPLE_COLOUR, **dots)
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
-        lines = [("headline", estimate.interval), ("new terrains", metric.new_terrains)]
-        if len(values) < 2:
-            lines = []
-        for row, (label, ends) in enumerate(lines):
+        lines = [
+            ("headline", estimate.interval, POLICY_COLOURS[0], 2.6),
+            ("new terrains", metric.new_terrains, GREY, 1.3),
+        ]
+        labels = []
+        for row, (label, ends, colour, width) in enumerate(lines if len(values) > 1 else []):
+            labels.append(label if ends is not None else f"{label} (too few)")
             y = -1.2 - row
             if ends is not None:
-                axes.plot(
-                    ends,
-                    [y, y],
-                    color=POLICY_COLOURS[0] if row == 0 else "#7b8794",
-                    linewidth=2.6 if row == 0 else 1.3,
-                )
-                axes.plot(
-                    [estimate.mean],
-                    [y],
-                    "D",
-                    color=POLICY_COLOURS[0] if row == 0 else "#7b8794",
-                    markersize=4,
-                )
-            lines[row] = (label if ends is not None else f"{label} (too few)", ends)
-        axes.set_yticks(
-            [-1.2 - row for row in range(len(lines))],
-            [label for label, _ in lines] if name == "score" else [],
-        )
-        axes.set_ylim(-1.2 - len(lines) + 0.3, max(heights) + 1)
+                axes.plot(ends, [y, y], color=colour, linewidth=width)
+                axes.plot([estimate.mean], [y], "D", color=colour, markersize=4)
+        places = [-1.2 - row for row in range(len(labels))]
+        axes.set_yticks(places, labels if name == "score" else [])
+        axes.set_ylim(-1.2 - len(labels) + 0.3, max(heights) + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel(f"mean of a player ({len(values)} player{'s' * (len(values) != 1)})")
+        axes.set_xlabel(f"mean of a player ({counted(len(values), 'player')})")
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 
@@ -206,68 +161,48 @@ def _stacked(values: Sequence[float]) -> list[float]:
 
 
 def _learning(canvas: Canvas, group: GroupReport) -> None:
+    titles = {"score": "Score", "steps": group.words.steps.capitalize()}
+    line = {"marker": "o", "markersize": 3}
     for axes, metric in zip(canvas.subplots(2, 1, sharex=True), group.metrics, strict=True):
-        rows = [
-            (number, *row[1:]) for number, row in enumerate(metric.learning.by_trial, 1) if row[0]
-        ]
-        trials, means = [row[0] for row in rows], [row[1] for row in rows]
-        third = len(metric.learning.by_trial) // 3
-        for low, high in (
-            (0.5, third + 0.5),
-            (len(metric.learning.by_trial) - third + 0.5, len(metric.learning.by_trial) + 0.5),
-        ):
-            axes.axvspan(low, high, color="#eceff2", zorder=0)
-        banded = [
-            (row[0], row[2], row[3]) for row in rows if row[2] is not None and row[3] is not None
-        ]
-        bounds = (-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf)
-        if banded:
-            places, low_ends, high_ends = (
-                np.array(part, np.float64) for part in zip(*banded, strict=True)
+        trials = len(metric.learning.by_trial)
+        third = trials // 3
+        for low in (0.5, trials - third + 0.5):
+            axes.axvspan(low, low + third, color="#eceff2", zorder=0)
+        numbered = enumerate(metric.learning.by_trial, 1)
+        rows = [(number, *means) for number, (players, *means) in numbered if players]
+        banded = np.array([row for row in rows if row[2] is not None], np.float64).T
+        if banded.size:
+            band = np.clip(
+                banded[2:], *((-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf))
             )
-            band = np.clip(low_ends, *bounds), np.clip(high_ends, *bounds)
-            axes.fill_between(places, *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
-        axes.plot(trials, means, color=POLICY_COLOURS[0], marker="o", markersize=3, linewidth=1.2)
-        practice = [
-            (number, row[1])
-            for number, row in enumerate(metric.warm_up, 1 - len(metric.warm_up))
-            if row[0]
-        ]
+            axes.fill_between(banded[0], *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
+        means = [row[0] for row in rows], [row[1] for row in rows]
+        axes.plot(*means, color=POLICY_COLOURS[0], linewidth=1.2, **line)
+        first = 1 - len(metric.warm_up)
+        practice = [(number, row[1]) for number, row in enumerate(metric.warm_up, first) if row[0]]
         if practice:
-            axes.plot(
-                *zip(*practice, strict=True),
-                color="#7b8794",
-                marker="o",
-                markersize=3,
-                linewidth=0.8,
-                markerfacecolor="none",
-            )
-        axes.set_title({"score": "Score", "steps": group.words.steps.capitalize()}[metric.name])
+            hollow = {"color": GREY, "linewidth": 0.8, "markerfacecolor": "none"}
+            axes.plot(*zip(*practice, strict=True), **hollow, **line)
+        axes.set_title(titles[metric.name])
     axes.set_xlabel(
         "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
     )
 
 
-def _curves(canvas: Canvas, group: GroupReport, policies: Sequence[PolicyRow]) -> None:
+def _curves(canvas: Canvas, curves: Sequence[tuple[str, dict[str, Any] | None]]) -> None:
+    """Draw the coverage of people, who come first, and of policies."""
     axes = canvas.subplots()
-    lines = [(group.name, group.pictures.get("curve"), PEOPLE_COLOUR, "-", 2.2)]
-    for number, policy in enumerate(policies):
-        style = POLICY_COLOURS[number % len(POLICY_COLOURS)], DASHES[number % len(DASHES)]
-        lines.append((policy.name, policy.pictures.get("curve"), style[0], style[1], 1.4))  # type: ignore[arg-type]
-    for name, curve, colour, dash, width in lines:
+    styles = (*zip(POLICY_COLOURS, DASHES, strict=True),)
+    for number, (name, curve) in enumerate(curves, -1):
+        colour, dash = styles[number % len(styles)] if number >= 0 else (PEOPLE_COLOUR, "-")
         if curve:
-            axes.plot(
-                curve["steps"],
-                curve["mean"],
-                color=colour,
-                linestyle=dash,
-                linewidth=width,
-                label=_short(name),
-            )
+            width = 1.4 if number >= 0 else 2.2
+            look: Any = {"color": colour, "linestyle": dash, "linewidth": width}
+            axes.plot(curve["steps"], curve["mean"], label=_short(name), **look)
             if curve["low"]:
                 low, high = np.clip(curve["low"], 0, 1), np.clip(curve["high"], 0, 1)
                 axes.fill_between(curve["steps"], low, high, color=colour, alpha=0.13, linewidth=0)
-    axes.axhline(0.99, color="#7b8794", linewidth=0.7, linestyle=":")
+    axes.axhline(0.99, color=GREY, linewidth=0.7, linestyle=":")
     axes.set_ylim(0, 1.02)
     axes.set_xlim(0)
     axes.set_xlabel("moves")
@@ -298,31 +233,13 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
     score = [each for each in group.comparisons if each.metric == "score"]
     steps = [each for each in group.comparisons if each.metric == "steps"]
     who = group.name if group.kind == "human" else "players"
+    ratios = [(each.ratio, each.ratio_interval) for each in score]
+    normalized = [(each.normalized, each.normalized_interval) for each in score]
+    differences = [(each.difference, each.new) for each in steps]
     left, middle, right = canvas.subplots(1, 3, sharey=True)
-    _rows(
-        left,
-        score,
-        lambda row: (row.ratio, row.ratio_interval),
-        f"policy / {who}",
-        1.0,
-        "Score, ratio",
-    )
-    _rows(
-        middle,
-        score,
-        lambda row: (row.normalized, row.normalized_interval),
-        f"0 random, 1 {who}",
-        1.0,
-        "Score, normalized",
-    )
-    _rows(
-        right,
-        steps,
-        lambda row: (row.difference, row.new),
-        f"policy − {who}",
-        0.0,
-        "Steps, difference",
-    )
+    _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
+    _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")
+    _rows(right, differences, f"policy − {who}", 0.0, "Steps, difference")
     left.set_yticks(range(len(score)), [_short(row.policy) for row in score])
 
 
@@ -331,20 +248,20 @@ def _short(name: str) -> str:
     return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
 
 
-Valued = Callable[[PolicyComparison], tuple[float | None, tuple[float, float] | None]]
-
-
 def _rows(
-    axes: Axes, rows: Sequence[PolicyComparison], value: Valued, label: str, none: float, title: str
+    axes: Axes,
+    rows: Sequence[tuple[float | None, Interval | None]],
+    label: str,
+    none: float,
+    title: str,
 ) -> None:
-    for y, row in enumerate(rows):
-        at, ends = value(row)
+    for y, (at, ends) in enumerate(rows):
         if at is None:
             continue
         if ends is not None:
             axes.plot(ends, [y, y], color=PEOPLE_COLOUR, linewidth=1.5)
         axes.plot([at], [y], "s", color=POLICY_COLOURS[0], markersize=5)
-    axes.axvline(none, color="#7b8794", linewidth=0.8, linestyle=":")
+    axes.axvline(none, color=GREY, linewidth=0.8, linestyle=":")
     axes.set_title(title)
     axes.set_xlabel(label)
     axes.tick_params(left=False)
@@ -431,29 +348,19 @@ def draw_flow(canvas: Canvas, steps: Sequence[FlowStep]) -> None:
     axes.set_axis_off()
     axes.set_xlim(-0.05, 10.05)
     axes.set_ylim(-flow_height(steps) - 0.05, 0.05)
-    top = 0.0
-    for number, step in enumerate(steps):
-        height = _height(step)
+    top, centre = 0.0, MAIN_X + MAIN_WIDTH / 2
+    for step, below in zip_longest(steps, steps[1:]):
         lines = [f"{step.label}: {step.count}", *([step.detail] if step.detail else [])]
-        middle = top - height / 2
+        middle = top - _height(step) / 2
         _box(axes, MAIN_X, MAIN_WIDTH, middle, lines, is_bold=True)
         if step.lost:
             _arrow(axes, (MAIN_X + MAIN_WIDTH, middle), (ASIDE_X, middle))
-            _box(
-                axes,
-                ASIDE_X,
-                ASIDE_WIDTH,
-                middle,
-                [f"{reason}: {count}" for reason, count in step.lost],
-            )
-        if number < len(steps) - 1:
-            bottom = middle - _box_height(len(lines)) / 2
-            below = steps[number + 1]
-            next_top = (
-                top - height - GAP - (_height(below) - _box_height(1 + bool(below.detail))) / 2
-            )
-            _arrow(axes, (MAIN_X + MAIN_WIDTH / 2, bottom), (MAIN_X + MAIN_WIDTH / 2, next_top))
-        top -= height + GAP
+            lost = [f"{reason}: {count}" for reason, count in step.lost]
+            _box(axes, ASIDE_X, ASIDE_WIDTH, middle, lost)
+        top -= _height(step) + GAP
+        if below is not None:
+            next_top = top - (_height(below) - _box_height(1 + bool(below.detail))) / 2
+            _arrow(axes, (centre, middle - _box_height(len(lines)) / 2), (centre, next_top))
 
 
 def _height(step: FlowStep) -> float:
@@ -470,30 +377,15 @@ def _box(
     from matplotlib.patches import Rectangle
 
     height = _box_height(len(lines))
-    face = BOX if is_bold else "white"
-    axes.add_patch(
-        Rectangle(
-            (x, middle - height / 2), width, height, facecolor=face, edgecolor=ARROW, linewidth=0.8
-        )
-    )
+    look: Any = {"facecolor": BOX if is_bold else "white", "edgecolor": ARROW, "linewidth": 0.8}
+    axes.add_patch(Rectangle((x, middle - height / 2), width, height, **look))
     for number, line in enumerate(lines):
         y = middle + height / 2 - PADDING - (number + 0.5) * LINE
         weight = "bold" if is_bold and number == 0 else "normal"
-        axes.text(
-            x + 0.2, y, line, va="center", ha="left", fontsize=8, color=INK, fontweight=weight
-        )
+        look = {"fontsize": 8, "color": INK, "fontweight": weight}
+        axes.text(x + 0.2, y, line, va="center", ha="left", **look)
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
-    axes.annotate(
-        "",
-        end,
-        start,
-        arrowprops={
-            "arrowstyle": "-|>",
-            "color": ARROW,
-            "linewidth": 0.9,
-            "shrinkA": 0,
-            "shrinkB": 0,
-        },
-    )
+    look = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=look)

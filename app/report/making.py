@@ -15,20 +15,14 @@ from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
 from app.report.page import render
-from app.report.statistics.summaries import (
-    coverage_curve,
-    summarize_groups,
-    summary_of,
-    visit_counts,
-)
+from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.data import StudyData, load
 from app.series.flow import with_invitations
-from app.series.folder import Folder, Study
+from app.series.folder import Folder
 from app.series.invitations import Invitations
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.policy_files import FOLDER
-from app.series.protocol import StudyError
-from app.task import Configuration, Rules
+from app.series.protocol import Protocol, StudyError
 
 REPORT_FILES = {
     False: ("report.json", "report.html"),
@@ -39,7 +33,7 @@ REPORT_FILES = {
 
 def make_study_report(
     database: Path,
-    studies: Path,
+    folder: Folder,
     name: str,
     bar: ProgressBar,
     synthetic: bool = False,
@@ -53,7 +47,7 @@ def make_study_report(
     """
     with closing(Reader.open(database)) as reader:
         with reader.snapshot():
-            data, seeds = load_with_folder(reader, studies, name)
+            data, seeds = load_with_folder(reader, folder, name)
             data = data.shown()
             pictures = _pictures(reader, data, synthetic, bar)
         is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
@@ -91,12 +85,7 @@ def _built(
     pictures: Pictures,
     moves: Mapping[str, MoveAnalysis] | None,
 ) -> Report:
-    config, terrains = data.protocol.env_config, data.protocol.ranked
-    runs = (
-        runs_of(episodes, data.protocol.rules, config, terrains)
-        if has_played(data, synthetic)
-        else ()
-    )
+    runs = runs_of(episodes, data.protocol) if has_played(data, synthetic) else ()
     return build(data, runs, synthetic, pictures, moves)
 
 
@@ -108,11 +97,10 @@ def report_files(report: Report) -> dict[str, bytes]:
 
 def has_played(data: StudyData, synthetic: bool) -> bool:
     """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
-    kind = "script" if synthetic else "human"
-    return any(
-        each.kind == kind and each.ended_ms is not None and each.phase == "ranked"
-        for each in data.trials
-    )
+    ended = {
+        each.kind for each in data.trials if each.phase == "ranked" and each.ended_ms is not None
+    }
+    return ("script" if synthetic else "human") in ended
 
 
 def play_compared(
@@ -124,56 +112,35 @@ def play_compared(
         return play_policies(names, rules, config, seeds, advance, data.policy_files)
 
 
-def runs_of(
-    episodes: Sequence[PolicyEpisode],
-    rules: Rules,
-    config: Configuration,
-    terrains: int,
-    names: Sequence[str] = (),
-) -> tuple[PolicyRun, ...]:
-    """Return one run per policy from its episodes, which are replayed; `names` without an episode are empty runs."""
-    found: dict[str, dict[int, PolicyEpisode]] = {name: {} for name in names}
+def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
+    """Return one run per policy from its episodes, which are replayed."""
+    found: dict[str, dict[int, PolicyEpisode]] = {}
     for each in episodes:
         found.setdefault(each.policy, {})[each.terrain] = each
-    return tuple(
-        _run(name, rules, config, by_terrain, terrains) for name, by_terrain in found.items()
-    )
+    return tuple(_run(name, by_terrain, protocol) for name, by_terrain in found.items())
 
 
-def _run(
-    name: str,
-    rules: Rules,
-    config: Configuration,
-    episodes: Mapping[int, PolicyEpisode],
-    terrains: int,
-) -> PolicyRun:
+def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -> PolicyRun:
+    rules, config, terrains = protocol.rules, protocol.env_config, protocol.ranked
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    summaries = {
-        index: summary_of(rules, each.replay(rules, config))
-        for index, each in sorted(episodes.items())
-    }
-    for index, summary in summaries.items():
+    outcomes, summaries = [""] * terrains, {}
+    for index, each in sorted(episodes.items()):
+        summary = summaries[index] = summary_of(rules, each.replay(rules, config))
         score[index], steps[index] = summary.score, summary.steps
-    outcomes = tuple(
-        summaries[index].outcome if index in summaries else "" for index in range(terrains)
-    )
+        outcomes[index] = summary.outcome
     groups = [[summary] for summary in summaries.values()]
-    pictures = (
-        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
-        if groups
-        else {}
-    )
-    return PolicyRun(name, score, steps, outcomes, pictures)
+    return PolicyRun(name, score, steps, tuple(outcomes), curve_and_visits(config, groups))
 
 
-def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyData, dict[int, int]]:
+def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyData, dict[int, int]]:
     """Return a study's data, and the seeds of its ranked terrains by index.
 
     Where the folder has the study, it gives every seed and says whether the study is closed; otherwise the seeds are those of
     terrains that somebody has begun. A study that nobody has joined is known from the folder alone. StudyError for a study that
     is in neither, and for two different ones of that name.
     """
-    study, policies = _in_folder(studies, name), studies / name / FOLDER
+    study = folder.study(name) if name in folder.names() else None
+    policies = folder.root / name / FOLDER
     joined = find_study(reader, name) is not None
     if study is None:
         data = load(reader, name).with_policies_in(policies)
@@ -194,23 +161,15 @@ def load_with_folder(reader: Reader, studies: Path, name: str) -> tuple[StudyDat
         )
     if data.protocol_hash != study.protocol_hash:
         raise StudyError(
-            f"the study {name!r} in {reader.path} has another protocol than the one in {studies}: give the right --studies"
+            f"the study {name!r} in {reader.path} has another protocol than the one in {folder.root}: give the right --studies"
         )
-    opened = [
-        person.invitation for person in participants(reader, name) if person.invitation is not None
-    ]
     if study.protocol.recruitment == "invitation":
-        data = replace(
-            data,
-            arrivals=with_invitations(data.arrivals, Invitations(Folder(studies)).of(name), opened),
-        )
+        opened = [
+            each.invitation for each in participants(reader, name) if each.invitation is not None
+        ]
+        arrivals = with_invitations(data.arrivals, Invitations(folder).of(name), opened)
+        data = replace(data, arrivals=arrivals)
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
     return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
-
-
-def _in_folder(studies: Path, name: str) -> Study | None:
-    """Return the frozen study of that name, None where the folder has none; StudyError for a draft or a thawed one."""
-    folder = Folder(studies)
-    return folder.study(name) if name in folder.names() else None

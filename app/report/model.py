@@ -7,7 +7,6 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from app.report.checklist import Item
 from app.report.moves.analysis import MoveAnalysis
 from app.report.statistics.attestation_summary import AttestationSummary
 from app.report.statistics.comparisons import PolicyComparison
@@ -25,6 +24,20 @@ FORMAT = "marsexplorer-report-1"
 SYNTHETIC = (
     "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
 )
+
+
+@dataclass(frozen=True)
+class Item:
+    """An item of the reporting checklist: its number and name there, the answer, details, and where the answer comes from.
+
+    source  "missing" where neither database nor protocol nor software can know
+    """
+
+    number: str
+    name: str
+    answer: str
+    detail: str
+    source: Literal["database", "protocol", "software", "missing"]
 
 
 @dataclass(frozen=True)

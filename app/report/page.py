@@ -6,45 +6,22 @@ The templates in `templates/` escape everything but the style and the charts.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 
 from app.report.charts import charts
 from app.report.checklist import CITATION
-from app.report.model import SYNTHETIC, GroupReport, Report
+from app.report.model import SYNTHETIC, Report
+from app.report.statistics.formatting import templates
 from app.report.statistics.study_figures import why_no_interval
-from app.report.tables import (
-    GroupTables,
-    PageTable,
-    checklist_table,
-    coverage_table,
-    group_tables,
-    second_analysis_tables,
-)
+from app.report.tables import checklist_table, coverage_table, group_tables
 from app.task import rules_of
 
 FOLDER = Path(__file__).parent
-
-
-@dataclass(frozen=True)
-class Section:
-    """What the page shows of one group; `charts` are SVG by name, without those that have nothing to show."""
-
-    group: GroupReport
-    tables: GroupTables
-    second_analysis: tuple[PageTable, ...]
-    charts: dict[str, str]
-
-    @property
-    def has_interval(self) -> bool:
-        """Whether the headline prints an interval."""
-        found = (self.group.figure.score, self.group.figure.steps)
-        return any(estimate is not None and why_no_interval(estimate) is None for estimate in found)
 
 
 def _where(protocol: Mapping[str, Any]) -> str:
@@ -67,7 +44,7 @@ def render(report: Report) -> str:
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             left_out=0 if report.synthetic else sum(report.scripts.values()),
-            sections=_sections(report),
+            sections=list(_sections(report)),
             checklist=checklist_table(report),
             missing=sum(item.source == "missing" for item in report.checklist),
             citation=CITATION,
@@ -77,35 +54,20 @@ def render(report: Report) -> str:
     )
 
 
-def _sections(report: Report) -> list[Section]:
-    """Return a section for each script of a synthetic report, else one for the people if anybody has begun to play."""
-    groups = (
-        report.groups
-        if report.synthetic
-        else [group for group in report.groups[:1] if group.figures[0].players or group.started]
-    )
-    return [
-        Section(
-            group,
-            group_tables(report, group),
-            second_analysis_tables(group),
-            charts(report, group),
-        )
-        for group in groups
-    ]
+def _sections(report: Report) -> Iterator[tuple[Any, ...]]:
+    """Yield each script of a synthetic report, else the people if anybody has begun to play: the group, its tables, its charts,
+    and whether the headline prints an interval."""
+    for group in report.groups:
+        figure = group.figure
+        if report.synthetic or group.figures[0].players or group.started:
+            estimates = [each for each in (figure.score, figure.steps) if each is not None]
+            has_interval = any(why_no_interval(each) is None for each in estimates)
+            yield group, group_tables(report, group), charts(report, group), has_interval
 
 
 @cache
 def _environment() -> Environment:
-    """Return the environment of the templates; what a template names and nobody gives is an error."""
-    environment = Environment(
-        loader=FileSystemLoader(FOLDER / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    environment = templates(FOLDER / "templates", is_html=True)
     environment.filters["counts"] = _counts
     return environment
 

@@ -5,14 +5,12 @@ The sections are those of OSF's template for a preregistration (Bowman et al. 20
 
 from __future__ import annotations
 
-import time
 from importlib.metadata import version
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from app.report.build import ESTIMAND
 from app.report.statistics.exclusion_sets import rule_in_words
+from app.report.statistics.formatting import templates, utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.planning import plan_study
 from app.series.folder import Study
@@ -38,17 +36,8 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     protocol  with its texts filled in
     study     the frozen study; None for a draft, of which a preview is made
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=False,  # Markdown, not HTML
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["utc"] = lambda seconds: time.strftime(
-        "%Y-%m-%dT%H:%M:%SZ", time.gmtime(seconds)
-    )
+    environment = templates(Path(__file__).parent / "templates", is_html=False)
+    environment.filters["utc"] = utc
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
         config=protocol.env_config,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import option
 
 from app.cli.console import print_table, progress
 
@@ -17,36 +18,32 @@ SHARE = click.FloatRange(0, 1)
 
 
 @click.command()
-@click.option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
-@click.option(
+@option("--study", required=True, metavar="NAME", help="A frozen study of the server.")
+@option(
     "--participants",
     type=click.IntRange(1, 1000),
     help="How many take part side by side.  [default: as many as the study plans]",
 )
-@click.option(
+@option(
     "--policy", default="frontier-cost", show_default=True, help="Name or path of what they follow."
 )
-@click.option(
-    "--noise", type=SHARE, default=0.1, show_default=True, help="Share of random valid moves."
-)
-@click.option(
+@option("--noise", type=SHARE, default=0.1, show_default=True, help="Share of random valid moves.")
+@option(
     "--leaving",
     type=SHARE,
     default=0.0,
     show_default=True,
     help="Share who leave in a ranked episode.",
 )
-@click.option(
+@option(
     "--speed",
     type=click.FloatRange(0.1, 1e6),
     default=20.0,
     show_default=True,
     help="Times faster than people.",
 )
-@click.option("--seed", default=0, show_default=True, help="Fixes moves, tempo and who leaves.")
-@click.option(
-    "--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is."
-)
+@option("--seed", default=0, show_default=True, help="Fixes moves, tempo and who leaves.")
+@option("--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is.")
 def simulate(study: str, participants: int | None, url: str, **options: Any) -> None:
     """Let synthetic participants take part in a study of a running server, from the link to the code.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import argument, option
 
 from app.cli.console import (
     DATABASE,
@@ -21,7 +22,6 @@ from app.cli.console import (
     default_config,
     env_config_of,
     failures,
-    folder_of,
     print_table,
     progress,
     settings_of,
@@ -32,12 +32,16 @@ from app.cli.console import (
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyPlan
+    from app.series.folder import Folder, Study
     from app.series.invitations import Use
     from app.series.protocol import Protocol
     from app.task import Words
 
 
-@click.group(short_help="Plan, freeze and close a study of how well people play.")
+@click.group(
+    short_help="Plan, freeze and close a study of how well people play.",
+    context_settings={"show_default": True},
+)
 def study() -> None:
     """Plan a study, freeze its protocol, and close it when everybody has played.
 
@@ -57,52 +61,32 @@ def study() -> None:
 
 
 @study.command(short_help="Begin a study: write its protocol as a draft.")
-@click.argument("name")
-@click.option("--title", help="What participants read at the top.")
-@click.option(
+@argument("name")
+@option("--title", help="What participants read at the top.")
+@option(
     "--task",
     metavar="ID",
     help="Another environment, like FrozenLake-v1; the server needs --task too.  [default: MarsExplorer]",
 )
-@click.option(
-    "--level", default="random", show_default=True, help="random, or t-m-b from 1-1-1 to 3-2-2."
-)
-@click.option(
-    "--size",
-    type=SizeType(),
-    default="21",
-    show_default=True,
-    help="21 for a square, 42x84 for rows x columns.",
-)
-@click.option(
-    "--warm-up",
-    type=int,
-    default=15,
-    show_default=True,
-    help="Episodes that do not count, before the others.",
-)
-@click.option("--ranked", type=int, default=30, show_default=True, help="Episodes that count.")
-@click.option("--players", type=int, default=10, show_default=True, help="Participants planned.")
-@click.option(
-    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation", show_default=True,
+@option("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2.")
+@option("--size", type=SizeType(), default="21", help="21 for a square, 42x84 for rows x columns.")
+@option("--warm-up", default=15, help="Episodes that do not count, before the others.")
+@option("--ranked", default=30, help="Episodes that count.")
+@option("--players", default=10, help="Participants planned.")
+@option(
+    "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
     help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
 )  # fmt: skip
-@click.option(
-    "--break-every",
-    type=int,
-    default=10,
-    show_default=True,
-    help="Ranked episodes after which a break is offered.",
-)
-@click.option(
+@option("--break-every", default=10, help="Ranked episodes after which a break is offered.")
+@option(
     "--outside-id", "outside_ids", multiple=True,
     help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
 )  # fmt: skip
-@click.option(
+@option(
     "--return-url", help="Where participants go at the end; {code} becomes their completion code."
 )
-@click.option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
-@click.option(
+@option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
+@option(
     "--policy",
     "policies",
     multiple=True,
@@ -114,7 +98,7 @@ def new(
     task: str | None,
     level: str,
     size: int | tuple[int, int],
-    studies: Path | None,
+    folder: Folder,
     **given: Any,
 ) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
@@ -136,22 +120,22 @@ def new(
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
-        folder_of(studies).path(name)
+        folder.path(name)
         protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
-        path = folder_of(studies).create(protocol)
+        path = folder.create(protocol)
     _echo_reachable_effects(protocol)
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")
-@click.argument("name")
-@click.option(
+@argument("name")
+@option(
     "--underpowered",
     is_flag=True,
     help="Freeze although a planned comparison has less than 50 % power.",
 )
 @STUDIES
-def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
+def freeze(name: str, underpowered: bool, folder: Folder) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
@@ -162,13 +146,9 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
     """
-    folder = folder_of(studies)
     with study_errors():
-        plan = (
-            _checked_plan(folder.draft(name), underpowered)
-            if folder.status(name) == "draft"
-            else None
-        )
+        is_draft = folder.status(name) == "draft"
+        plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = folder.freeze(name, advance)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
@@ -176,23 +156,24 @@ def freeze(name: str, underpowered: bool, studies: Path | None) -> None:
         _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
-    click.echo(
-        f"The study {name!r} is frozen.\nprotocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
-    )
+    click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
     click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
-        click.echo(
-            f"It is by invitation: `marsexplorer study invite {name} {found.protocol.players}` makes the links"
-        )
+        invite = f"marsexplorer study invite {name} {found.protocol.players}"
+        click.echo(f"It is by invitation: `{invite}` makes the links")
+
+
+def _hashes(found: Study) -> str:
+    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
 
 
 @study.command(short_help="End the study and reveal its secret.")
-@click.argument("name")
-@click.option("--yes", is_flag=True, help="Do not ask.")
-@click.option("--now", is_flag=True, help="Close it also while somebody is at it.")
+@argument("name")
+@option("--yes", is_flag=True, help="Do not ask.")
+@option("--now", is_flag=True, help="Close it also while somebody is at it.")
 @DATABASE
 @STUDIES
-def close(name: str, yes: bool, now: bool, studies: Path | None, database: Path | None) -> None:
+def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
     Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
@@ -202,14 +183,14 @@ def close(name: str, yes: bool, now: bool, studies: Path | None, database: Path 
     from app.db.reader import Reader, now_ms
     from app.series.closing import close_study
 
-    folder, path = folder_of(studies), database or settings_of().database
     with study_errors(), ExitStack() as stack:
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
-        reader = stack.enter_context(closing(Reader.open(path))) if path.exists() else None
+        has_file = database.exists()
+        reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
         found = close_study(folder, reader, name, now_ms(), now)
-    _note_in_database(found, path)
+    _note_in_database(found, database)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
@@ -220,9 +201,8 @@ def _confirm(question: str) -> None:
     except click.Abort:
         if sys.stdin.isatty():
             raise
-        raise click.ClickException(
-            "nothing was closed: the answer was not yes; --yes closes without asking"
-        ) from None
+        why = "nothing was closed: the answer was not yes; --yes closes without asking"
+        raise click.ClickException(why) from None
 
 
 def _note_in_database(found: Any, database: Path) -> None:
@@ -243,9 +223,9 @@ def _note_in_database(found: Any, database: Path) -> None:
 
 
 @study.command(short_help="Show a study's protocol and state.")
-@click.argument("name")
+@argument("name")
 @STUDIES
-def show(name: str, studies: Path | None) -> None:
+def show(name: str, folder: Folder) -> None:
     """Print how far a study is, its protocol, and what freezing fixed; never the secret of an open study.
 
     The texts of a draft are shown as participants would read them, with every placeholder filled in.
@@ -254,14 +234,13 @@ def show(name: str, studies: Path | None) -> None:
 
     from app.series.templates import fill
 
-    folder = folder_of(studies)
     with study_errors():
         status, protocol = folder.status(name), folder.draft(name)
         protocol = fill(protocol) if status == "draft" else protocol
         found = None if status == "draft" else folder.study(name)
     click.echo(f"{name}: {status}, {folder.path(name)}")
     if found is not None:
-        click.echo(f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}")
+        click.echo(_hashes(found))
         if not found.is_open:
             click.echo(f"secret         {found.secret.hex()}")
     click.echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
@@ -269,9 +248,8 @@ def show(name: str, studies: Path | None) -> None:
 
 @study.command("list", short_help="List all studies.")
 @STUDIES
-def list_(studies: Path | None) -> None:
+def list_(folder: Folder) -> None:
     """Print every study in the folder with its state."""
-    folder = folder_of(studies)
     rows = []
     for name in folder.names():
         with study_errors():
@@ -285,44 +263,28 @@ def list_(studies: Path | None) -> None:
 
 
 @study.command(short_help="How many players give the interval wanted.")
-@click.option(
+@option(
     "--half-width",
     type=float,
     required=True,
     help="Wanted half-width of the 95 % interval, in the metric's unit.",
 )
-@click.option(
+@option(
     "--player-sd",
     type=float,
     help="Standard deviation between players' true means, in the metric's unit.",
 )
-@click.option(
+@option(
     "--episode-sd", type=float, help="Standard deviation of an episode around its player's mean."
 )
-@click.option(
-    "--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot)."
-)
-@click.option(
-    "--metric",
-    type=click.Choice(["score", "steps"]),
-    default="score",
-    show_default=True,
-    help="With --study.",
-)
-@click.option(
-    "--ranked", type=int, default=30, show_default=True, help="Episodes each player plays."
-)
-@click.option(
-    "--assurance",
-    type=float,
-    default=0.8,
-    show_default=True,
-    help="Share of studies that reach the width.",
-)
+@option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
+@option("--metric", type=click.Choice(["score", "steps"]), default="score", help="With --study.")
+@option("--ranked", default=30, help="Episodes each player plays.")
+@option("--assurance", default=0.8, help="Share of studies that reach the width.")
 @DATABASE
 def power(
     half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
-    assurance: float, database: Path | None,
+    assurance: float, database: Path,
 ) -> None:  # fmt: skip
     """Say how many players a study needs for an interval of a wanted width.
 
@@ -334,64 +296,53 @@ def power(
       marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
       marsexplorer study power --study pilot --metric steps --half-width 3
     """
-    from app.report.statistics.power import plan_sample_size
+    from app.report.statistics.planning import plan_sample_size
 
     if name is not None and (player_sd is not None or episode_sd is not None):
         raise click.UsageError("give --study or the two SDs, not both")
     if name is None and (player_sd is None or episode_sd is None):
-        raise click.UsageError(
-            "expected --player-sd and --episode-sd, or --study NAME to take them from"
-        )
+        given = "--player-sd and --episode-sd, or --study NAME to take them from"
+        raise click.UsageError(f"expected {given}")
     try:
-        spread = (
-            (player_sd or 0.0, episode_sd or 0.0)
-            if name is None
-            else _spread_of(name, metric, database)
-        )
+        spread = player_sd or 0.0, episode_sd or 0.0
+        if name is not None:
+            spread = _spread_of(name, metric, database)
         plan = plan_sample_size(*spread, half_width, ranked, assurance)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
-    click.echo(
-        f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}: a player's mean has SD {plan.mean_sd:.4g}"
-    )
-    click.echo(
-        f"half-width {half_width:g} on average: {_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
-    )
+    sds = f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}"
+    click.echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
+    found = f"{_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
+    click.echo(f"half-width {half_width:g} on average: {found}")
     rows = [
         (str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table
     ]
-    print_table(
-        "Half-width of the 95 % interval",
-        ("players", "on average", f"in {assurance:.0%} of studies"),
-        rows,
-    )
+    heads = ("players", "on average", f"in {assurance:.0%} of studies")
+    print_table("Half-width of the 95 % interval", heads, rows)
 
 
 def _players(count: int | None) -> str:
     return "more players than can be planned for here" if count is None else f"{count} players"
 
 
-def _spread_of(name: str, metric: Any, database: Path | None) -> tuple[float, float]:
+def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
-    from app.report.statistics.power import spread_of
+    from app.report.statistics.planning import spread_of
     from app.series.data import load
 
-    path = database or settings_of().database
-    with failures(f"cannot read {path}"), study_errors():
-        return spread_of(load(path, name), metric)
+    with failures(f"cannot read {database}"), study_errors():
+        return spread_of(load(database, name), metric)
 
 
 @study.command(short_help="Print single-use links to a study.")
-@click.argument("name")
-@click.argument("count", type=int, metavar="[N]", default=0)
-@click.option(
+@argument("name")
+@argument("count", type=int, metavar="[N]", default=0)
+@option(
     "--url",
     help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
 )
-@click.option(
-    "--list", "lists", is_flag=True, help="List all invitations with their state instead."
-)
-@click.option(
+@option("--list", "lists", is_flag=True, help="List all invitations with their state instead.")
+@option(
     "--csv",
     "table",
     type=PATH,
@@ -406,8 +357,8 @@ def invite(
     url: str | None,
     lists: bool,
     table: Path | None,
-    database: Path | None,
-    studies: Path | None,
+    database: Path,
+    folder: Folder,
 ) -> None:
     """Print N single-use links to a study whose recruitment is by invitation.
 
@@ -424,46 +375,46 @@ def invite(
     from app.series.invitations import Invitations, link_of, state_of
 
     if (count > 0) == lists:
-        raise click.UsageError(
-            "expected the number of links to make, such as 10, or --list to see those there are"
-        )
+        given = "the number of links to make, such as 10, or --list to see those there are"
+        raise click.UsageError(f"expected {given}")
     settings = settings_of()
     known = url or settings.public_url
     base = known or f"http://{settings.host}:{settings.port}"
-    folder = folder_of(studies)
     invitations = Invitations(folder)
     with study_errors():
         study = folder.study(name)
         found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
-    uses = _uses(database or settings.database, name)
-    states = {
-        each.id: (state_of(each, use := uses.get(each.id)), use.label if use else "")
-        for each in found
-    }
-    links = {each.id: link_of(study, each.id, base) for each in found}
+    uses = _uses(database, name)
+    rows, links = [], []
+    for each in found:
+        use = uses.get(each.id)
+        rows.append((each.id, state_of(each, use), use.label if use else ""))
+        links.append(link_of(study, each.id, base))
     if table is not None:
-        _write_csv(table, [(each.id, *states[each.id], links[each.id]) for each in found])
+        _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
     if known is None and (table is not None or not lists):
-        click.echo(
-            f"{base} is a guess: give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere",
-            err=True,
+        way_out = (
+            "give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere"
         )
+        click.echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
-        click.echo("\n".join(links.values()))
+        click.echo("\n".join(links))
     elif not found:
-        click.echo(
-            f"nobody has been invited to {name}; `marsexplorer study invite {name} 10` makes ten links"
-        )
+        way_out = f"`marsexplorer study invite {name} 10` makes ten links"
+        click.echo(f"nobody has been invited to {name}; {way_out}")
     else:
-        rows = [(each.id, *states[each.id], _day(each.issued_ms)) for each in found]
-        print_table(f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), rows)
+        issued = [_day(each.issued_ms) for each in found]
+        printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
+        print_table(
+            f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), printed
+        )
 
 
 @study.command(short_help="Take invitations back.")
-@click.argument("name")
-@click.argument("ids", nargs=-1, required=True)
+@argument("name")
+@argument("ids", nargs=-1, required=True)
 @STUDIES
-def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
+def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
     """Take invitations back by their ids: nobody can agree to take part with them any more.
 
     Whoever has agreed with one already goes on; `marsexplorer forget` erases a participant.
@@ -475,14 +426,14 @@ def revoke(name: str, ids: tuple[str, ...], studies: Path | None) -> None:
     from app.series.invitations import Invitations
 
     with study_errors():
-        revoked = Invitations(folder_of(studies)).revoke(name, ids)
+        revoked = Invitations(folder).revoke(name, ids)
     click.echo(f"revoked: {', '.join(each.id for each in revoked)}")
 
 
 @study.command(short_help="Print the operator's code for supervised sessions.")
-@click.argument("name")
+@argument("name")
 @STUDIES
-def supervise(name: str, studies: Path | None) -> None:
+def supervise(name: str, folder: Folder) -> None:
     """Print the code that an operator types on a participant's page in the lab.
 
     Episodes that begin within four hours after it was typed count as supervised. The code is that of this UTC day; it is
@@ -492,11 +443,10 @@ def supervise(name: str, studies: Path | None) -> None:
     from app.series.recruitment import code_of, valid_until_ms
 
     with study_errors():
-        study = folder_of(studies).study(name)
+        study = folder.study(name)
     if not study.is_open:
-        raise click.UsageError(
-            f"the study {name!r} is closed: nobody can be supervised in it any more"
-        )
+        why = "nobody can be supervised in it any more"
+        raise click.UsageError(f"the study {name!r} is closed: {why}")
     now = now_ms()
     click.echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
 
@@ -542,15 +492,12 @@ def _with_reachable_effects(protocol: Protocol) -> Protocol:
 def _echo_reachable_effects(protocol: Protocol) -> None:
     """Print what margin and difference a new protocol holds, and what they rest on."""
     if protocol.policy_difference is None:
-        click.echo(
-            "One player gives no interval and no test: plan at least two to compare anything."
-        )
+        why = "One player gives no interval and no test"
+        click.echo(f"{why}: plan at least two to compare anything.")
         return
-    margin = (
-        f"changes of ±{protocol.equivalence_margin:g}"
-        if protocol.ranked >= 3
-        else "no learning (below 3 ranked episodes)"
-    )
+    margin = f"changes of ±{protocol.equivalence_margin:g}"
+    if protocol.ranked < 3:
+        margin = "no learning (below 3 ranked episodes)"
     click.echo(
         f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
         f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
@@ -578,18 +525,15 @@ def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
 
 def _echo_plan(plan: StudyPlan, words: Words) -> None:
     """Print the width of the interval and the power of each planned comparison."""
-    assumed = (
-        "those of a new study, since the protocol names none"
-        if plan.is_default
-        else "the protocol's"
-    )
-    click.echo(
-        f"assumed standard deviations ({assumed}): {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes"
-    )
+    whose = "the protocol's"
+    if plan.is_default:
+        whose = "those of a new study, since the protocol names none"
+    assumed = f"assumed standard deviations ({whose})"
+    click.echo(f"{assumed}: {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
     if plan.half_width is not None:
-        click.echo(
-            f"mean {words.steps}: ±{plan.half_width[0]:.1f} on average, at most ±{plan.half_width[1]:.1f} in 80 % of studies"
-        )
+        mean, most = plan.half_width
+        width = f"±{mean:.1f} on average, at most ±{most:.1f} in 80 % of studies"
+        click.echo(f"mean {words.steps}: {width}")
     for each in plan.comparisons:
         more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
         click.echo(f"power: {_comparison(each)}{more}")
@@ -600,12 +544,10 @@ def _comparison(each: Any) -> str:
 
 
 @study.command(short_help="Write the preregistration, ready for OSF.")
-@click.argument("name")
-@click.option(
-    "--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]"
-)
+@argument("name")
+@option("--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]")
 @STUDIES
-def preregister(name: str, out: Path | None, studies: Path | None) -> None:
+def preregister(name: str, out: Path | None, folder: Folder) -> None:
     """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.
 
     Hypotheses, estimands, sample and recruitment, exclusion, the stopping rule, analyses, power, and the
@@ -620,7 +562,6 @@ def preregister(name: str, out: Path | None, studies: Path | None) -> None:
     from app.report.preregistration import preregistration
     from app.series.templates import fill
 
-    folder = folder_of(studies)
     with study_errors():
         found = None if folder.status(name) == "draft" else folder.study(name)
         protocol = fill(folder.draft(name)) if found is None else found.protocol
@@ -629,6 +570,5 @@ def preregister(name: str, out: Path | None, studies: Path | None) -> None:
         click.echo(text, nl=False)
         return
     write_file(out, text.encode(), "--out")
-    click.echo(
-        f"{out}: read it, state what is marked TO BE STATED, then register it before anybody plays"
-    )
+    then = "state what is marked TO BE STATED, then register it before anybody plays"
+    click.echo(f"{out}: read it, {then}")

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from app.db.reader import Reader
 from app.jobs import Progress
@@ -24,7 +23,7 @@ from app.report.moves.regret import (
     study_estimator,
     summarize_regret,
 )
-from app.report.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
+from app.report.statistics.exclusion_sets import members, people_of, scripts_of
 from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData
 
@@ -52,9 +51,8 @@ class MoveAnalysis:
             players = (replace(each, player=names[each.player]) for each in regret.by_player)
             regret = replace(regret, by_player=tuple(sorted(players, key=lambda each: each.player)))
         likeness = (replace(each, participant=names[each.participant]) for each in self.likeness)
-        return MoveAnalysis(
-            regret, tuple(sorted(likeness, key=lambda each: (each.participant, each.policy)))
-        )
+        ordered = sorted(likeness, key=lambda each: (each.participant, each.policy))
+        return MoveAnalysis(regret, tuple(ordered))
 
 
 @dataclass(frozen=True)
@@ -94,19 +92,13 @@ def analyse_known(
     """Return what `analyse_moves` does, from agreements that are known; nothing where episodes have no courses."""
     if data.protocol.rules.courses is None:
         return {}
-    found = {}
+    found, primary = {}, data.protocol.exclusion.get(primary_set(data), {})
     for cohort in scripts_of(data) if synthetic else [people_of(data)]:
-        regret = None
+        regret, ids = None, members(cohort, primary)
         if data.closed_ms is not None and has_regret(data.protocol):
+            estimator = study_estimator(data, known.cache)
             with progress("regret of each move") as advance:
-                regret = _regret(reader, data, cohort, study_estimator(data, known.cache), advance)
+                regret = summarize_regret(reader, data, cohort, ids, estimator, advance)
         likeness = find_likeness(player_agreements(cohort, policies, known.agreements))
         found[cohort.name] = MoveAnalysis(regret, likeness)
     return found
-
-
-def _regret(
-    reader: Reader, data: StudyData, cohort: Cohort, estimator: Any, advance: Progress
-) -> RegretSummary | None:
-    ids = members(cohort, data.protocol.exclusion.get(primary_set(data), {}))
-    return summarize_regret(reader, data, cohort, ids, estimator, advance)

@@ -52,21 +52,13 @@ def episode_agreements(
     rules, config, source = data.protocol.rules, data.protocol.env_config, data.policy_files.source
     if (players := rules.players) is None:
         return {}
-    loaded = {
-        name: players.load(source(name), config)
-        for name in dict.fromkeys(policies)
-        if name != NO_PLAN
-    }
+    names = [name for name in dict.fromkeys(policies) if name != NO_PLAN]
+    loaded = {name: players.load(source(name), config) for name in names}
     trials = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
     found = {}
     for done, (trial, record) in enumerate(trial_records(reader, trials), 1):
-        if trial.core_version == rules.version:
-            found.update(
-                {
-                    (trial.id, name): players.agreement_with(policy, record)
-                    for name, policy in loaded.items()
-                }
-            )
+        for name, policy in loaded.items() if trial.core_version == rules.version else ():
+            found[trial.id, name] = players.agreement_with(policy, record)
         if progress:
             progress(done, len(trials))
     return found
@@ -96,29 +88,27 @@ def human_likeness(
     """
     found, rules = {}, data.protocol.rules
     players: Any = rules.players
+    records = {}
+    for player in ids[:SAMPLED_PLAYERS]:
+        first = sorted(cohort.ranked[player], key=lambda trial: trial.terrain_index)[
+            :SAMPLED_EPISODES
+        ]
+        same = [trial for trial in first if trial.core_version == rules.version]
+        records[player] = [record for _, record in trial_records(reader, same)]
     for name in data.protocol.policies:
         try:
             source = data.policy_files.source(name)
             policy = players.load(source, data.protocol.env_config) if name != NO_PLAN else None
         except PolicyError:
-            policy = None
-        if policy is not None:
-            agreements = {}
-            for player in ids[:SAMPLED_PLAYERS]:
-                trials = sorted(cohort.ranked[player], key=lambda trial: trial.terrain_index)[
-                    :SAMPLED_EPISODES
-                ]
-                own = [
-                    record
-                    for trial, record in trial_records(reader, trials)
-                    if trial.core_version == rules.version
-                ]
-                agreements[player] = {
-                    name: _total(players.agreement_with(policy, record) for record in own)
-                }
-            share = mean_agreement(agreements, name)
-            if share is not None:
-                found[name] = share
+            continue
+        if policy is None:
+            continue
+        agreements = {
+            player: {name: _total(players.agreement_with(policy, record) for record in own)}
+            for player, own in records.items()
+        }
+        if (share := mean_agreement(agreements, name)) is not None:
+            found[name] = share
     return found
 
 

@@ -112,11 +112,8 @@ def trial_regrets(
             f"the study {data.protocol.name!r} is open, and nothing of its ranked terrains may leave before it is closed; "
             "close it first, or ask for the warm-up"
         )
-    own = [
-        trial
-        for trial in trials
-        if trial.ended_ms is not None and trial.core_version == trial.rules.version
-    ]
+    ended = [trial for trial in trials if trial.ended_ms is not None]
+    own = [trial for trial in ended if trial.core_version == trial.rules.version]
     for done, (trial, record) in enumerate(trial_records(reader, own), 1):
         yield trial, record, estimator.regret(record)
         if progress:
@@ -136,9 +133,8 @@ def regret_rows(
         for step in range(len(found.actions)):
             loss = found.loss(step)
             kind = None if loss.kind is None else str(loss.kind)
-            yield RegretRow(
-                trial.id, step, names[loss.action], loss.regret, names[loss.best_action], kind
-            )
+            action, best = names[loss.action], names[loss.best_action]
+            yield RegretRow(trial.id, step, action, loss.regret, best, kind)
 
 
 def regret_of_study(
@@ -151,11 +147,8 @@ def regret_of_study(
     _players(data).check_size(data.protocol.env_config)
     cohort, estimator = people_of(data), study_estimator(data, regret_cache(reader.path))
     is_closed = data.closed_ms is not None
-    ids = (
-        members(cohort, {})
-        if is_closed
-        else sorted(id for id, own in cohort.warm_up.items() if own)
-    )
+    practised = sorted(id for id, own in cohort.warm_up.items() if own)
+    ids = members(cohort, {}) if is_closed else practised
     summary = summarize_regret(reader, data, cohort, ids, estimator, progress)
     if summary is None:
         raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
@@ -182,9 +175,8 @@ def summarize_regret(
 
     None where no episode has a regret.
     """
-    phase, own = (
-        ("warm_up", cohort.warm_up) if data.closed_ms is None else ("ranked", cohort.ranked)
-    )
+    phase = "warm_up" if data.closed_ms is None else "ranked"
+    own = cohort.warm_up if data.closed_ms is None else cohort.ranked
     trials = [trial for player in ids for trial in own[player]]
     if not has_regret(data.protocol):
         return None
@@ -199,25 +191,19 @@ def summarize_regret(
     players = tuple(_player(player, own, kinds) for player, own in episodes.items())
     means = np.sort(np.array([player.mean for player in players]))
     total = float(means.mean())
-    low_high = printed_interval(means) if len(means) > 1 else None
+    interval = None
+    if len(means) > 1:
+        low, high = map(float, printed_interval(means))
+        interval = max(0.0, low), high
+    lost = {kind: float(np.mean([player.by_kind[kind] for player in players])) for kind in kinds}
+    tenths = [np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()]
     return RegretSummary(
         phase=phase,
         episodes=sum(map(len, episodes.values())),
         mean=total,
-        interval=None if low_high is None else (max(0.0, float(low_high[0])), float(low_high[1])),
-        by_kind={
-            kind: float(np.mean([player.by_kind[kind] for player in players])) / total
-            if total
-            else 0.0
-            for kind in kinds
-        },
-        by_tenth=tuple(
-            float(value)
-            for value in np.mean(
-                [np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()],
-                axis=0,
-            )
-        ),
+        interval=interval,
+        by_kind={kind: moves / total if total else 0.0 for kind, moves in lost.items()},
+        by_tenth=tuple(np.mean(tenths, axis=0).tolist()),
         policy=POLICY,
         policy_mean=_policy_mean(data, list(terrains.values()), estimator),
         by_player=players,
@@ -242,11 +228,5 @@ def _policy_mean(data: StudyData, records: Sequence[Record], estimator: Any) -> 
     """Return the mean regret of the policy's own episodes on the terrains of some records."""
     players = _players(data)
     policy = players.load(data.policy_files.source(POLICY), records[0].config)
-    return float(
-        np.mean(
-            [
-                estimator.regret(players.play_terrain(policy, record).record()).total
-                for record in records
-            ]
-        )
-    )
+    played = [players.play_terrain(policy, record).record() for record in records]
+    return float(np.mean([estimator.regret(each).total for each in played]))

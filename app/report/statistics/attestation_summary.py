@@ -38,21 +38,18 @@ def attestation_summary(data: StudyData) -> AttestationSummary:
         for each in data.trials
         if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
     ]
-    below = [
-        each
-        for each in ranked
-        if each.attestation != "spoilt" and not level_reaches(each.attestation, required)
-    ]
-    reasons = Counter(
-        _without_step(each.attestation_reason) for each in ranked if each.attestation_reason
-    )
+    played = [each for each in ranked if each.attestation != "spoilt"]
+    below = [each for each in played if not level_reaches(each.attestation, required)]
+    given = [each.attestation_reason for each in ranked if each.attestation_reason]
+    reasons = Counter(map(_without_step, given))
+    people = {
+        level: [each.participant for each in ranked if each.attestation == level]
+        for level in LEVELS
+    }
     return AttestationSummary(
         required=required,
-        episodes={level: sum(each.attestation == level for each in ranked) for level in LEVELS},
-        people={
-            level: len({each.participant for each in ranked if each.attestation == level})
-            for level in LEVELS
-        },
+        episodes={level: len(own) for level, own in people.items()},
+        people={level: len(set(own)) for level, own in people.items()},
         left_out=len(below),
         people_left_out=len({each.participant for each in below}),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),

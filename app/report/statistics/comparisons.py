@@ -97,9 +97,8 @@ def compare_policy(
     several, can_be_drawn = len(table) > 1, can_be_crossed(table)
     confidence = 1 - (1 - CONFIDENCE) / policies
     ratio, ratio_interval = _ratio(values, table)
-    normalized, normalized_interval = _normalized(
-        values, random if policy != "random" else None, table
-    )
+    zero = random if policy != "random" else None
+    normalized, normalized_interval = _normalized(values, zero, table)
     ahead = (values - np.nanmean(table, axis=0)) * (1 if up else -1)
     return PolicyComparison(
         policy=policy,
@@ -157,9 +156,8 @@ def quotient_interval(top: Floats, bottom: Floats) -> tuple[float, Interval | No
     def kept(q: float) -> float:
         return float(crossed_p(top - q * bottom)) - (1 - CONFIDENCE)
 
-    start = float(crossed_interval(bottom)[1] - player_means(bottom).mean()) / abs(
-        float(player_means(bottom).mean())
-    )
+    middle = float(player_means(bottom).mean())
+    start = (float(crossed_interval(bottom)[1]) - middle) / abs(middle)
     step = max(abs(quotient), 1e-3) * max(start, 1e-9)
     return quotient, (_end(kept, quotient, -step), _end(kept, quotient, step))
 
@@ -170,11 +168,9 @@ def _end(kept: Callable[[float], float], inside: float, step: float) -> float:
     while kept(outside) > 0 and np.isfinite(outside):
         inside, step = outside, 2 * step
         outside = inside + step
-    return (
-        float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12))
-        if kept(inside) > 0
-        else inside
-    )
+    if not kept(inside) > 0:
+        return inside
+    return float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12))
 
 
 def holm(p_values: list[float]) -> list[float]:

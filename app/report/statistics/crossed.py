@@ -41,9 +41,8 @@ def can_be_crossed(table: Floats) -> bool:
     """Return whether float64[players, terrains] has enough values for `crossed_mean`: two players and two terrains at least, a
     value in every row and column, and more values than either."""
     known = ~np.isnan(table)
-    return min(table.shape) > 1 and bool(
-        known.any(0).all() and known.any(1).all() and known.sum() > max(table.shape)
-    )
+    has_each = known.any(0).all() and known.any(1).all()
+    return bool(min(table.shape) > 1 and has_each and known.sum() > max(table.shape))
 
 
 def crossed_components(table: Floats) -> CrossedComponents:
@@ -55,9 +54,8 @@ def crossed_components(table: Floats) -> CrossedComponents:
     known = ~np.isnan(table)
     values = np.where(known, table, 0.0)
     total = known.sum((-2, -1)).astype(np.float64)
-    values = np.where(
-        known, values - (values.sum((-2, -1)) / total)[..., None, None], 0.0
-    )  # sums of squares near 0 stay exact
+    middle = (values.sum((-2, -1)) / total)[..., None, None]
+    values = np.where(known, values - middle, 0.0)  # sums of squares near 0 stay exact
     rows, columns = known.sum(-1).astype(np.float64), known.sum(-2).astype(np.float64)
     squares = (values**2).sum((-2, -1))
     in_players = squares - (values.sum(-1) ** 2 / rows).sum(-1)
@@ -66,9 +64,10 @@ def crossed_components(table: Floats) -> CrossedComponents:
     # E in_players = (terrain + rest)(N - P); E in_terrains = (player + rest)(N - T);
     # E over_all = player (N - sum n_p^2 / N) + terrain (N - sum n_t^2 / N) + rest (N - 1)
     of_player, of_terrain = total - (rows**2).sum(-1) / total, total - (columns**2).sum(-1) / total
+    players, terrains = table.shape[-2:]
     without_player, without_terrain = (
-        in_players / (total - table.shape[-2]),
-        in_terrains / (total - table.shape[-1]),
+        in_players / (total - players),
+        in_terrains / (total - terrains),
     )
     left = of_player * without_terrain + of_terrain * without_player - over_all
     share = of_player + of_terrain - (total - 1)
@@ -92,10 +91,9 @@ def crossed_mean(table: Floats) -> CrossedMean:
     of_players = np.maximum(found.player * (weights.sum(-1) ** 2).sum(-1) + each, 0)
     of_terrains = np.maximum(found.terrain * (weights.sum(-2) ** 2).sum(-1) + each, 0)
     of_both = np.minimum(each, np.minimum(of_players, of_terrains))
-    variance = of_players + of_terrains - of_both
-    return CrossedMean(
-        means.mean(-1), np.sqrt(variance), satterthwaite(of_players, of_terrains, of_both, known)
-    )
+    error = np.sqrt(of_players + of_terrains - of_both)
+    freedom = satterthwaite(of_players, of_terrains, of_both, known)
+    return CrossedMean(means.mean(-1), error, freedom)
 
 
 def satterthwaite(
@@ -109,22 +107,16 @@ def satterthwaite(
     players, terrains = known.shape[-2] - 1, known.shape[-1] - 1
     both = np.maximum(known.sum((-2, -1)) - players - terrains - 1, 1)
     doubt = np.asarray(of_players**2 / players + of_terrains**2 / terrains + of_both**2 / both)
-    freedom: Floats = np.divide(
-        variance**2, doubt, out=np.full_like(variance, float(players)), where=doubt > 0
-    )
-    return freedom
+    without = np.full_like(variance, float(players))
+    return np.asarray(np.divide(variance**2, doubt, out=without, where=doubt > 0))
 
 
 def crossed_p(table: Floats) -> Floats:
     """Return the two-sided p that the mean over players and terrains is 0: below 1 - C exactly where `crossed_interval` at
     confidence C leaves 0 out."""
     found = crossed_mean(table)
-    ratio = np.divide(
-        np.abs(found.mean),
-        found.error,
-        out=np.where(found.mean == 0, 0.0, np.inf),
-        where=found.error > 0,
-    )
+    beyond = np.where(found.mean == 0, 0.0, np.inf)
+    ratio = np.divide(np.abs(found.mean), found.error, out=beyond, where=found.error > 0)
     p = 2 * scipy.special.stdtr(found.freedom, -ratio)
     larger: Floats = np.maximum(p, printed_p(np.nanmean(table, -1)))
     return larger

@@ -7,8 +7,10 @@ as abandoned. A script's table is made by the same rules, its own moves allowed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -40,31 +42,36 @@ class Cohort:
         self, ids: Sequence[str], metric: MetricName, by: Literal["terrain", "trial"] = "terrain"
     ) -> Floats:
         """Return float64[players, ranked terrains or trials], NaN where not finished."""
-        found = np.full((len(ids), self.terrains), np.nan)
-        for row, person in enumerate(ids):
-            for trial in self.ranked[person]:
-                column = trial.terrain_index if by == "terrain" else trial.trial
-                if 0 <= column < self.terrains:
-                    found[row, column] = metric_value(trial, metric)
-        return found
+        column = "terrain_index" if by == "terrain" else "trial"
+        own = [self.ranked[person] for person in ids]
+        return _filled(own, self.terrains, attrgetter(column), partial(metric_value, metric=metric))
 
     def trial_numbers(self, ids: Sequence[str]) -> Floats:
         """Return in which trial (0..) each ranked terrain was played, float64[players, terrains], NaN where not finished."""
-        found = np.full((len(ids), self.terrains), np.nan)
-        for row, person in enumerate(ids):
-            for each in self.ranked[person]:
-                if 0 <= each.terrain_index < self.terrains:
-                    found[row, each.terrain_index] = each.trial
-        return found
+        own = [self.ranked[person] for person in ids]
+        return _filled(own, self.terrains, attrgetter("terrain_index"), attrgetter("trial"))
 
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
         """Return float64[players, warm-up trials], NaN where not finished."""
-        found = np.full((len(ids), self.practice), np.nan)
-        for row, person in enumerate(ids):
-            for trial in self.warm_up[person]:
-                if 0 <= trial.trial < self.practice:
-                    found[row, trial.trial] = metric_value(trial, metric)
-        return found
+        own = [self.warm_up[person] for person in ids]
+        return _filled(
+            own, self.practice, attrgetter("trial"), partial(metric_value, metric=metric)
+        )
+
+
+def _filled(
+    trials: Sequence[Sequence[Trial]],
+    columns: int,
+    column: Callable[[Trial], int],
+    value: Callable[[Trial], float],
+) -> Floats:
+    """Return a table with a row for each player's trials, NaN where there is none."""
+    found = np.full((len(trials), columns), np.nan)
+    for row, own in zip(found, trials, strict=True):
+        for each in own:
+            if 0 <= column(each) < columns:
+                row[column(each)] = value(each)
+    return found
 
 
 def metric_value(trial: Trial, metric: MetricName) -> float:
@@ -72,6 +79,13 @@ def metric_value(trial: Trial, metric: MetricName) -> float:
     found = trial.score if metric == "score" else trial.steps_to_target
     assert found is not None
     return float(found)
+
+
+def ended_ranked(data: StudyData, people: Iterable[Person]) -> list[Trial]:
+    """Return the ranked episodes that some participants ended, whoever drove them."""
+    ids = {person.id for person in people}
+    ended = [each for each in data.trials if each.phase == "ranked" and each.ended_ms is not None]
+    return [each for each in ended if each.participant in ids]
 
 
 def people_of(data: StudyData, as_played: bool = False) -> Cohort:
@@ -86,14 +100,11 @@ def people_of(data: StudyData, as_played: bool = False) -> Cohort:
 
 def scripts_of(data: StudyData) -> list[Cohort]:
     """Return a study's scripts, one cohort for each kind of script."""
-    names = sorted({person.script or "script" for person in data.people if person.kind == "script"})
-    scripts = [person for person in data.people if person.kind == "script"]
-    return [
-        _cohort(
-            data, name, "script", [each for each in scripts if (each.script or "script") == name]
-        )
-        for name in names
-    ]
+    scripts: dict[str, list[Person]] = {}
+    for person in data.people:
+        if person.kind == "script":
+            scripts.setdefault(person.script or "script", []).append(person)
+    return [_cohort(data, name, "script", own) for name, own in sorted(scripts.items())]
 
 
 def _cohort(
@@ -119,10 +130,7 @@ def _finished(
             found[trial.participant].append(trial)
         elif trial.attestation == "spoilt":
             found[trial.participant].append(trial if as_played else trial.forfeited())
-    return {
-        person: tuple(sorted(trials, key=lambda trial: trial.trial))
-        for person, trials in found.items()
-    }
+    return {id: tuple(sorted(own, key=attrgetter("trial"))) for id, own in found.items()}
 
 
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
@@ -131,34 +139,23 @@ def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
     That order says nothing of who joined when, and it is the same under other ids: sums, draws and the report's own pseudonyms
     come out the same from an imported release, whose ids are pseudonyms.
     """
-    inside = [
-        person.id
-        for person in cohort.people
-        if cohort.ranked[person.id] and _enters(cohort, person, rules)
-    ]
-    return sorted(inside, key=lambda person: _played(cohort, person))
+    people = [person for person in cohort.people if cohort.ranked[person.id]]
+    inside = [person.id for person in people if _enters(cohort, person, rules)]
+    return sorted(inside, key=lambda id: (_played(cohort.ranked[id]), _played(cohort.warm_up[id])))
 
 
-Played = tuple[int, int, float, float, str]
-"""Terrain, trial, score, steps to 99 % and the hash of the trajectory."""
-
-
-def _played(cohort: Cohort, person: str) -> tuple[list[Played], list[Played]]:
-    """Return what a participant played, ranked and to warm up, terrain by terrain."""
-    ranked, warm_up = (
-        sorted(
-            (
-                each.terrain_index,
-                each.trial,
-                metric_value(each, "score"),
-                metric_value(each, "steps"),
-                each.trajectory_hash or "",
-            )
-            for each in trials
+def _played(trials: Sequence[Trial]) -> list[tuple[int, int, float, float, str]]:
+    """Return terrain, trial, score, steps to 99 % and the hash of the trajectory of some trials, terrain by terrain."""
+    return sorted(
+        (
+            each.terrain_index,
+            each.trial,
+            metric_value(each, "score"),
+            metric_value(each, "steps"),
+            each.trajectory_hash or "",
         )
-        for trials in (cohort.ranked[person], cohort.warm_up[person])
+        for each in trials
     )
-    return ranked, warm_up
 
 
 def _enters(cohort: Cohort, person: Person, rules: Mapping[Any, Any]) -> bool:

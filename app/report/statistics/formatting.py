@@ -1,6 +1,14 @@
-"""Numbers as reports and commands print them: a real minus sign, "low to high", a dash where there is no number."""
+"""Numbers as reports and commands print them: a real minus sign, "low to high", a dash where there is no number.
+
+`templates` is what their documents are written with.
+"""
 
 from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.report.statistics.intervals import Interval
 
@@ -25,3 +33,25 @@ def p_value(p: float | None) -> str:
 def percent(share: float, digits: int = 0) -> str:
     """Return a share of 0..1 in percent, as in "46 %"."""
     return f"{100 * share:.{digits}f} %"
+
+
+def counted(count: int, one: str) -> str:
+    """Return a count with its noun: "1 player", "3 players"."""
+    return f"{count} {one}" if count == 1 else f"{count} {one}s"
+
+
+def utc(ms: int) -> str:
+    """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))
+
+
+def templates(folder: Path, is_html: bool) -> Environment:
+    """Return the templates of a folder, escaping what HTML does not let through; a name that nobody gives is an error."""
+    return Environment(
+        loader=FileSystemLoader(folder),
+        autoescape=is_html,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )

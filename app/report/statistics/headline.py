@@ -35,13 +35,10 @@ def is_a_few_players(failed: Floats, episodes: Floats) -> NDArray[np.bool_]:
     """
     total = failed.sum(-1)
     alone = (failed > 0).sum(-1) == 1
-    held_by = np.divide(
-        total**2, (failed**2).sum(-1), out=np.full_like(total, np.inf), where=total > 0
-    )
-    few: NDArray[np.bool_] = alone | (
-        (_p_of_equal_rates(failed, episodes) < CHANCE) & (held_by < FEW_PLAYERS)
-    )
-    return few
+    many = np.full_like(total, np.inf)
+    held_by = np.divide(total**2, (failed**2).sum(-1), out=many, where=total > 0)
+    is_unequal = _p_of_equal_rates(failed, episodes) < CHANCE
+    return np.asarray(alone | (is_unequal & (held_by < FEW_PLAYERS)))
 
 
 def _p_of_equal_rates(failed: Floats, episodes: Floats) -> Floats:
@@ -50,10 +47,7 @@ def _p_of_equal_rates(failed: Floats, episodes: Floats) -> Floats:
     spread = rate * (1 - rate)
     is_open = spread > 0
     expected = episodes * rate
-    squares = np.divide(
-        (failed - expected) ** 2, episodes * spread, out=np.zeros_like(expected), where=is_open
-    )
-    p: Floats = np.where(
-        is_open[..., 0], scipy.special.chdtrc(failed.shape[-1] - 1, squares.sum(-1)), 1.0
-    )
-    return p
+    none = np.zeros_like(expected)
+    squares = np.divide((failed - expected) ** 2, episodes * spread, out=none, where=is_open)
+    p = scipy.special.chdtrc(failed.shape[-1] - 1, squares.sum(-1))
+    return np.asarray(np.where(is_open[..., 0], p, 1.0))

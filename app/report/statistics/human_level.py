@@ -12,15 +12,17 @@ import hashlib
 import json
 import math
 import threading
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from app.db.reader import Reader
 from app.report.statistics.exclusion_sets import MetricName
+from app.report.statistics.formatting import counted
 from app.report.statistics.headline import is_a_few_players
-from app.report.statistics.intervals import headline_interval
+from app.report.statistics.intervals import Interval, estimate
 from app.report.statistics.study_figures import metric_bounds
 from app.task import Configuration, Rules, rules_of
 from marsexplorer.evaluation.intervals import t_interval
@@ -51,12 +53,10 @@ class VolunteerFigures:
             by_config.setdefault((row["task"], row["config"]), []).append(row)
         with self._making:
             self._made = {
-                config: self._made_from(config, played) for config, played in by_config.items()
+                config: self._made_from(config, rows) for config, rows in by_config.items()
             }
-            figures = sorted(
-                (figure for _, figure in self._made.values()),
-                key=lambda figure: -figure["episodes"],
-            )
+            figures = [figure for _, figure in self._made.values()]
+        figures.sort(key=lambda figure: -figure["episodes"])
         return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
     def _made_from(
@@ -86,19 +86,15 @@ def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[s
     rules = rules_of(task)
     config = rules.configuration(json.loads(config_json))
     values = config.to_dict()
-    scores: dict[str, list[float]] = {}
-    steps: dict[str, list[float]] = {}
-    explored: dict[str, list[bool]] = {}
+    scores, steps, explored = (defaultdict[str, list[float]](list) for _ in range(3))
     for row in played:
-        scores.setdefault(row["owner_id"], []).append(row["score"])
-        steps.setdefault(row["owner_id"], []).append(
-            row["steps"] if row["outcome"] in rules.successes else config.limit
-        )
-        explored.setdefault(row["owner_id"], []).append(row["outcome"] in rules.successes)
-    failed, counts = ([measure(own) for own in explored.values()] for measure in (_failed, len))
-    is_guaranteed = len(scores) > 1 and bool(
-        is_a_few_players(np.array(failed, np.float64), np.array(counts, np.float64))
-    )
+        player, has_succeeded = row["owner_id"], row["outcome"] in rules.successes
+        scores[player].append(row["score"])
+        steps[player].append(row["steps"] if has_succeeded else config.limit)
+        explored[player].append(has_succeeded)
+    failed = np.array([own.count(False) for own in explored.values()], np.float64)
+    counts = np.array([len(own) for own in explored.values()], np.float64)
+    is_guaranteed = len(scores) > 1 and bool(is_a_few_players(failed, counts))
     return {
         "task": task,
         "level": config.level,
@@ -147,12 +143,13 @@ def _as_played(
 
 
 def _interval_of(
-    values: dict[str, list[float]], bounds: tuple[float, float], is_guaranteed: bool
+    values: Mapping[str, list[float]], bounds: Interval, is_guaranteed: bool
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
     means = np.array([_mean(own) for own in values.values()], np.float64)
-    low, high = headline_interval(means, bounds, is_guaranteed=is_guaranteed) or (None, None)
-    return {"mean": float(means.mean()), "low": low, "high": high}
+    found = estimate(means, bounds, is_guaranteed)
+    low, high = found.interval or (None, None)
+    return {"mean": found.mean, "low": low, "high": high}
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -161,7 +158,7 @@ def _mean(values: Sequence[float]) -> float:
 
 def _sentence(figure: dict[str, Any]) -> str:
     """Return a figure in plain words."""
-    who = _counted(figure["players"], "player") + ", " + _counted(figure["episodes"], "episode")
+    who = f"{counted(figure['players'], 'player')}, {counted(figure['episodes'], 'episode')}"
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
     if found := figure["as_played"]:
         abandoned += (
@@ -181,12 +178,3 @@ def _interval(figure: dict[str, Any], metric: MetricName, form: str) -> str:
         return ""
     kind = "guaranteed 95 % interval" if figure["headline"] == "guaranteed" else "95 % interval"
     return f" ({kind} {low:{form}} to {high:{form}})"
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def _failed(explored: list[bool]) -> int:
-    """Return how many of a player's episodes ended short of 99 %."""
-    return explored.count(False)

@@ -44,11 +44,11 @@ class Estimate:
 
     mean: float
     players: int
-    sd: float | None
-    interval: Interval | None
-    headline: str
-    skewness: float | None
-    widened: str | None
+    sd: float | None = None
+    interval: Interval | None = None
+    headline: str = "printed"
+    skewness: float | None = None
+    widened: str | None = None
 
 
 def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
@@ -59,44 +59,29 @@ def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> E
     ValueError when a value lies outside the bounds.
     """
     n = len(values)
-    mean, interval = float(values.mean()), headline_interval(values, bounds, is_guaranteed)
+    mean = float(values.mean())
+    _check_within(values, bounds)
     if n < 2:
-        return Estimate(mean, n, None, interval, "printed", None, None)
+        return Estimate(mean, n)
     plain, reached = _pair(t_interval(values)), _pair(printed_interval(values))
+    within = max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
     sd = float(values.std(ddof=1))
     return Estimate(
         mean=mean,
         players=n,
         sd=sd,
-        interval=interval,
+        interval=_pair(guaranteed_interval(values, bounds)) if is_guaranteed else within,
         headline="guaranteed" if is_guaranteed else "printed",
         skewness=float(skewness(values)) if n > 2 and sd > 0 else None,
         widened="low" if reached[0] < plain[0] else "high" if reached[1] > plain[1] else None,
     )
 
 
-def headline_interval(
-    values: Floats, bounds: Interval, is_guaranteed: bool = False
-) -> Interval | None:
-    """Return `estimate(...).interval`; None for one player, ValueError for a value out of bounds."""
-    _check_within(values, bounds)
-    if len(values) < 2:
-        return None
-    if is_guaranteed:
-        return _pair(guaranteed_interval(values, bounds))
-    return _cut_off(_pair(printed_interval(values)), bounds)
-
-
-def _cut_off(reached: Interval, bounds: Interval) -> Interval:
-    return max(reached[0], bounds[0]), min(reached[1], bounds[1])  # the mean cannot leave them
-
-
 def _check_within(values: Floats, bounds: Interval) -> None:
     floor, ceiling = bounds
     if values.min() < floor - 1e-9 or values.max() > ceiling + 1e-9:
-        raise ValueError(
-            f"values must lie in {floor}..{ceiling}, got {values.min()}..{values.max()}"
-        )
+        found = f"{values.min()}..{values.max()}"
+        raise ValueError(f"values must lie in {floor}..{ceiling}, got {found}")
 
 
 def _pair(ends: Ends) -> Interval:
@@ -117,12 +102,8 @@ def skewness(values: Floats) -> Floats:
     flat = np.sqrt(second) <= _FLAT * np.abs(values).max(-1)
     if n < 3:
         return np.zeros_like(second)
-    third = np.mean(centred**3, -1)
-    corrected: Floats = (
-        np.where(flat, 0.0, third / np.where(flat, 1.0, second) ** 1.5)
-        * np.sqrt(n * (n - 1))
-        / (n - 2)
-    )
+    plain = np.where(flat, 0.0, np.mean(centred**3, -1) / np.where(flat, 1.0, second) ** 1.5)
+    corrected: Floats = plain * np.sqrt(n * (n - 1)) / (n - 2)
     return corrected
 
 
@@ -136,9 +117,8 @@ def hall_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     mean, sd, root = values.mean(-1), values.std(-1, ddof=1), np.sqrt(n)
     skew, quantile = skewness(values) / root, t_quantile(n - 1, confidence)
     # in the order of t_interval, so that both agree to the last bit where there is no skewness
-    return mean - _untransformed(quantile, skew) * sd / root, mean - _untransformed(
-        -quantile, skew
-    ) * sd / root
+    low, high = (_untransformed(each, skew) * sd / root for each in (quantile, -quantile))
+    return mean - low, mean - high
 
 
 def _untransformed(quantile: float, skew: Floats) -> Floats:
@@ -151,11 +131,8 @@ def _untransformed(quantile: float, skew: Floats) -> Floats:
 
 def printed_interval(values: Floats, confidence: float = CONFIDENCE) -> Ends:
     """Return low and high as the rule prints them (RULE)."""
-    t, hall, skew = (
-        t_interval(values, confidence),
-        hall_interval(values, confidence),
-        skewness(values),
-    )
+    t, hall = t_interval(values, confidence), hall_interval(values, confidence)
+    skew = skewness(values)
     low = np.where(skew < 0, np.minimum(t[0], hall[0]), t[0])
     high = np.where(skew > 0, np.maximum(t[1], hall[1]), t[1])
     return low, high
@@ -165,21 +142,15 @@ def printed_p(values: Floats) -> Floats:
     """Return the two-sided p that the mean is 0: below 1 - C exactly where `printed_interval` at confidence C leaves 0 out."""
     n = values.shape[-1]
     mean, error = values.mean(-1), standard_error(values)
-    ratio = np.divide(
-        mean, error, out=np.where(mean == 0, 0.0, np.copysign(np.inf, mean)), where=error > 0
-    )
-    skew = np.where(
-        np.isfinite(ratio), skewness(values), 0.0
-    )  # of the values, as in `printed_interval`
+    beyond = np.where(mean == 0, 0.0, np.copysign(np.inf, mean))
+    ratio = np.divide(mean, error, out=beyond, where=error > 0)
+    skew = np.where(np.isfinite(ratio), skewness(values), 0.0)  # as in `printed_interval`
     lean = skew / np.sqrt(n)
     finite = np.where(np.isfinite(ratio), ratio, 0.0)
     transformed = finite + lean * finite**2 / 3 + lean**2 * finite**3 / 27 + lean / 6
-    widened = (
-        skew * np.sign(ratio) < 0
-    )  # the end that faces 0 is the one on the side of the longer tail
-    nearest = np.where(
-        widened, np.minimum(np.abs(ratio), transformed * np.sign(ratio)), np.abs(ratio)
-    )
+    widened = skew * np.sign(ratio) < 0  # the end that faces 0 is on the side of the longer tail
+    far = np.abs(ratio)
+    nearest = np.where(widened, np.minimum(far, transformed * np.sign(ratio)), far)
     p: Floats = np.minimum(2 * scipy.special.stdtr(n - 1, -nearest), 1.0)
     return p
 
@@ -205,10 +176,8 @@ def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
 def guaranteed_covers(values: Floats, bounds: Interval, truth: Floats) -> NDArray[np.bool_]:
     """Return whether `guaranteed_interval` covers `truth`, without working its ends out."""
     floor, ceiling = bounds
-    share, mean = (
-        np.clip((values - floor) / (ceiling - floor), 0, 1),
-        (truth - floor) / (ceiling - floor),
-    )
+    share = np.clip((values - floor) / (ceiling - floor), 0, 1)
+    mean = (truth - floor) / (ceiling - floor)
     covered: NDArray[np.bool_] = ~_is_rejected(share, mean) & ~_is_rejected(1 - share, 1 - mean)
     return covered
 
@@ -228,7 +197,5 @@ def _is_rejected(share: Floats, mean: Floats) -> NDArray[np.bool_]:
     returns = share / np.maximum(mean, 1e-12)[..., None] - 1  # of one unit staked
     wealth = np.log1p(_STAKES[:, None] * returns[..., None, :]).sum(-1)
     most = wealth.max(-1)
-    rejected: NDArray[np.bool_] = most + np.log(
-        np.exp(wealth - most[..., None]).mean(-1)
-    ) >= -np.log(TAIL)
-    return rejected
+    average = most + np.log(np.exp(wealth - most[..., None]).mean(-1))
+    return np.asarray(average >= -np.log(TAIL))

@@ -33,14 +33,14 @@ class Learning:
 
     metric: str
     by_trial: tuple[TrialMean, ...]
-    slope: float | None
-    slope_interval: Interval | None
-    change: float | None
-    change_interval: Interval | None
-    equivalence: Interval | None
     margin: float | None
-    p_equivalence: float | None
-    verdict: str
+    slope: float | None
+    slope_interval: Interval | None = None
+    change: float | None = None
+    change_interval: Interval | None = None
+    equivalence: Interval | None = None
+    p_equivalence: float | None = None
+    verdict: str = "undecided"
 
 
 def assess_learning(metric: str, table: Floats, margin: float | None) -> Learning:
@@ -50,31 +50,20 @@ def assess_learning(metric: str, table: Floats, margin: float | None) -> Learnin
     slope = float(slopes.mean()) if len(slopes) else None
     changes = _changes(table)
     if len(changes) < 2:
-        return Learning(
-            metric=metric,
-            by_trial=by_trial,
-            slope=slope,
-            slope_interval=None,
-            change=None,
-            change_interval=None,
-            equivalence=None,
-            margin=margin,
-            p_equivalence=None,
-            verdict="undecided",
-        )
-    low, high = map(float, t_interval(changes))
+        return Learning(metric, by_trial, margin, slope)
+    interval = _interval(changes)
     equivalence, p = tost(changes, margin)
     return Learning(
-        metric=metric,
-        by_trial=by_trial,
-        slope=slope,
+        metric,
+        by_trial,
+        margin,
+        slope,
         slope_interval=_interval(slopes) if len(slopes) > 1 else None,
         change=float(changes.mean()),
-        change_interval=(low, high),
+        change_interval=interval,
         equivalence=equivalence,
-        margin=margin,
         p_equivalence=p,
-        verdict=_verdict((low, high), equivalence, margin),
+        verdict=_verdict(interval, equivalence, margin),
     )
 
 
@@ -87,30 +76,25 @@ def _verdict(change: Interval, equivalence: Interval, margin: float | None) -> s
     return "changed" if has_changed else "undecided"
 
 
-def _interval(values: Floats) -> Interval:
-    low, high = t_interval(values)
+def _interval(values: Floats, confidence: float = CONFIDENCE) -> Interval:
+    low, high = t_interval(values, confidence)
     return float(low), float(high)
 
 
 def _changes(table: Floats) -> Floats:
     """Return last third minus first third of the trials, for each player who has trials in both."""
     third = table.shape[1] // 3
-    pairs = zip(table[:, :third], table[:, table.shape[1] - third :], strict=True)
-    return np.array(
-        [
-            np.nanmean(b) - np.nanmean(a)
-            for a, b in pairs
-            if not np.isnan(a).all() and not np.isnan(b).all()
-        ]
-    )
+    first, last = table[:, :third], table[:, table.shape[1] - third :]
+    has_both = ~np.isnan(first).all(axis=1) & ~np.isnan(last).all(axis=1)
+    changes: Floats = np.nanmean(last[has_both], axis=1) - np.nanmean(first[has_both], axis=1)
+    return changes
 
 
 def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]:
     """Return the 90 % t interval of the mean, and the p of two one-sided t tests against +-margin (Schuirmann 1987)."""
     freedom, mean = len(changes) - 1, float(changes.mean())
     error = float(changes.std(ddof=1) / np.sqrt(len(changes)))
-    low, high = t_interval(changes, 1 - 2 * LEVEL)
-    ends = float(low), float(high)
+    ends = _interval(changes, 1 - 2 * LEVEL)
     if margin is None:
         return ends, None
     if error == 0:
@@ -127,8 +111,7 @@ def trial_means(table: Floats) -> tuple[TrialMean, ...]:
 def _trial_mean(values: Floats) -> TrialMean:
     if len(values) < 2:
         return len(values), float(values[0]) if len(values) else float("nan"), None, None
-    low, high = t_interval(values)
-    return len(values), float(values.mean()), float(low), float(high)
+    return len(values), float(values.mean()), *_interval(values)
 
 
 def _slope(row: Floats) -> float:

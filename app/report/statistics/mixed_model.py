@@ -54,16 +54,16 @@ class MixedModel:
     """
 
     metric: str
-    converged: bool
-    mean: float | None
-    interval: Interval | None
-    slope: float | None
-    slope_interval: Interval | None
-    player_sd: float | None
-    terrain_sd: float | None
-    rest_sd: float | None
-    terrains: tuple[TerrainDifficulty, ...]
     note: str
+    converged: bool = False
+    mean: float | None = None
+    interval: Interval | None = None
+    slope: float | None = None
+    slope_interval: Interval | None = None
+    player_sd: float | None = None
+    terrain_sd: float | None = None
+    rest_sd: float | None = None
+    terrains: tuple[TerrainDifficulty, ...] = ()
 
 
 def fit_mixed_model(metric: str, table: Floats, trials: Floats) -> MixedModel:
@@ -75,38 +75,29 @@ def fit_mixed_model(metric: str, table: Floats, trials: Floats) -> MixedModel:
     columns = np.flatnonzero(~np.isnan(table).all(axis=0))
     table, trials = table[:, columns], trials[:, columns]
     if min(table.shape) < FEWEST or not can_be_crossed(table):
-        return _unfitted(
-            metric,
-            f"No mixed model: it takes {FEWEST} players and {FEWEST} terrains at least, most of them played.",
-        )
+        least = f"{FEWEST} players and {FEWEST} terrains at least, most of them played"
+        return MixedModel(metric, f"No mixed model: it takes {least}.")
     spread = float(np.nanstd(table))
     if not spread > 1e-12 * float(np.nanmax(np.abs(table))):
-        return _unfitted(metric, "No mixed model: all values are the same.")
+        return MixedModel(metric, "No mixed model: all values are the same.")
     unit, middle = spread, float(np.nanmean(table))
     known = ~np.isnan(table)
     design = _Design.of(known, trials)
     values = (table[known] - middle) / unit
     found = crossed_components((table - middle) / unit)
     if not float(found.rest) > NO_VARIANCE:
-        return _unfitted(
-            metric, "No mixed model: beside players and terrains nothing is left that varies."
-        )
+        nothing = "No mixed model: beside players and terrains nothing is left that varies."
+        return MixedModel(metric, nothing)
     start = float(found.player) / float(found.rest), float(found.terrain) / float(found.rest)
     try:
         variances = _fit(values, design, start)
     except (np.linalg.LinAlgError, ValueError) as error:
-        return _unfitted(
-            metric, f"The mixed model could not be fitted ({error}): it has no figures."
-        )
+        why = f"The mixed model could not be fitted ({error}): it has no figures."
+        return MixedModel(metric, why)
     if variances is None:
-        return _unfitted(metric, "The mixed model did not converge: it has no figures.")
-    return _in_units(
-        metric, _solve(values, design, variances), variances, (unit, middle), design, columns
-    )
-
-
-def _unfitted(metric: str, note: str) -> MixedModel:
-    return MixedModel(metric, False, None, None, None, None, None, None, None, (), note)
+        return MixedModel(metric, "The mixed model did not converge: it has no figures.")
+    solved = _solve(values, design, variances)
+    return _in_units(metric, solved, variances, (unit, middle), design, columns)
 
 
 @dataclass(frozen=True)
@@ -157,9 +148,7 @@ def _fit(values: Floats, design: _Design, start: tuple[float, float]) -> Varianc
         fe_params=np.zeros(2), cov_re=np.zeros((0, 0)), vcomp=ratios
     )
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # that a variance may be 0, which it may; whether it converged is asked of the result
+        warnings.simplefilter("ignore")  # that a variance may be 0, which it may
         fitted = model.fit(start_params=first, reml=True, method=["lbfgs", "nm"])
     if not fitted.converged:
         return None
@@ -244,12 +233,11 @@ def _in_units(
     if design.trial_sd > 0:
         slope = unit * float(effects[1]) / design.trial_sd
         slope_half = t_quantile(count - players - terrains) * float(errors[1]) / design.trial_sd
-    values, halves = (
-        unit * effects[2 + players :],
-        scipy.special.ndtri(1 - TAIL) * errors[2 + players :],
-    )
+    values = (unit * effects[2 + players :]).tolist()
+    halves = (scipy.special.ndtri(1 - TAIL) * errors[2 + players :]).tolist()
     return MixedModel(
         metric=metric,
+        note="Fitted by restricted maximum likelihood; it converged.",
         converged=True,
         mean=mean,
         interval=(mean - half, mean + half),
@@ -259,10 +247,7 @@ def _in_units(
         terrain_sd=unit * variances.terrain**0.5,
         rest_sd=unit * variances.rest**0.5,
         terrains=tuple(
-            TerrainDifficulty(
-                int(terrain), float(value), (float(value - half), float(value + half))
-            )
-            for terrain, value, half in zip(columns, values, halves, strict=True)
+            TerrainDifficulty(terrain, value, (value - half, value + half))
+            for terrain, value, half in zip(columns.tolist(), values, halves, strict=True)
         ),
-        note="Fitted by restricted maximum likelihood; it converged.",
     )

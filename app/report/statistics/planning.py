@@ -1,6 +1,10 @@
 """What a study can see before it is frozen: the width of its interval, and the power of each comparison that it plans.
 
-Everything follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
+A player's mean over m ranked episodes has the variance player_sd^2 + episode_sd^2 / m, so more episodes cannot make up for few
+players. The t interval's half-width is itself random; skewed scores widen the printed interval beyond t
+(research/coverage/README.md: column "width / t").
+
+The power follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
 questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
 minus first third), and does a policy differ from the people on these terrains (t test over players, at the level of the first
 step of Holm's method; the report's test is for other terrains too, which takes a little of the power).
@@ -12,12 +16,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
+from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.learning import LEVEL
-from app.report.statistics.power import MAX_PLAYERS, chi_squared_quantile, plan_sample_size
+from app.report.statistics.spread import variance_components
+from app.series.data import StudyData
 from app.series.protocol import Protocol
 from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
 
@@ -27,8 +35,106 @@ WANTED_POWER = 0.8
 LEAST_POWER = 0.5
 """A study below it is refused: it would more likely miss than see what it is planned to see."""
 
+MAX_PLAYERS = 2000
+"""Players beyond which no study is planned here."""
+LISTED_PLAYERS = (5, 8, 10, 15, 20, 30, 50, 100)
+
 _QUANTILES: Floats = (np.arange(2000) + 0.5) / 2000
 """Of the sample's standard deviation, over which a power is averaged."""
+
+
+@dataclass(frozen=True)
+class Width:
+    """Half-widths of the 95 % t interval with so many players, in the metric's unit.
+
+    expected  its mean for normal player means; assured: not exceeded in the share of studies asked for
+    """
+
+    players: int
+    expected: float
+    assured: float
+
+
+@dataclass(frozen=True)
+class SampleSizePlan:
+    """How many players reach a half-width.
+
+    players   fewest whose expected half-width is at most the wanted one; None when MAX_PLAYERS are too few
+    assured   fewest who reach it in the share `assurance` of studies; None likewise
+    mean_sd   standard deviation of a player's mean over `ranked` episodes
+    table     half-widths for some numbers of players, the two above among them
+    """
+
+    mean_sd: float
+    players: int | None
+    assured: int | None
+    table: tuple[Width, ...]
+
+
+def plan_sample_size(
+    player_sd: float, episode_sd: float, half_width: float, ranked: int = 30, assurance: float = 0.8
+) -> SampleSizePlan:
+    """Return how many players give a 95 % interval of the mean whose half-width is at most `half_width`.
+
+    player_sd   standard deviation between players' true means, in the metric's unit (score or steps)
+    episode_sd  standard deviation of an episode around its player's mean
+    ranked      episodes a player; assurance: share of studies, in (0, 1), in which the width is to be reached
+
+    ValueError for a spread or width that cannot be.
+    """
+    if player_sd < 0 or episode_sd < 0 or not player_sd + episode_sd > 0:
+        given = f"{player_sd} and {episode_sd}"
+        raise ValueError(f"the SDs must be at least 0, and one above 0; got {given}")
+    if not half_width > 0:
+        raise ValueError(f"the half-width must be above 0, got {half_width}")
+    if ranked < 1 or not 0 < assurance < 1:
+        given = f"{ranked} and {assurance}"
+        raise ValueError(f"ranked must be at least 1 and assurance in (0, 1), got {given}")
+    spread = float(np.sqrt(player_sd**2 + episode_sd**2 / ranked))
+    every = np.arange(2, MAX_PLAYERS + 1)
+    columns = every, *half_widths(spread, every, assurance)
+    widths = [Width(*row) for row in zip(*(each.tolist() for each in columns), strict=True)]
+    players = next((width.players for width in widths if width.expected <= half_width), None)
+    assured = next((width.players for width in widths if width.assured <= half_width), None)
+    shown = sorted({*LISTED_PLAYERS, *(count for count in (players, assured) if count is not None)})
+    return SampleSizePlan(spread, players, assured, tuple(widths[count - 2] for count in shown))
+
+
+def half_widths(
+    mean_sd: float, players: NDArray[np.int64], assurance: float
+) -> tuple[Floats, Floats]:
+    """Return the half-width of the 95 % t interval on average, and the one that the share `assurance` of studies stays below.
+
+    mean_sd  standard deviation of a player's mean; players: numbers of players, each at least 2
+    """
+    freedom = players - 1
+    unit = scipy.special.stdtrit(freedom, (1 + CONFIDENCE) / 2) * mean_sd / np.sqrt(players)
+    log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
+    expected = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
+    return unit * expected, unit * np.sqrt(chi_squared_quantile(assurance, freedom) / freedom)
+
+
+def chi_squared_quantile(probability: float | Floats, freedom: int | NDArray[np.int64]) -> Floats:
+    """Return what a chi-squared variable with `freedom` degrees of freedom stays below with this probability (0..1)."""
+    quantile: Floats = 2 * scipy.special.gammaincinv(freedom / 2, probability)
+    return quantile
+
+
+def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:
+    """Return (player SD, episode SD) of the people of a study; ValueError when they are too few to estimate them.
+
+    The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
+    """
+    why = "shows no figure until it is closed"
+    found = None
+    if data.closed_ms is not None:
+        why = "has too few players with a spread to plan from"
+        cohort = people_of(data)
+        ids = members(cohort, {})
+        found = variance_components(cohort.table(ids, metric)) if ids else None
+    if found is None:
+        raise ValueError(f"the study {data.protocol.name!r} {why}: give the SDs instead")
+    return found.between_sd, found.rest_sd
 
 
 @dataclass(frozen=True)
@@ -76,8 +182,9 @@ def plan_study(protocol: Protocol) -> StudyPlan:
     player_sd, episode_sd = planned_sds(protocol)
     half_width = None
     if protocol.players > 1:
-        plan = plan_sample_size(player_sd, episode_sd, 1.0, protocol.ranked)
-        half_width = _half_width(plan.mean_sd, protocol.players)
+        spread, players = _mean_sd(protocol, player_sd, episode_sd), np.array([protocol.players])
+        expected, assured = half_widths(spread, players, WANTED_POWER)
+        half_width = float(expected[0]), float(assured[0])
     found = [_learning(protocol, episode_sd)] if protocol.ranked >= 3 else []
     if protocol.policies:
         found.append(_policies(protocol, player_sd, episode_sd))
@@ -97,12 +204,9 @@ def derived_margin(protocol: Protocol) -> float | None:
     _, episode_sd = planned_sds(protocol)
     if protocol.players < 2 or protocol.ranked < 3:
         return None
-    return _whole(
-        _least(
-            lambda margin: flat_power(_change_sd(protocol, episode_sd), protocol.players, margin)
-        ),
-        protocol,
-    )
+    spread = _change_sd(protocol, episode_sd)
+    least = _least(lambda margin: flat_power(spread, protocol.players, margin))
+    return _whole(least, protocol)
 
 
 def derived_difference(protocol: Protocol) -> float | None:
@@ -111,10 +215,8 @@ def derived_difference(protocol: Protocol) -> float | None:
         return None
     spread = _mean_sd(protocol, *planned_sds(protocol))
     count = _policy_count(protocol)
-    return _whole(
-        _least(lambda difference: difference_power(spread, protocol.players, difference, count)),
-        protocol,
-    )
+    least = _least(lambda other: difference_power(spread, protocol.players, other, count))
+    return _whole(least, protocol)
 
 
 def flat_power(change_sd: float, players: int, margin: float) -> float:
@@ -138,20 +240,20 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     if players < 2:
         return 0.0
     freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * np.sqrt(
-        chi_squared_quantile(_QUANTILES, freedom) / freedom
-    )
+    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
+    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * sampled
     return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
 
 
 def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
     spread, margin = _change_sd(protocol, episode_sd), protocol.equivalence_margin
+    least = None
+    if protocol.players > 1:
+        least = _least(lambda other: flat_power(spread, protocol.players, other))
     return PlannedComparison(
         what=f"learning flat within ±{margin:g} steps, if it is flat",
         power=flat_power(spread, protocol.players, margin),
-        least=_least(lambda other: flat_power(spread, protocol.players, other))
-        if protocol.players > 1
-        else None,
+        least=least,
         players=_fewest(lambda players: flat_power(spread, players, margin)),
         field="equivalence_margin",
     )
@@ -159,11 +261,9 @@ def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
 
 def _policies(protocol: Protocol, player_sd: float, episode_sd: float) -> PlannedComparison:
     spread, count = _mean_sd(protocol, player_sd, episode_sd), _policy_count(protocol)
-    least = (
-        _least(lambda other: difference_power(spread, protocol.players, other, count))
-        if protocol.players > 1
-        else None
-    )
+    least = None
+    if protocol.players > 1:
+        least = _least(lambda other: difference_power(spread, protocol.players, other, count))
     wanted = protocol.policy_difference or (1.0 if least is None else _whole(least, protocol))
     return PlannedComparison(
         what=f"each of {count} policies, if it differs by {wanted:g} steps from the people on these terrains",
@@ -184,16 +284,6 @@ def _mean_sd(protocol: Protocol, player_sd: float, episode_sd: float) -> float:
 
 def _policy_count(protocol: Protocol) -> int:
     return len({*protocol.policies, "random"})
-
-
-def _half_width(mean_sd: float, players: int) -> tuple[float, float]:
-    """Return the half-width of the 95 % t interval on average, and the one that 80 % of studies stay below."""
-    freedom = players - 1
-    unit = t_quantile(freedom) * mean_sd / math.sqrt(players)
-    mean = math.sqrt(2 / freedom) * math.exp(math.lgamma(players / 2) - math.lgamma(freedom / 2))
-    return unit * mean, unit * math.sqrt(
-        float(chi_squared_quantile(WANTED_POWER, freedom)) / freedom
-    )
 
 
 def _least(power: Callable[[float], float]) -> float:

@@ -129,10 +129,8 @@ def iqm_shares(table: Floats) -> Floats:
     counts = known.sum((-2, -1))[..., None]
     cut = counts // 4
     places = np.arange(flat.shape[-1])
-    middle = (
-        np.where((places >= cut) & (places < counts - cut), flat, 0.0).sum(-1)
-        / (counts - 2 * cut)[..., 0]
-    )
+    is_middle = (places >= cut) & (places < counts - cut)
+    middle = np.where(is_middle, flat, 0.0).sum(-1) / (counts - 2 * cut)[..., 0]
     ends = (np.take_along_axis(flat, place, -1)[..., None] for place in (cut, counts - cut - 1))
     drawn_in = np.where(known, np.clip(table, *ends), 0.0)
     mean = drawn_in.sum((-2, -1)) / counts[..., 0]

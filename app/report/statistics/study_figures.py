@@ -18,6 +18,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     rule_in_words,
 )
+from app.report.statistics.formatting import counted
 from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import Estimate, Interval, estimate
 from app.series.data import StudyData
@@ -46,11 +47,11 @@ class StudyFigure:
 
     name: str
     rule: str
-    players: int
-    episodes: int
-    score: Estimate | None
-    steps: Estimate | None
-    completed: float | None
+    players: int = 0
+    episodes: int = 0
+    score: Estimate | None = None
+    steps: Estimate | None = None
+    completed: float | None = None
 
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
@@ -137,7 +138,7 @@ def figure_sentence(figure: StudyFigure, words: Words) -> str:
     """Return a figure that has at least one player as a sentence."""
     assert figure.score is not None
     assert figure.steps is not None
-    who = f"{figure.players} player{'s' * (figure.players != 1)}, {figure.episodes} ranked episodes"
+    who = f"{counted(figure.players, 'player')}, {figure.episodes} ranked episodes"
     kind = "guaranteed " if figure.score.headline == "guaranteed" else ""
     kind += "95 % interval "  # said once
     reasons, said = [], []
@@ -147,10 +148,8 @@ def figure_sentence(figure: StudyFigure, words: Words) -> str:
     ):
         reasons.append(why_no_interval(found))
         if reasons[-1] is None and found.interval is not None:
-            text, kind = (
-                f"{text} ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})",
-                "",
-            )
+            text += f" ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})"
+            kind = ""
         said.append(text)
     why = dict.fromkeys(reason for reason in reasons if reason)
     return " ".join([f"{who}: {', '.join(said)}.", *why])
@@ -174,11 +173,10 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
     """Return the figure of some of the cohort, under the name of a row."""
     rule = RULES_IN_WORDS.get(name) or rule_in_words(data.protocol.exclusion.get(name))
     if not ids:
-        return StudyFigure(name, rule, 0, 0, None, None, None)
+        return StudyFigure(name, rule)
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
     failed = np.array(
-        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids],
-        np.float64,
+        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64
     )
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     score, steps = (
@@ -190,8 +188,8 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         for metric in METRICS
     )
     return StudyFigure(
-        name=name,
-        rule=rule,
+        name,
+        rule,
         players=len(ids),
         episodes=int(episodes.sum()),
         score=score,

@@ -6,7 +6,7 @@ intervals over groups, as in `app.report.statistics.human_level`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,18 +70,22 @@ def summarize_episodes(config: Configuration, groups: Sequence[EpisodeGroup]) ->
     return {
         "groups": len(groups),
         "episodes": sum(map(len, groups)),
-        "score": mean_interval(
-            [float(np.mean([each.score for each in group])) for group in groups]
-        ),
-        "steps": mean_interval(
-            [float(np.mean([each.steps for each in group])) for group in groups]
-        ),
-        "completed": float(
-            np.mean([np.mean([each.outcome == "explored" for each in group]) for group in groups])
-        ),
-        "curve": coverage_curve(config, groups),
-        "visits": visit_counts(config, groups),
+        "score": mean_interval([_mean(each.score for each in group) for group in groups]),
+        "steps": mean_interval([_mean(each.steps for each in group) for group in groups]),
+        "completed": _mean(_mean(each.outcome == "explored" for each in own) for own in groups),
+        **curve_and_visits(config, groups),
     }
+
+
+def curve_and_visits(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, Any]:
+    """Return {"curve": `coverage_curve`, "visits": `visit_counts`} of some groups; nothing for none."""
+    if not groups:
+        return {}
+    return {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
 
 
 def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> dict[str, list[Any]]:
@@ -93,13 +97,8 @@ def coverage_curve(config: Configuration, groups: Sequence[EpisodeGroup]) -> dic
         for group in groups
     ]
     means = np.array([np.mean(group, axis=0) for group in held]) / config.n
-    low, high = _band(means)
-    return {
-        "steps": [int(step) for step in steps],
-        "mean": _short(means.mean(axis=0)),
-        "low": [] if low is None else _short(low),
-        "high": [] if high is None else _short(high),
-    }
+    low, high = map(_short, t_interval(means.T)) if len(means) > 1 else ([], [])
+    return {"steps": steps.tolist(), "mean": _short(means.mean(axis=0)), "low": low, "high": high}
 
 
 def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[list[float]]:
@@ -108,9 +107,7 @@ def visit_counts(config: Configuration, groups: Sequence[EpisodeGroup]) -> list[
     for group in groups:
         for each in group:
             cells = np.array(each.path)
-            inside = ((cells >= 0) & (cells < total.shape)).all(
-                axis=1
-            )  # a last move may lead off the grid
+            inside = ((cells >= 0) & (cells < total.shape)).all(axis=1)  # a last move may lead out
             np.add.at(total, tuple(cells[inside].T), 1 / len(group))
     return [_short(row, 3) for row in total / len(groups)]
 
@@ -120,10 +117,8 @@ def trial_summaries(groups: Sequence[EpisodeGroup], most: int = 60) -> list[dict
     found = []
     for number in range(min(most, max(map(len, groups)))):
         there = [group[number] for group in groups if len(group) > number]
-        score, steps = (
-            mean_interval([each.score for each in there]),
-            mean_interval([float(each.steps) for each in there]),
-        )
+        score = mean_interval([each.score for each in there])
+        steps = mean_interval([float(each.steps) for each in there])
         found.append({"trial": number + 1, "players": len(there), "score": score, "steps": steps})
     return found
 
@@ -132,11 +127,6 @@ def _held(discoveries: Sequence[int] | NDArray[np.int32], steps: NDArray[np.int6
     """Return the discovered cells at `steps`, the last ones after the end."""
     known = np.array(discoveries, np.float64)
     return known[np.minimum(steps, len(known) - 1)]
-
-
-def _band(means: Floats) -> tuple[Floats | None, Floats | None]:
-    """Return low and high of the t interval of the mean over the first axis; None for fewer than two groups."""
-    return t_interval(means.T) if len(means) > 1 else (None, None)
 
 
 def _short(values: Floats, digits: int = 4) -> list[float]:
@@ -178,9 +168,4 @@ def _pictures(
             advance()
         if own:
             groups.append(own)
-    config = data.protocol.env_config
-    return (
-        {"curve": coverage_curve(config, groups), "visits": visit_counts(config, groups)}
-        if groups
-        else {}
-    )
+    return curve_and_visits(data.protocol.env_config, groups)

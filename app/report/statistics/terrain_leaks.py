@@ -44,11 +44,9 @@ class LeakTrend:
         if self.slope is None or self.interval is None or self.p_value is None:
             return "Whether ranked terrains leaked between participants was not tested: too few people, or nobody came later."
         low, high = self.interval
-        verdict = (
-            "People did better on terrains that others had finished before, as they would if terrains had leaked"
-            if high < 0
-            else "No sign that ranked terrains leaked between participants"
-        )
+        verdict = "No sign that ranked terrains leaked between participants"
+        if high < 0:
+            verdict = "People did better on terrains that others had finished before, as they would if terrains had leaked"
         return (
             f"{verdict}: {self.slope:+.2f} {words.steps} for each earlier finisher of a terrain (95 % interval {low:+.2f} to "
             f"{high:+.2f}, p = {self.p_value:.3f}, {self.players} players, up to {self.most} earlier finishers)."
@@ -62,20 +60,18 @@ def leak_trend(ranked: Mapping[str, Sequence[Trial]]) -> LeakTrend:
     of other people who had finished the terrain when the episode began; t with players - 2 degrees of freedom. The player is
     the unit, so the trend takes for granted that skill does not follow the order of coming.
     """
-    episodes = [
-        each
-        for own in ranked.values()
-        for each in own
-        if each.steps_to_target is not None and each.ended_ms is not None
-    ]
-    difficulty = {terrain: np.mean(steps) for terrain, steps in _by_terrain(episodes).items()}
+    everything = [each for own in ranked.values() for each in own]
+    episodes = [each for each in everything if None not in (each.steps_to_target, each.ended_ms)]
+    on_terrain: dict[int, list[int]] = defaultdict(list)
+    for each in episodes:
+        on_terrain[each.terrain_index].append(each.steps_to_target or 0)
+    difficulty = {terrain: np.mean(steps) for terrain, steps in on_terrain.items()}
     before: dict[str, list[int]] = defaultdict(list)
     steps: dict[str, list[float]] = defaultdict(list)
     for each in episodes:
         before[each.participant].append(_finishers_before(each, episodes))
-        steps[each.participant].append(
-            float((each.steps_to_target or 0) - difficulty[each.terrain_index])
-        )
+        more = (each.steps_to_target or 0) - difficulty[each.terrain_index]
+        steps[each.participant].append(float(more))
     most = max((max(counts) for counts in before.values()), default=0)
     x, y = ([float(np.mean(own)) for own in found.values()] for found in (before, steps))
     if len(x) < FEWEST_PLAYERS or np.ptp(x) == 0:
@@ -84,13 +80,6 @@ def leak_trend(ranked: Mapping[str, Sequence[Trial]]) -> LeakTrend:
     half = float(t_quantile(len(x) - 2) * found.stderr)
     slope = float(found.slope)
     return LeakTrend(len(x), most, slope, (slope - half, slope + half), float(found.pvalue))
-
-
-def _by_terrain(episodes: Sequence[Trial]) -> dict[int, list[float]]:
-    found: dict[int, list[float]] = defaultdict(list)
-    for each in episodes:
-        found[each.terrain_index].append(float(each.steps_to_target or 0))
-    return found
 
 
 def _finishers_before(episode: Trial, episodes: Sequence[Trial]) -> int:

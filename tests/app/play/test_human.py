@@ -91,13 +91,17 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
     )
 
 
-@pytest.mark.parametrize("acts", [(("away", None), *KEYS[1:]), (*KEYS[:2], ("off", None))])
-def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, acts):
+@pytest.mark.parametrize(
+    ("acts", "level"),
+    [((("away", None), *KEYS[1:]), None), ((*KEYS[:2], ("off", None)), "spoilt")],
+)
+def test_one_move_without_an_event_makes_the_whole_episode_a_scripts(server, acts, level):
     client = server.page()
     begun = client.post("/api/sessions").json()
     kept = finish(server, begun, client, *acts)
-    assert (kept["driver"], kept["counts"]) == ("script", False)
-    assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is False
+    counts = level == "spoilt"
+    assert (kept["driver"], kept["attestation"], kept["counts"]) == ("script", level, counts)
+    assert client.get(f"/api/sessions/{begun['session']}/about").json()["counts"] is counts
 
 
 def test_one_move_over_http_makes_the_whole_episode_a_scripts(server):

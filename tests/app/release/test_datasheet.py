@@ -47,16 +47,8 @@ def place(tmp_path_factory):
     forget(folder / "play.db", people[0])
     Folder(folder / "studies").close(study.name)
     common = ("--study", study.name)
-    command(
-        "release",
-        *common,
-        "--database",
-        folder / "play.db",
-        "--studies",
-        folder / "studies",
-        "--out",
-        folder / "one",
-    )
+    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    command("release", *common, *where, "--out", folder / "one")
     command("import", folder / "one", "--database", folder / "new.db")
     command(
         "release",
@@ -74,7 +66,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, name):
     with closing(Reader.open(place / "play.db")) as reader:
-        data, _ = load_with_folder(reader, place / "studies", "dunes")
+        data, _ = load_with_folder(reader, Folder(place / "studies"), "dunes")
     own = asdict(build(data).groups[0].flow)
     assert own["arrivals"] == {
         "declined": 1,
@@ -86,9 +78,7 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
     }
     report = json.loads((place / name / "report.json").read_text())
     assert report["groups"][0]["flow"] == own
-    if (
-        name == "two"
-    ):  # an import's release, so that the first one's tables are derived again with it
+    if name == "two":  # an import's release: the first one's tables are derived again with it
         command("reproduce", place / name)
 
 
@@ -113,16 +103,10 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
 
 def test_no_invitation_can_be_found_in_a_release(place):
     with closing(Reader.open(place / "play.db")) as reader:
-        used = {
-            row["invitation"]
-            for row in reader.query(
-                "SELECT invitation FROM participants WHERE invitation IS NOT NULL"
-            )
-        }
+        sql = "SELECT invitation FROM participants WHERE invitation IS NOT NULL"
+        used = {row["invitation"] for row in reader.query(sql)}
     assert len(used) == 6
-    used = {
-        ident for ident in used if not ident.isdigit()
-    }  # four digits stand in any table of numbers
+    used = {each for each in used if not each.isdigit()}  # digits stand in any table of numbers
     for path in (each for each in (place / "one").rglob("*") if each.is_file()):
         data = path.read_bytes()
         assert not [ident for ident in used if ident.encode() in data], path

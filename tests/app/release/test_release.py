@@ -16,7 +16,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from app.cli.main import main
 from app.db import chain
 from app.db.columns import BUNDLE_TABLES, bundle_table, dictionary
 from app.db.store import SessionRow, StoreError
@@ -24,11 +23,12 @@ from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release, verify_bundle
 from app.release.errors import ReleaseError
-from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing
+from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE, listing, sha256
 from app.release.tables import PARQUET
 from app.series.protocol import canonical, canonical_json, parse_protocol
 from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
+from tests.support.command import command as run
 from tests.support.stored_studies import CONFIG, IDENTITIES, StudyRecorder, freeze, play_study
 
 ROOT = Path(__file__).parents[3]
@@ -76,15 +76,8 @@ def traces(folder):
     """Everything in the database that says who somebody is, or lets one act for them."""
     found = {value.format(number) for value in IDENTITIES.values() for number in (0, 1, 2, 7)}
     conn = sqlite3.connect(folder / "play.db")
-    columns = (
-        "participants.id",
-        "players.id",
-        "sessions.id",
-        "participants.completion_code",
-        "meta.value",
-        "identities.value",
-    )
-    for name in columns:
+    ids = "participants.id players.id sessions.id participants.completion_code"
+    for name in f"{ids} meta.value identities.value".split():
         found |= {row[0] for row in conn.execute(f"SELECT {name} FROM {name.split('.')[0]}")}
     conn.close()
     assert len(found) > 20
@@ -141,22 +134,17 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
     dataset = minari.load_dataset(f"marsexplorer/dunes/{driver}-v1")
     assert dataset.total_episodes == (11 if driver == "human" else 6)
     metadata = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
-    ref_min, ref_max = (
-        dataset.storage.metadata[name] for name in ("ref_min_score", "ref_max_score")
-    )
-    rows = {
-        row["episode"]: row
-        for row in pq.read_table(folder / "out/parquet/episodes.parquet").to_pylist()
-    }
-    made_again = gymnasium.make(
-        "MarsExplorer-v0", level="random", size=(7, 9), sensor_radius=3, observation="uint8"
-    )
+    about = dataset.storage.metadata
+    assert (about["ref_min_score"], about["ref_max_score"]) == (-63.0, 126.0)
+    episodes = pq.read_table(folder / "out/parquet/episodes.parquet").to_pylist()
+    rows = {row["episode"]: row for row in episodes}
+    config = {"level": "random", "size": (7, 9), "sensor_radius": 3}
+    made_again = gymnasium.make("MarsExplorer-v0", **config, observation="uint8")
     for env in (dataset.recover_environment(), made_again):
         for episode, about in zip(dataset.iterate_episodes(), metadata, strict=True):
             row = rows[about["episode"]]
-            assert {
-                name: about[name] for name in ("participant", "phase", "seed", "config_hash")
-            } == {name: row[name] for name in ("participant", "phase", "seed", "config_hash")}
+            for name in ("participant", "phase", "seed", "config_hash"):
+                assert about[name] == row[name]
             observation, _ = env.reset(seed=about["seed"])
             assert np.array_equal(observation, episode.observations[0])
             for number, action in enumerate(episode.actions):
@@ -166,10 +154,8 @@ def test_the_minari_dataset_loads_and_replays_through_gymnasium(made, monkeypatc
                 assert terminated == episode.terminations[number]
                 assert truncated == episode.truncations[number] or row["outcome"] == "abandoned"
             if row["outcome"] != "abandoned":
-                assert minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))[
-                    0
-                ] == pytest.approx(row["score"])
-    assert (ref_min, ref_max) == (-63.0, 126.0)
+                found = minari.get_normalized_score(dataset, np.array([episode.rewards.sum()]))
+                assert found[0] == pytest.approx(row["score"])
 
 
 def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypatch):
@@ -192,9 +178,8 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
 
 def test_a_release_is_built_while_a_server_runs(copy):
     recorder = StudyRecorder(copy / "play.db", freeze(copy / "studies2", "unused"))
-    assert (
-        build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new")).header.version == 2
-    )
+    built = build_release(ReleaseRequest(copy / "play.db", "dunes", copy / "new"))
+    assert built.header.version == 2
     recorder.play(recorder.join(9), "warm_up", 0)
     recorder.close()
     assert verify_database(copy / "play.db").findings == ()
@@ -218,7 +203,7 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
     assert "license: CC-BY-4.0" in (out / "CITATION.cff").read_text()
     assert "creativecommons.org/licenses/by/4.0" in (out / "LICENSE").read_text()
     datasheet = (out / "DATASHEET.md").read_text()
-    for heading in (
+    for heading in [
         "Motivation",
         "Composition",
         "Collection",
@@ -227,7 +212,7 @@ def test_the_papers_say_whom_to_cite_and_what_the_licence_is(made):
         "Verify",
         "Maintenance",
         "Columns",
-    ):
+    ]:
         assert f"## {heading}" in datasheet
     assert "openssl pkeyutl" in datasheet
 
@@ -246,34 +231,17 @@ def test_the_protocol_has_the_hash_that_was_frozen_whatever_fields_later_version
 def test_openssl_alone_can_check_the_signature(made):
     if shutil.which("openssl") is None:
         pytest.skip("no openssl here")
-    command = [
-        "openssl",
-        "pkeyutl",
-        "-verify",
-        "-pubin",
-        "-inkey",
-        PUBLIC_KEY,
-        "-rawin",
-        "-in",
-        MANIFEST,
-        "-sigfile",
-        SIGNATURE,
-    ]
+    files = f"-inkey {PUBLIC_KEY} -rawin -in {MANIFEST} -sigfile {SIGNATURE}"
+    command = f"openssl pkeyutl -verify -pubin {files}".split()
     done = subprocess.run(command, cwd=made[0] / "out", capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
 ORDERS = {
-    "series": "name",
-    "participants": "joined_ms",
-    "players": "created_ms",
-    "sessions": "created_ms",
-    "episodes": "started_ms",
-    "steps": "episode_id, step",
-    "stage_events": "at_ms",
-    "series_episodes": "episode_id",
+    "series": "name", "participants": "joined_ms", "players": "created_ms", "sessions": "created_ms",
+    "episodes": "started_ms", "steps": "episode_id, step", "stage_events": "at_ms", "series_episodes": "episode_id",
     "input_events": "episode_id, number",
-}
+}  # fmt: skip
 
 
 def nameless(path):
@@ -287,9 +255,8 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
     joined = import_release(folder / "out", tmp_path / "again.db")
     assert joined.added["episodes"] == 18
     assert verify_database(tmp_path / "again.db").findings == ()
-    again = build_release(
-        ReleaseRequest(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",))
-    )
+    request = ReleaseRequest(tmp_path / "again.db", "dunes", tmp_path / "out2", ("Ada Lovelace",))
+    again = build_release(request)
     assert nameless(folder / "out/study.sqlite") == nameless(tmp_path / "out2/study.sqlite")
     assert again.header.version == 2
     assert again.header.supersedes["manifest_sha256"] == built.manifest_hash
@@ -298,10 +265,9 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
             pq.read_table(out / f"parquet/{name}.parquet").to_pylist()
             for out in (folder / "out", tmp_path / "out2")
         )
-        same = [{key: value for key, value in row.items() if key != "participant"} for row in old]
-        assert same == [
-            {key: value for key, value in row.items() if key != "participant"} for row in new
-        ]
+        for row in (*old, *new):
+            row.pop("participant", None)
+        assert old == new
     people = [
         {row[0] for row in table(path, "participants", "id")}
         for path in (folder / "out/study.sqlite", tmp_path / "out2/study.sqlite")
@@ -335,9 +301,8 @@ def test_any_changed_file_is_found(copy):
         except ReleaseError:
             assert name in (MANIFEST, PUBLIC_KEY)
         else:
-            assert any(
-                (MANIFEST if name == SIGNATURE else name) in finding.where for finding in found
-            ), name
+            changed = MANIFEST if name == SIGNATURE else name
+            assert any(changed in finding.where for finding in found), name
         path.write_bytes(data)
     assert verify_bundle(copy / "out").verified.findings == ()
 
@@ -356,15 +321,12 @@ def test_a_forged_release_has_another_signer(made, copy):
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     manifest = json.loads((out / MANIFEST).read_text())
     manifest["signer"] = signing.fingerprint((out / PUBLIC_KEY).read_bytes())
-    manifest["files"][PUBLIC_KEY]["sha256"] = hashlib.sha256(
-        (out / PUBLIC_KEY).read_bytes()
-    ).hexdigest()
+    manifest["files"][PUBLIC_KEY]["sha256"] = sha256(out / PUBLIC_KEY)
     (out / MANIFEST).write_text(json.dumps(manifest))
     (out / SIGNATURE).write_bytes(key.sign((out / MANIFEST).read_bytes()))
     assert verify_bundle(out).verified.findings == ()
-    assert [
-        finding.what for finding in verify_bundle(out, signer=made[1].signer).verified.findings
-    ] == ["the signing key"]
+    (finding,) = verify_bundle(out, signer=made[1].signer).verified.findings
+    assert finding.what == "the signing key"
 
 
 def test_a_changed_field_in_the_bundles_database_is_named(copy):
@@ -373,10 +335,8 @@ def test_a_changed_field_in_the_bundles_database_is_named(copy):
     conn.commit()
     conn.close()
     found = verify_bundle(copy / "out").verified.findings
-    assert any(
-        finding.what == "digest of its stored fields in the table steps" for finding in found
-    )
-    assert any(finding.where == "file study.sqlite" for finding in found)
+    assert "digest of its stored fields in the table steps" in {each.what for each in found}
+    assert "file study.sqlite" in {each.where for each in found}
 
 
 def refused(folder, match, **changes):
@@ -384,12 +344,8 @@ def refused(folder, match, **changes):
     given = ReleaseRequest(folder / "play.db", "dunes", folder / "new")
     with pytest.raises(ReleaseError, match=match):
         build_release(replace(given, **changes))
-    after = {path.name for path in folder.iterdir()} - {
-        "play.db-signing-key",
-        "play.db-wal",
-        "play.db-shm",
-    }
-    assert after <= set(before)
+    beside = {f"play.db-{name}" for name in ("signing-key", "wal", "shm")}
+    assert {path.name for path in folder.iterdir()} - beside <= set(before)
 
 
 def test_no_release_of_an_unknown_study_or_into_a_folder_that_is_there(copy):
@@ -435,21 +391,12 @@ def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path
     from app.series.folder import Folder
 
     Folder(tmp_path / "studies").close(study.name)
-    args = [
-        "release",
-        "--study",
-        "dunes",
-        "--database",
-        tmp_path / "play.db",
-        "--studies",
-        tmp_path / "studies",
-    ]
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in (*args, "--out", tmp_path / "out")])
-    assert left.value.code == 0, capsys.readouterr().err
+    where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
+    code, out, err = run(capsys, "release", "--study", "dunes", *where, "--out", tmp_path / "out")
+    assert code == 0, err
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert manifest["secret"] == study.secret.hex()
-    assert manifest["signer"] in capsys.readouterr().out
+    assert manifest["signer"] in out
 
 
 def test_playground_episodes_of_the_same_database_stay_out(copy):
@@ -472,16 +419,8 @@ def test_playground_episodes_of_the_same_database_stay_out(copy):
 @pytest.mark.parametrize("name", ["pyarrow", "minari", "h5py", "mlcroissant", "cryptography"])
 def test_a_missing_library_is_asked_for_by_name(made, tmp_path, monkeypatch, capsys, name):
     monkeypatch.setitem(sys.modules, name, None)
-    args = (
-        "release",
-        "--study",
-        "dunes",
-        "--database",
-        made[0] / "play.db",
-        "--out",
-        tmp_path / "out",
-    )
-    code, _, err = run(capsys, *args)
+    where = "--database", made[0] / "play.db", "--out", tmp_path / "out"
+    code, _, err = run(capsys, "release", "--study", "dunes", *where)
     assert code == 1
     assert err.startswith(f"marsexplorer: {name} is not installed")
     assert "marsexplorer-playground[export]" in err
@@ -493,13 +432,6 @@ def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ReleaseError, match=r"cannot write .*file/out.*choose another --out"):
         build_release(ReleaseRequest(made[0] / "play.db", "dunes", tmp_path / "file" / "out"))
-
-
-def run(capsys, *args):
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in args])
-    said = capsys.readouterr()
-    return left.value.code, said.out, said.err
 
 
 def test_the_commands_report_what_they_did(copy, capsys):
@@ -521,19 +453,19 @@ def test_the_commands_report_what_they_did(copy, capsys):
 @pytest.mark.parametrize(
     ("args", "code", "said"),
     [
-        (["verify", "--database", "a", "--dataset", "b"], 2, "not both"),
-        (["verify", "--database", "a", "--signer", "b"], 2, "--signer goes with --dataset"),
-        (["verify", "--database", "missing.db"], 1, "no database at"),
-        (["verify", "--dataset", "missing"], 1, "is not a release"),
-        (["import", "missing"], 1, "is not a release"),
-        (["release", "--study", "x"], 2, "--out"),
-        (["merge", "one.db", "--out", "c.db"], 2, "two databases or more"),
-        (["forget", "somebody", "--database", "missing.db"], 1, "no database at"),
+        ("verify --database a --dataset b", 2, "not both"),
+        ("verify --database a --signer b", 2, "--signer goes with --dataset"),
+        ("verify --database missing.db", 1, "no database at"),
+        ("verify --dataset missing", 1, "is not a release"),
+        ("import missing", 1, "is not a release"),
+        ("release --study x", 2, "--out"),
+        ("merge one.db --out c.db", 2, "two databases or more"),
+        ("forget somebody --database missing.db", 1, "no database at"),
     ],
 )
 def test_mistakes_get_one_sentence(capsys, tmp_path, monkeypatch, args, code, said):
     monkeypatch.chdir(tmp_path)
-    got, _, err = run(capsys, *args)
+    got, _, err = run(capsys, *args.split())
     assert (got, err.count("\n")) == (code, 1)
     assert said in err
     assert list(tmp_path.iterdir()) == []

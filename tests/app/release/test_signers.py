@@ -5,11 +5,11 @@ import shutil
 
 import pytest
 
-from app.cli.main import main
 from app.release import signing
 from app.release.errors import ReleaseError
 from app.release.manifest import MANIFEST, PUBLIC_KEY
 from app.release.signing import check_signer, fingerprint_of, pin, read_pins
+from tests.support.command import command
 
 
 @pytest.fixture
@@ -17,10 +17,8 @@ def run(capsys):
     """`run(...)` runs the command and returns exit code and stdout."""
 
     def call(*args):
-        with pytest.raises(SystemExit) as left:
-            main([str(arg) for arg in args])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out + said.err
+        code, out, err = command(capsys, *args)
+        return code, out + err
 
     return call
 
@@ -32,15 +30,13 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_a_signer_is_not_checked_until_a_key_says_so_and_another_key_fails(
-    made, tmp_path, run, command
+    made, tmp_path, run, name
 ):
     out, signer = made[0] / "out", made[1].signer
-    args = COMMANDS[command](out, tmp_path)
-    if (
-        command != "reproduce"
-    ):  # each of which takes long: what it says without a key is in its own tests
+    args = COMMANDS[name](out, tmp_path)
+    if name != "reproduce":  # which takes long: what it says without a key is in its own tests
         code, said = run(*args)
         unchecked = f"signer not checked: nothing here says whose key {signer} is"
         assert (code, said.count(unchecked)) == (0, 1)
@@ -55,19 +51,12 @@ def test_a_pinned_key_is_known_from_then_on(made, tmp_path, run, monkeypatch):
     monkeypatch.setenv("MARS_SIGNERS", str(tmp_path / "config" / "signers.json"))
     code, said = run("verify", "--dataset", out, "--pin")
     assert (code, f"signer checked: {signer} is a pinned key" in said) == (0, True)
-    assert (
-        json.loads((tmp_path / "config" / "signers.json").read_text())["signers"][signer]["study"]
-        == "dunes"
-    )
-    for command in ("verify", "import"):
-        code, said = run(
-            *COMMANDS[command](out, tmp_path),
-            *(("--key", out / PUBLIC_KEY) if command == "verify" else ()),
-        )
-        assert (
-            code,
-            ("is the key that was given" if command == "verify" else "is a pinned key") in said,
-        ) == (0, True)
+    pinned = json.loads((tmp_path / "config" / "signers.json").read_text())
+    assert pinned["signers"][signer]["study"] == "dunes"
+    code, said = run(*COMMANDS["verify"](out, tmp_path), "--key", out / PUBLIC_KEY)
+    assert (code, "is the key that was given" in said) == (0, True)
+    code, said = run(*COMMANDS["import"](out, tmp_path))
+    assert (code, "is a pinned key" in said) == (0, True)
 
 
 def test_a_harmed_bundles_key_is_not_pinned(made, tmp_path, run):

@@ -107,12 +107,7 @@ def test_the_page_says_every_part(pages):
                     "Learning over the ranked trials", "Where they went", "Deviations from the protocol", "Reporting checklist",
                     "Methods", "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
-    for wanted in (
-        "95 % interval (headline)",
-        "new terrains too",
-        "guaranteed",
-        "(primary)",
-    ):
+    for wanted in ("95 % interval (headline)", "new terrains too", "guaranteed", "(primary)"):
         assert wanted in pages[0], wanted
 
 

@@ -292,9 +292,7 @@ def test_the_live_figure_is_the_reports(data):
 
 
 def test_where_nobody_finished_the_live_figure_is_of_all():
-    data = study(
-        *played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]),
-    )
+    data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]))
     live = live_figure(data)
     assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
     assert build(data).sentence.startswith(

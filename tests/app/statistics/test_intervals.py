@@ -11,7 +11,6 @@ from app.report.statistics.intervals import (
     guaranteed_covers,
     guaranteed_interval,
     hall_interval,
-    headline_interval,
     printed_interval,
     skewness,
 )
@@ -139,7 +138,7 @@ def test_an_estimate_says_which_end_it_widened():
 
 def test_the_headline_refuses_a_value_outside_the_bounds():
     with pytest.raises(ValueError, match=r"values must lie in 0\.\.1"):
-        headline_interval(np.array([0.5, 1.2]), (0, 1))
+        estimate(np.array([0.5, 1.2]), (0, 1))
 
 
 def test_players_who_are_all_alike_have_no_skewness():

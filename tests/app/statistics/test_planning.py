@@ -84,7 +84,7 @@ def test_a_protocol_that_names_no_standard_deviations_is_planned_with_a_new_stud
 
 
 def test_the_half_width_is_that_of_the_power_command():
-    from app.report.statistics.power import plan_sample_size
+    from app.report.statistics.planning import plan_sample_size
 
     plan = plan_study(protocol(players=20))
     width = next(each for each in plan_sample_size(28.0, 45.0, 1.0).table if each.players == 20)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from app.report.statistics.power import plan_sample_size, spread_of
+from app.report.statistics.planning import plan_sample_size, spread_of
 from tests.support.made_studies import played, study
 
 

@@ -8,6 +8,7 @@ from app.db.database import StoreError
 from app.db.reader import Reader
 from app.report.making import load_with_folder
 from app.series.data import load, trial_records
+from app.series.folder import Folder
 from app.series.protocol import StudyError
 from marsexplorer.episode import replay
 from tests.support.stored_studies import IDENTITIES, StudyRecorder, freeze, play_study
@@ -105,11 +106,11 @@ def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):
 
     Folder(tmp_path / "studies").close("dunes")
     reader = Reader.open(tmp_path / "play.db")
-    data, seeds = load_with_folder(reader, tmp_path / "studies", "dunes")
+    data, seeds = load_with_folder(reader, Folder(tmp_path / "studies"), "dunes")
     assert data.closed_ms is not None
     assert data.secret == study.secret.hex()
     assert seeds == {i: study.seed("ranked", i) for i in range(3)}
-    without, begun = load_with_folder(reader, tmp_path / "elsewhere", "dunes")
+    without, begun = load_with_folder(reader, Folder(tmp_path / "elsewhere"), "dunes")
     assert (without.closed_ms, begun) == (None, {})
     reader.close()
 
@@ -120,7 +121,7 @@ def test_a_study_that_nobody_has_joined_is_known_from_its_folder(tmp_path):
     recorder = StudyRecorder(tmp_path / "play.db", other)
     recorder.close()
     reader = Reader.open(tmp_path / "play.db")
-    data, seeds = load_with_folder(reader, tmp_path / "studies", "dunes")
+    data, seeds = load_with_folder(reader, Folder(tmp_path / "studies"), "dunes")
     assert (data.people, data.trials, len(seeds)) == ((), (), 3)
     reader.close()
 
@@ -131,5 +132,5 @@ def test_two_studies_of_one_name_are_not_mixed(tmp_path):
     recorder.close()
     reader = Reader.open(tmp_path / "play.db")
     with pytest.raises(StudyError, match="another protocol than the one in"):
-        load_with_folder(reader, tmp_path / "studies", "dunes")
+        load_with_folder(reader, Folder(tmp_path / "studies"), "dunes")
     reader.close()

@@ -37,7 +37,7 @@ def test_everybody_is_counted_where_they_left_and_the_erased_stay_counted(tmp_pa
     forget(path, people[0])
     Folder(tmp_path / "studies").close(study.name)
     with closing(Reader.open(path)) as reader:
-        data, _ = load_with_folder(reader, tmp_path / "studies", study.name)
+        data, _ = load_with_folder(reader, Folder(tmp_path / "studies"), study.name)
     report = build(data)
     flow = report.groups[0].flow
     assert isinstance(flow, ParticipantFlow)

@@ -370,7 +370,7 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
                "started_ms": STARTED, "ended_ms": STARTED + 3_600_000}  # fmt: skip
         return not list(check_attestation(conn, row, typed.moves))
 
-    of_a_study = ("unattested", "step 15: the press answers the frame of step 6")
+    of_a_study = ("spoilt", "step 15: the press answers the frame of step 6")
     assert (is_right("attested"), is_right(*of_a_study), is_right("unattested", "slow")) == (
         False,
         True,

@@ -1,9 +1,11 @@
 """The command `marsexplorer replay`: which episode, which format, and what is refused in a sentence."""
 
+from functools import partial
+
 import pytest
 
-from app.cli.main import main
 from app.db.store import Store
+from tests.support.command import command
 from tests.support.recorded import add_session, open_episode, play
 
 
@@ -11,14 +13,7 @@ from tests.support.recorded import add_session, open_episode, play
 def run(capsys):
     """`run("replay", ...)` -> (exit code, stdout, stderr)."""
 
-    def call(*args):
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as left:
-            main([str(arg) for arg in args])
-        said = capsys.readouterr()
-        return left.value.code, said.out, said.err
-
-    return call
+    return partial(command, capsys)
 
 
 def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_ending_says(
@@ -28,13 +23,8 @@ def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_endin
     ended, other = play(store, seed=1, explore=True), play(store, seed=2, player="bob")
     running, _ = open_episode(store, add_session(store), 5)
     store.close()
-    shared = ended.id[
-        : next(
-            k
-            for k, (a, b) in enumerate(zip(f"{ended.id} ", f"{other.id} ", strict=False))
-            if a != b
-        )
-    ]
+    pairs = enumerate(zip(ended.id, other.id, strict=False))
+    shared = ended.id[: next(k for k, (a, b) in pairs if a != b)]
 
     def replay(episode, name, *rest):
         return run("replay", episode, "--out", tmp_path / name, "--database", store.path, *rest)

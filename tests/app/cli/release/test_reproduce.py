@@ -4,16 +4,17 @@ import hashlib
 import json
 import shutil
 import sqlite3
+from functools import partial
 
 import pytest
 
-from app.cli.main import main
 from app.release import signing
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST, PUBLIC_KEY, SIGNATURE
 from marsexplorer import policies
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
+from tests.support.command import command
 from tests.support.policy_files import write_network, write_onnx
 from tests.support.stored_studies import freeze, play_study
 
@@ -28,10 +29,8 @@ def bundle(tmp_path_factory):
     play_study(folder / "play.db", study)
     kept = folder / "studies" / "dunes" / "policies"
     write_network(policy)
-    request = ReleaseRequest(
-        folder / "play.db", "dunes", folder / "out", policy_folder=kept, with_report=True
-    )
-    built = build_release(request)
+    given = {"policy_folder": kept, "with_report": True}
+    built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out", **given))
     (folder / "play.db").unlink()
     shutil.rmtree(folder / "studies")
     return folder / "out", built.signer, policy
@@ -44,13 +43,7 @@ def reproduce(capsys, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
 
-    def run(*args):
-        with pytest.raises(SystemExit) as left:
-            main(["reproduce", *map(str, args)])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    return run
+    return partial(command, capsys, "reproduce")
 
 
 def counts(out):
@@ -68,16 +61,8 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     assert (code, said.strip().splitlines()[-1].split(", ")[1]) == (0, "0 differ")
     found = counts(said)
     assert all(differ == 0 for _, differ in found.values())
-    for section in (
-        "figures",
-        "metrics",
-        "comparisons",
-        "players",
-        "pictures",
-        "policies",
-        "page",
-        "scripts: figures",
-    ):
+    sections = ["figures", "metrics", "comparisons", "players", "pictures", "policies", "page"]
+    for section in (*sections, "scripts: figures"):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
     assert found["policies' episodes, played again"] == (3 * 3, 0)
@@ -96,17 +81,13 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
         "agreement of moves",
         "regret of each move",
     )
-    extra = ("page", *again)
-    people = {
-        name: each
-        for name, each in found.items()
-        if not name.startswith("scripts: ") and name not in extra
-    }
-    left_out = len(("made_at", "software_version"))
-    assert (
-        sum(compared for compared, _ in people.values())
-        == leaves(json.loads((out / "report.json").read_text())) - left_out
+    compared = sum(
+        each
+        for name, (each, _) in found.items()
+        if not name.startswith("scripts: ") and name not in ("page", *again)
     )
+    left_out = len(("made_at", "software_version"))
+    assert compared == leaves(json.loads((out / "report.json").read_text())) - left_out
 
 
 def leaves(value):
@@ -132,14 +113,10 @@ def test_a_policy_whose_file_is_not_in_the_bundle_is_played_again_only_from_the_
     monkeypatch.setattr(card, "shipped_folder", lambda: tmp_path)
     said = reproduce(out)[1]
     assert counts(said)["policies' episodes, played again"] == (2 * 3, 0)
-    assert (
-        f"{bundle[2]} was not played again, its recorded moves were replayed: the study compares with"
-        in said
-    )
-    assert (
-        "not compared: regret and likeness of moves: the study compares with the policy 'ppo'"
-        in said
-    )
+    replayed = "was not played again, its recorded moves were replayed: the study compares with"
+    assert f"{bundle[2]} {replayed}" in said
+    ppo = "the study compares with the policy 'ppo'"
+    assert f"not compared: regret and likeness of moves: {ppo}" in said
 
 
 @pytest.fixture
@@ -211,22 +188,11 @@ def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_a
     play_study(tmp_path / "play.db", study, kinds=("human",))
     policy.unlink()
     study.policy_files.place(str(policy)).unlink()
-    where = [
-        "--study",
-        "dunes",
-        "--database",
-        tmp_path / "play.db",
-        "--studies",
-        tmp_path / "studies",
-        "--out",
-        tmp_path / "out",
-    ]
+    where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
     for more, expected in ((), 1), (("--without-policy", policy), 0):
-        with pytest.raises(SystemExit) as left:
-            main(["release", *map(str, (*where, *more))])
-        assert (left.value.code or 0) == expected
-        said = capsys.readouterr()
-        assert ("--without-policy" in said.err) == bool(expected)
+        args = "--study", "dunes", *where, "--out", tmp_path / "out", *more
+        code, _, err = command(capsys, "release", *args)
+        assert (code, "--without-policy" in err) == (expected, bool(expected))
     assert json.loads((tmp_path / "out" / MANIFEST).read_text())["without_policies"] == [
         str(policy)
     ]
