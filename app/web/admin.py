@@ -298,7 +298,7 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
     async def watch(session: Session) -> None:
         await send_while(ignore_all(websocket), _send(websocket, session))
 
-    await serve_session(websocket, services_of(websocket).lobby.get(session_id), watch)
+    await serve_session(websocket, partial(services_of(websocket).lobby.get, session_id), watch)
 
 
 async def _send(websocket: WebSocket, session: Session) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
@@ -39,13 +40,15 @@ router = APIRouter()
 
 
 async def serve_session(
-    websocket: WebSocket, asked: Awaitable[Session], serve: Callable[[Session], Awaitable[None]]
+    websocket: WebSocket,
+    find: Callable[[], Awaitable[Session]],
+    serve: Callable[[Session], Awaitable[None]],
 ) -> None:
     """Accept a socket and serve the session that it asks for; where there is none, say so and close the socket."""
     await websocket.accept()
     with contextlib.suppress(WebSocketDisconnect):
         try:
-            session = await asked
+            session = await find()
         except UnknownSessionError as error:
             await websocket.send_text(encode_error(str(error)))
             await close(websocket, UNKNOWN_SESSION, "unknown session")
@@ -73,8 +76,8 @@ async def send_while(receiving: Awaitable[None], sending: Coroutine[Any, Any, No
 @router.websocket("/ws/sessions/{session_id}")
 async def play_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one play socket until it leaves."""
-    asked = visible_session(websocket, session_id)
-    await serve_session(websocket, asked, lambda session: PlaySocket(websocket, session).serve())
+    find = partial(visible_session, websocket, session_id)
+    await serve_session(websocket, find, lambda session: PlaySocket(websocket, session).serve())
 
 
 class PlaySocket:
