@@ -72,6 +72,8 @@ def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, nam
         "declined": 1,
         "undecided": 1,
         "erased": 1,
+        "erased_after_closing": 0,
+        "erased_finishers": 0,
         "issued": 9,
         "revoked": 1,
         "unopened": 1,
