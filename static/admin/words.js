@@ -87,7 +87,7 @@ export function flags(person, labels) {
   const own = labels.filter(({ participants }) => participants.includes(person.label)).map(({ label }) => label);
   if (person.deviations) own.unshift("deviation");
   if (person.supervised_ms !== null) own.unshift("supervised");
-  own.push(...person.repeated);
+  own.push(...person.repeated, ...person.not_attested);
   return own.join(", ");
 }
 

@@ -71,6 +71,11 @@ def list_participants(
                 "left_at": left.get(person.id),
                 "deviations": seen["deviations"],
                 "repeated": repeated_reasons(signs[person.id]),
+                "not_attested": [
+                    f"{each.attestation} {each.phase.replace('_', '-')} {each.trial + 1}: {each.attestation_reason}"
+                    for each in own
+                    if each.attestation_reason
+                ],
                 **_totals(own, is_open and person.kind == "human"),
             }
         )

@@ -422,3 +422,24 @@ def test_settings_do_not_print_the_password(monkeypatch, tmp_path):
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", "")
     assert AdminPassword.of(settings()) is None
     assert AdminPassword.of(settings(admin=True)).drawn
+
+
+def test_which_move_did_not_fit_is_told_to_the_operator_and_not_to_the_participant(admin):
+    operator, person = admin.operator(), Person(admin)
+    person.to_warm_up()
+    person.call("next")
+    with person.socket() as socket:
+        frame = socket.receive("frame")
+        way, back = ("south", "north") if frame["grid"][1][0] == "." else ("east", "west")
+        socket.act(frame, way, input="key")
+        frame = socket.frame_after(0)
+        act = {"kind": "act", "episode": frame["episode"], "step": 1, "action": back}
+        socket.send({**act, "input": "key", "key_down_ms": 7.0, "client_ms": 7.0})
+        frame = socket.frame_after(1)
+    person.call("give-up", {"episode": frame["episode"], "step": frame["step"]})
+    about = person.client.get(f"/api/sessions/{person.where['session']}/about").json()
+    assert (about["attestation"], about["not_attested"]) == (None, None)
+    assert "fit" not in person.client.get("/api/studies/small/me").text
+    (row,) = operator.get("/api/admin/studies/small").json()["participants"]
+    (told,) = row["not_attested"]
+    assert told.startswith("spoilt warm-up 1: step 1: no press of its own")
