@@ -108,11 +108,12 @@ class StudyRecorder:
         person = studies.participant(participant)
         return study.balanced_order(person.kind, studies.order_number(person, self.clock))
 
-    def play(self, participant, phase, trial, how="tour"):
+    def play(self, participant, phase, trial, how="tour", spoil=None):
         """Return the id of an episode.
 
         how  a tour to its end, a `crash`, given up (`abandon`, `dawdle`, `idle`), left `open`, or a
              function from the episode at its start to its moves
+        spoil  the step whose move has no press
         """
         study = self.study
         if phase == "tutorial":
@@ -147,7 +148,8 @@ class StudyRecorder:
             frame, pressed_ms = episode.steps, self.page_ms()
             reward = episode.step(action)
             input_kind = "key" if driver == "human" else None
-            self._events(ident, 2 * episode.steps, frame, KEYS[action])
+            if frame != spoil:
+                self._events(ident, 2 * episode.steps, frame, KEYS[action])
             step = StepRow(
                 episode_id=ident, step=episode.steps - 1, action=action, reward=reward, discovered=episode.discovered,
                 server_ms=self.tick(), client_ms=pressed_ms + 1.5, key_down_ms=pressed_ms, key_up_ms=pressed_ms + 80.25,
@@ -155,7 +157,9 @@ class StudyRecorder:
             )  # fmt: skip
             self.store.add_step(step)
         if episode.ended:
-            self.store.close_episode(ident, episode.record(), self.clock, "attested")
+            missing = f"step {spoil}: no press of its own was received before the move"
+            level = ("attested", None) if spoil is None else ("spoilt", missing)
+            self.store.close_episode(ident, episode.record(), self.clock, *level)
         if how in ("abandon", "dawdle", "idle") and not episode.ended:
             episode.abandon()
             self.store.close_episode(ident, episode.record(), self.tick(), "attested")

@@ -1,5 +1,6 @@
 """The end of a study: what is open is abandoned, nobody is cut off unseen, and whoever is erased later is counted."""
 
+import json
 from contextlib import closing
 
 import pytest
@@ -12,6 +13,7 @@ from app.report.build import build
 from app.series.data import load
 from app.series.folder import Folder
 from app.series.verification import verify_database
+from tests.support.command import command
 from tests.support.stored_studies import StudyRecorder, freeze
 
 
@@ -107,3 +109,52 @@ def test_whoever_is_erased_after_closing_is_counted_where_their_figure_is_missin
     assert group.flow.arrivals == found
     missing = [item.detail for item in report.checklist if item.number in ("1.1", "3.2.2", "5.1.5")]
     assert all("1 more were erased after closing, 1 of them finishers" in text for text in missing)
+
+
+def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_derived_again(
+    tmp_path, capsys
+):
+    """Each of them is counted once in the flow, `verify` and `reproduce` find no difference."""
+    study, path = freeze(tmp_path / "studies", close=False), tmp_path / "play.db"
+    with closing(StudyRecorder(path, study)) as recorder:
+        people = [recorder.join(number, stage=stage) for number, stage in enumerate(
+            ("complete", "complete", "complete", "ranked", "ranked"))]  # fmt: skip
+        done, erased, spoiler, left, here = people
+        for person in (done, erased, spoiler):
+            for trial in range(3):
+                recorder.play(
+                    person, "ranked", trial, spoil=2 if (person, trial) == (spoiler, 1) else None
+                )
+        recorder.play(left, "ranked", 0, "open")
+        recorder.clock = now_ms() - 60_000
+        recorder.play(here, "ranked", 0, "open")
+    assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
+    forget(path, erased)
+    assert verify_database(path).findings == ()
+    out = tmp_path / "out"
+    where = ["--database", path, "--studies", tmp_path / "studies"]
+    assert (
+        command(capsys, "release", "--study", "dunes", "--author", "Ada", "--out", out, *where)[0]
+        == 0
+    )
+    code, said, _ = command(capsys, "reproduce", out)
+    assert (code, "0 differ" in said) == (0, True)
+    report = json.loads((out / "report.json").read_text())
+    (group,) = report["groups"]
+    flow = group["flow"]
+    assert (flow["ranked"], flow["completed"], flow["unfinished"], flow["interrupted"]) == (
+        4,
+        2,
+        1,
+        1,
+    )
+    assert (flow["arrivals"]["erased_after_closing"], flow["arrivals"]["erased_finishers"]) == (
+        1,
+        1,
+    )
+    figures = {each["name"]: each for each in group["figures"]}
+    assert figures["protocol"]["players"] == 2, "who has finished and whoever spoilt one of theirs"
+    assert figures["as played"]["steps"]["mean"] < figures["protocol"]["steps"]["mean"]
+    assert figures["intention to treat"]["players"] == 4
+    assert group["attestation"]["episodes"]["spoilt"] == 1
+    assert any("erased after closing" in each for each in group["cautions"])

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -452,3 +453,16 @@ def test_several_processes_find_what_one_finds(copy, monkeypatch):
     assert together.findings == alone.findings
     assert together.findings
     assert progress == [(9, 18), (18, 18)]
+
+
+def test_somebody_who_has_joined_and_begun_nothing_is_no_difference(server, tmp_path):
+    freeze_small(tmp_path / "studies")
+    person = Person(server)
+    assert person.where["stage"] == "consent"
+    path = server.services.store.path
+    with closing(sqlite3.connect(path)) as conn:
+        assert conn.execute("SELECT count(*), max(session_id) FROM participants").fetchone() == (
+            1,
+            None,
+        )
+    assert verify_database(path).findings == ()
