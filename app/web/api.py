@@ -50,9 +50,8 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     rival, current, store = lobby.rival_of(session), session.current, lobby.store
     pace = None if rival is None or rival.pace is None else rival.pace.model_dump()
     finished = await store.read(lambda: store.episode(current.id)) if session.shown.ended else None
-    told = (
-        None if session.participation is not None else finished
-    )  # which move did not fit, a forger may not learn
+    # which move did not fit, a forger in a study may not learn
+    told = None if session.participation is not None else finished
     return {
         "session": session.id,
         "player": session.row.driver_name,
