@@ -380,7 +380,9 @@ def test_a_figure_is_called_the_human_level_only_where_people_are_known_to_be_pe
     found = study(people, trials, outside_ids=("ID",), **rest)
     assert build(found).sentence.startswith(f"{claim}: 3 players")
     assert live_figure(found)["claim"] == claim
-    assert f"{claim}: 3 players" in render(build(found))
+    page = render(build(found))
+    assert f"{claim}: 3 players" in page
+    assert ("ids anybody may make up" in page) == (recruitment == "panel")
 
 
 def test_the_report_counts_what_the_required_level_leaves_out():
