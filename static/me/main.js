@@ -16,7 +16,7 @@ const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "nu
 /** @param {Me.Best} figure @returns the panel of one configuration */
 function bestPanel(figure) {
   const { best, people } = figure;
-  const number = best ? [create("a", String(best.moves), { href: `replay/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
+  const number = best ? [create("a", String(best.moves), { href: `watch/${encodeURIComponent(best.episode)}`, "data-testid": "best" })] : [];
   const plot = create("div");
   /** @type {Map<number, number>} */
   const counts = new Map();
@@ -34,7 +34,7 @@ function bestPanel(figure) {
 /** @param {Me.Episode} episode @returns the row of one episode */
 function episodeRow(episode) {
   const { kind, day, outcome, moves, coverage, not_attested: reason } = episode;
-  const when = create("a", timeText(episode.ended_ms), { href: `replay/${encodeURIComponent(episode.episode)}` });
+  const when = create("a", timeText(episode.ended_ms), { href: `watch/${encodeURIComponent(episode.episode)}` });
   const kindCell = create("td", kind === "daily" ? `daily ${day}` : kind, { class: "wide" });
   if (reason) kindCell.title = `Does not count: ${reason}`;
   return create("tr", [

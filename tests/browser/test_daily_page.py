@@ -68,5 +68,10 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.goto(f"{server.url}/me")
     assert page.get_by_test_id("best").inner_text() == str(moves)
     check_screen(page, "me", wrong, ("light", "dark"))
+    page.get_by_test_id("best").click()
+    page.wait_for_url("**/watch/*")
+    page.get_by_text(f"{moves} moves").or_(
+        page.get_by_text(str(moves), exact=True)
+    ).first.wait_for()
     assert wrong == []
     assert me.errors == []
