@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.board.attestation import Conditions, attest_stored, key_map_of
 from app.db.reader import Reader
-from app.db.series import StudyStore, participants, study_trials, trial_activity
+from app.db.series import StudyStore, find_study, participants, study_trials, trial_activity
 from app.db.store import Closing, Store
 from app.db.trial import Trial
 from app.series.flow import INTERRUPTED
@@ -35,8 +35,10 @@ def note_closed(store: Store, study: Study) -> list[str]:
 
     Return the sessions whose episodes were abandoned. An open study, or one whose end is written already, changes nothing.
     """
-    known, closed_ms = StudyStore(store), study.closed_ms
-    if closed_ms is None or study.name not in known.open_names():
+    known, closed_ms, row = StudyStore(store), study.closed_ms, find_study(store, study.name)
+    if closed_ms is None or row is None or row.closed_ms is not None:
+        return []
+    if row.protocol_hash != study.protocol_hash:  # another study of this name
         return []
     with store.transaction():
         for participant_id in _active(store, study.name, closed_ms):

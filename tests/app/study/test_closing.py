@@ -10,6 +10,7 @@ from app.db.erasure import forget
 from app.db.reader import now_ms
 from app.db.store import Store
 from app.report.build import build
+from app.series.closing import note_closed
 from app.series.data import load
 from app.series.folder import Folder
 from app.series.verification import verify_database
@@ -87,6 +88,13 @@ def test_a_server_that_finds_a_study_closed_abandons_what_is_open(server, tmp_pa
     person.refused("next")
     assert None not in outcomes_of(server)
     assert verify_database(server.services.store.path).findings == ()
+
+
+def test_another_study_of_the_same_name_that_is_closed_ends_nothing(study, tmp_path):
+    other = freeze(tmp_path / "elsewhere", ranked=2)
+    with closing(Store(tmp_path / "play.db")) as store:
+        assert note_closed(store, other) == []
+    assert outcomes(tmp_path / "play.db")[None] == 2
 
 
 def outcomes_of(server):
