@@ -136,14 +136,19 @@ class Running:
         with connect(url, origin=own, additional_headers=headers, **plain, **times) as connection:
             yield Socket(connection, self.clock or HastyClock(), PACE)
 
-    def explore(self, client, session_id):
-        """Play a board to its end by keys, as a rule would, and return its last frame."""
+    def explore(self, client, session_id, instead=lambda socket, frame, action: False):
+        """Play a board to its end by keys, as a rule would, and return its last frame.
+
+        instead  makes a move in another way, where it returns True
+        """
         policy = load("frontier-cost")
         policy.reset(1)
         with self.socket(session_id, client) as socket:
             frame = socket.receive("frame")
             while frame["outcome"] is None:
-                socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
+                action = ACTIONS[policy.act(occupancy_codes(frame))]
+                if not instead(socket, frame, action):
+                    socket.act(frame, action, input="key")
                 frame = socket.frame_after(frame["step"])
         return frame
 

@@ -132,14 +132,7 @@ def honest_board(server):
     """Return the last frame of a person's ranked episode on the playground."""
     client = server.client(headers={"Origin": server.url})
     begun = client.post("/api/sessions", json={"size": SIZE}).json()
-    policy = load("frontier-cost")
-    policy.reset(1)
-    with server.socket(begun["session"], client) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            socket.act(frame, ACTIONS[policy.act(occupancy_codes(frame))], input="key")
-            frame = socket.frame_after(frame["step"])
-    return frame
+    return server.explore(client, begun["session"])
 
 
 def counted(server):

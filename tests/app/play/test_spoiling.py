@@ -11,10 +11,8 @@ from app.db.store import Store
 from app.db.trial import Trial
 from app.report.statistics.human_level import human_level
 from app.series.verification import verify_database
-from app.web.simulate import occupancy_codes
-from marsexplorer.config import ACTIONS, EnvConfig
+from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies import load
 from tests.support.recorded import add_session, add_steps, open_episode, tour
 
 SIZE = (9, 12)
@@ -22,18 +20,14 @@ CONFIG = EnvConfig.of("random", SIZE)
 
 
 def drive(server, spoil=None, at=4):
-    """Play a ranked episode to its end as a person does, but for `spoil(socket, frame, action)` at one step; return its id."""
+    """Play a ranked episode to its end as a person does, but for `spoil(socket, frame, action)` at one step."""
     client = server.page()
     begun = client.post("/api/sessions", json={"size": SIZE}).json()
-    policy = load("frontier-cost")
-    policy.reset(1)
-    with server.socket(begun["session"], client) as socket:
-        frame = socket.receive("frame")
-        while frame["outcome"] is None:
-            action = ACTIONS[policy.act(occupancy_codes(frame))]
-            if spoil is None or frame["step"] != at or not spoil(socket, frame, action):
-                socket.act(frame, action, input="key")
-            frame = socket.frame_after(frame["step"])
+
+    def instead(socket, frame, action):
+        return spoil is not None and frame["step"] == at and spoil(socket, frame, action)
+
+    frame = server.explore(client, begun["session"], instead)
     return client, begun["session"], frame
 
 
