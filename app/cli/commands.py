@@ -12,7 +12,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "play": (
         "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger", "argon2",
+        "prometheus_client", "pythonjsonlogger", "argon2", "pyblst",
     ),
     "train": ("torch", "tensorboardX", "matplotlib", "click", "rich", "scipy"),
     "study": ("httpx", "matplotlib", "jinja2", "statsmodels"),

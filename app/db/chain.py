@@ -1,7 +1,8 @@
 """An append-only chain of salted hashes of what is recorded: a row that is changed or taken away no longer fits its entry.
 
 The table `chain` has an entry for each study and each daily terrain, each session with a move, each finished episode with its
-steps and input events, each batch of input events that came after an episode's end, and each state of a participant. An
+steps and input events, each batch of input events that came after an episode's end, and each state of a participant. Further
+entries say in words what fixes a study (`Mark`): its freezing, its opening, its end, the erasure of a person, a release. An
 entry's `hash` is SHA-256 over one salted hash for each table it covers; its `head` is SHA-256 over the entry and the head
 before it, so that a head which was printed or published stands for everything up to it. The table `chain_salts` names what the
 latest entries stand for and holds their salts. Without its salt nobody can find out what an entry was made of, not even by
@@ -14,6 +15,7 @@ did not fit, and `verify` goes on reporting it.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import secrets
 import sqlite3
@@ -23,9 +25,13 @@ from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
 from app.db.columns import TABLES
+from app.db.study_rows import SeriesRow
 
 Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
+
+Mark = Literal["frozen", "opened", "closed", "erased", "released"]
+"""What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
 
 DAY_MS = 86_400_000
 _SALT_BYTES = 32
@@ -217,11 +223,60 @@ def append_first_move(conn: sqlite3.Connection, episode_id: str) -> None:
 
 
 def append_note(
-    conn: sqlite3.Connection, kind: Literal["forgotten", "merged"], content: Any
+    conn: sqlite3.Connection, kind: Mark | Literal["forgotten", "merged"], content: Any
 ) -> None:
     """Append an entry that stands for no rows and says something instead; `content` is JSON-ready and nobody's secret."""
-    note = canonical(content).decode().rstrip()
+    note = _note(content)
     _link(conn, kind, True, None, hashlib.sha256(note.encode()).hexdigest(), note)
+
+
+def freezing_of(study: SeriesRow) -> Iterator[tuple[Mark, str]]:
+    """Yield (kind, note) of what a study's row says of its freezing and its opening."""
+    named: dict[str, Any] = {"study": study.name, "commitment": study.commitment}
+    fixed = {"protocol_hash": study.protocol_hash, "frozen_ms": study.frozen_ms}
+    yield "frozen", _note({**named, **fixed, "beacon": study.beacon})
+    if study.beacon_signature is not None:
+        yield "opened", _note({**named, "beacon_signature": study.beacon_signature})
+
+
+def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
+    """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from them, their releases."""
+    studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
+    found: list[tuple[Mark, str]] = []
+    for study in itertools.starmap(SeriesRow, studies):
+        found += freezing_of(study)
+        if study.closed_ms is not None:
+            named = {"study": study.name, "commitment": study.commitment}
+            found.append(("closed", _note({**named, "closed_ms": study.closed_ms})))
+    for name, value in select(conn, "SELECT name, value FROM meta WHERE name LIKE 'erased|%'"):
+        kept, row = json.loads(value), hashlib.sha256(canonical([name, value])).hexdigest()
+        person = {each: kept[each] for each in ("stage", "after_closing")}
+        found.append(("erased", _note({"study": name.split("|")[1], **person, "row": row})))
+    columns = ("study", "version", "manifest_hash", "released_ms")
+    for values in select(conn, f"SELECT {', '.join(columns)} FROM releases ORDER BY released_ms"):
+        found.append(("released", _note(dict(zip(columns, values, strict=True)))))
+    return found
+
+
+def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()) -> None:
+    """Append an entry of what the tables say fixed the studies and no entry says yet; call it in the transaction that wrote it.
+
+    more  (kind, note) of freezings and openings that the tables do not have: of a study that nobody has joined
+    """
+    known = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
+    for kind, note in dict.fromkeys((*more, *marks(conn))):
+        if (kind, note) not in known:
+            append_note(conn, kind, json.loads(note))
+
+
+def freezings(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
+    """Return (kind, note) of every freezing in the chain, of one study or of all, also of those that nobody joined."""
+    sql = "SELECT kind, note FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') LIKE ? ORDER BY number"
+    return select(conn, sql, [study]).fetchall()
+
+
+def _note(content: Any) -> str:
+    return canonical(content).decode().rstrip()
 
 
 def things(conn: sqlite3.Connection) -> set[Thing]:

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from app.db.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link, select
-from app.db.database import StoreError, check_writable, reading, rows, transaction
+from app.db.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link, marks, select
+from app.db.database import StoreError, reading, rows, writing
 from app.db.reader import Reader, now_ms
 from app.db.resimulation import Finding, simulate
 from app.db.study_rows import ORDER_EVENT, SeriesRow
@@ -175,17 +175,8 @@ def try_write(database: Path, timeout_s: float = 1.0) -> None:
 
     timeout_s  seconds to wait for another program that is writing. Call it in a thread: the disk may take as long as it likes.
     """
-    try:
-        check_writable(database)
-        # mode=rw: a file that was just deleted is not made again, as an empty one
-        uri = database.resolve().as_uri() + "?mode=rw"
-        with (
-            closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn,
-            transaction(conn),
-        ):
-            conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
-    except (sqlite3.Error, OSError) as error:
-        raise StoreError(f"the database {database} did not take a write: {error}") from error
+    with writing(database, timeout_s) as conn:
+        conn.execute("INSERT OR REPLACE INTO meta VALUES ('written_ms', ?)", [str(now_ms())])
 
 
 def chain_head(database: Path) -> Head | None:
@@ -301,6 +292,28 @@ def _check_salts(conn: sqlite3.Connection, live: dict[int, str]) -> Iterator[Fin
     for number, kind in live.items():
         what = f"what it stands for (kind {kind})"
         yield Finding(f"chain entry {number}", what, "gone", "no entry that says it was forgotten")
+
+
+def check_marks(conn: sqlite3.Connection) -> Iterator[Finding]:
+    """Yield what the chain says of the freezing, opening, end, erasures and releases of studies, and the tables do not, or the
+    other way round."""
+    sql = "SELECT kind, note FROM chain WHERE kind IN ('frozen', 'opened', 'closed', 'erased', 'released') AND json_valid(note)"
+    said = set(select(conn, sql))
+    try:
+        stand = set(marks(conn))
+    except (ValueError, KeyError, TypeError) as error:
+        yield Finding("table meta", "who was erased", "something unreadable", str(error))
+        return
+    for kind, note in sorted(stand - said):
+        study = json.loads(note)["study"]
+        yield Finding(f"series {study}", f"an entry of the chain that it was {kind}", note, "none")
+    frozen = [json.loads(note) for kind, note in stand if kind == "frozen"]
+    known = {(each["study"], each["commitment"]) for each in frozen}
+    for kind, note in sorted(said - stand):
+        content = json.loads(note)
+        if kind not in ("frozen", "opened") or (content["study"], content["commitment"]) in known:
+            what = f"what the chain says was {kind}"
+            yield Finding(f"series {content['study']}", what, note, "not so in the tables")
 
 
 def check_thing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[Finding]:

@@ -70,6 +70,25 @@ def transaction(conn: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
+@contextmanager
+def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.Connection]:
+    """Yield a connection of its own inside a transaction, whoever else has the database open; StoreError for a refused write.
+
+    timeout_s  to wait for another program that is writing
+    """
+    check_writable(path)
+    # mode=rw: a file that was just deleted is not made again, as an empty one
+    uri = path.resolve().as_uri() + "?mode=rw"
+    try:
+        with (
+            closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn,
+            transaction(conn),
+        ):
+            yield conn
+    except (sqlite3.Error, OSError) as error:
+        raise StoreError(f"the database {path} did not take a write: {error}") from error
+
+
 def create_tables(conn: sqlite3.Connection) -> None:
     """Make the tables of a new database and give it its number; one that has a number stays as it is."""
     with transaction(conn):

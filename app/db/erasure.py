@@ -189,6 +189,7 @@ def _renew_chain(
         renamed = {each: Thing(each.kind, new.get(each.id, each.id)) for each in entries}
         kept = set(renamed.values()) & chain.things(conn)
         chain.append_all(conn, kept, {renamed[each]: stored for each, stored in unsound.items()})
+    chain.append_marks(conn)
 
 
 def _sessions_of(
@@ -274,10 +275,11 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
 
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add the source's counts of people who were erased, or left out of a release to the target's."""
+    """Add the source's counts of people who were erased, or left out of a release, and its freezings to the target's."""
     for name in (ERASED, ARRIVALS):
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
+    chain.append_marks(target, chain.freezings(source))
 
 
 def note_erased(

@@ -122,6 +122,7 @@ def _extend_chain(
     stored = {each: chain.unsound_hash(source, each.kind, each.id) for each in found}
     unsound = {each: hash_ for each, hash_ in stored.items() if hash_ is not None}
     chain.append_all(target, added | unsound.keys(), unsound)
+    chain.append_marks(target)
 
 
 def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
@@ -248,7 +249,14 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
 
 def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
-    for name in ("protocol_hash", "commitment", "protocol", "frozen_ms"):
+    for name in (
+        "protocol_hash",
+        "commitment",
+        "protocol",
+        "frozen_ms",
+        "beacon",
+        "beacon_signature",
+    ):
         if old[name] != row[name]:
             raise MergeError(
                 f"the study {row['name']!r} in {where} has another {name} than before: they are two studies of one name; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from typing import Any, NamedTuple
 
+from app.db.chain import append_marks
 from app.db.database import rows
 
 
@@ -27,11 +28,13 @@ def latest_release(conn: sqlite3.Connection, study: str) -> dict[str, Any] | Non
 def note_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
     """Keep a release that was just published; sqlite3.IntegrityError when it is kept already."""
     conn.execute("INSERT INTO releases VALUES (?, ?, ?, ?, NULL)", release)
+    append_marks(conn)
 
 
 def note_imported_release(conn: sqlite3.Connection, release: ReleaseRow) -> None:
     """Keep a release that came from elsewhere; a second time changes nothing."""
     conn.execute("INSERT OR IGNORE INTO releases VALUES (?, ?, ?, ?, NULL)", release)
+    append_marks(conn)
 
 
 def mark_outdated_releases(

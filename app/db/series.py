@@ -46,6 +46,7 @@ def add_series(store: Store, series: SeriesRow) -> SeriesRow:
         conn, insert = store.connection, TABLES["series"].insert(how="INSERT OR IGNORE")
         if conn.execute(insert, series).rowcount:
             chain.append(conn, "series", series.name)
+            chain.append_marks(conn)
         return SeriesRow(
             *conn.execute("SELECT * FROM series WHERE name = ?", [series.name]).fetchone()
         )
@@ -70,6 +71,12 @@ class StudyStore:
             if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
                 with chain.changing(self._conn, "series", study.name):
                     self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
+                chain.append_marks(self._conn)
+
+    def note_freezing(self, study: SeriesRow) -> None:
+        """Append entries of the freezing and opening of a study that nobody need have joined; again changes nothing."""
+        with self._store.transaction():
+            chain.append_marks(self._conn, chain.freezing_of(study))
 
     def is_closed(self, name: str) -> bool:
         """Return whether the database knows the study to be closed: its terrains are public then, whatever its files say."""
@@ -315,6 +322,12 @@ def count_participants(reader: Reader, study: str) -> int:
     return int(
         reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"]
     )
+
+
+def count_freezings(reader: Reader, study: str) -> int:
+    """Return how often a study of this name was frozen, as the chain says: secrets that were tried out stand there."""
+    sql = "SELECT count(*) AS n FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?"
+    return int(reader.query(sql, [study])[0]["n"])
 
 
 def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:

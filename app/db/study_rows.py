@@ -21,6 +21,7 @@ class SeriesRow(NamedTuple):
 
     closed_ms  from when on everything of it is public; None while a study is open
     secret     hex; None while a study is open. That of a day is told to nobody before the day is over
+    beacon     JSON; with its signature (hex) None where none was named (`app.series.beacon`)
     """
 
     name: str
@@ -31,6 +32,8 @@ class SeriesRow(NamedTuple):
     closed_ms: int | None = None
     secret: str | None = None
     kind: SeriesKind = "study"
+    beacon: str | None = None
+    beacon_signature: str | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 from app.db import chain
 from app.db.columns import TABLES
-from app.db.database import BUSY_MS, StoreError, reading, rows, transaction
+from app.db.database import StoreError, reading, rows, transaction, writing
 from app.db.reader import Reader
 from app.db.releases import ReleaseRow, latest_release, note_release
 from app.release import signing
@@ -359,14 +359,10 @@ def _whole_folder(out: Path) -> Iterator[Path]:
 def _note_published(request: ReleaseRequest, header: ReleaseHeader, manifest_hash: str) -> None:
     """Keep the release in the database, so that the next one knows its number; a server may be running."""
     row = ReleaseRow(header.study, header.version, manifest_hash, now_ms())
-    conn = sqlite3.connect(request.database, timeout=BUSY_MS / 1000, isolation_level=None)
     try:
-        with transaction(conn):
+        with writing(request.database) as conn:
             note_release(conn, row)
-    except sqlite3.Error as error:
+    except StoreError as error:
         raise StoreError(
-            f"{request.out} is written, but {request.database} did not take note of it ({error}): the next release will have "
-            "the same number"
+            f"{request.out} is written, but not noted ({error}): the next release will have the same number"
         ) from error
-    finally:
-        conn.close()

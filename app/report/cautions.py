@@ -43,6 +43,8 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         are = "is" if figure.players == 1 else "are"
         why = "their spread, and with it every interval, is poorly known"
         found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
+    if group.kind == "human":
+        found += _about_secret(data)
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
@@ -57,6 +59,26 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
     return tuple(found)
+
+
+def _about_secret(data: StudyData) -> Iterable[str]:
+    """Yield what may have been chosen with the secret, and so with the terrains."""
+    beacon = data.beacon
+    if beacon is None:
+        yield (
+            "No public beacon was named when the study was frozen: whoever froze it may have drawn one secret after another "
+            "and kept the one whose terrains suited best."
+        )
+    elif not beacon.is_public:
+        yield (
+            "The beacon that was named when the study was frozen is not one that this software knows: whoever signs its rounds "
+            "may have chosen the terrains."
+        )
+    if data.freezings > 1:
+        yield (
+            f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
+            "have chosen among as many secrets and protocols."
+        )
 
 
 def _about_skewness(score: Estimate, steps: Estimate, words: Words) -> Iterable[str]:
@@ -139,6 +161,12 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
         found.append("The revealed secret is not the one that was committed to.")
+    if data.beacon and not (
+        data.beacon_signature and data.beacon.has_signed(data.beacon_signature)
+    ):
+        found.append(
+            "The beacon's signature is not of the round that was named when the study was frozen."
+        )
     version = data.protocol.rules.version
     if data.protocol.core_version != version:
         found.append(

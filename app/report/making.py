@@ -157,6 +157,8 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
             secret=None,
             people=(),
             trials=(),
+            beacon=study.beacon,
+            beacon_signature=study.beacon_signature,
             policy_files=study.policy_files,
         )
     if data.protocol_hash != study.protocol_hash:
@@ -172,4 +174,5 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
     if study.closed_ms is not None:
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
-    return data, {i: study.seed("ranked", i) for i in range(study.protocol.ranked)}
+    ranked = () if study.waits_for_beacon else range(study.protocol.ranked)
+    return data, {i: study.seed("ranked", i) for i in ranked}

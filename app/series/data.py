@@ -15,6 +15,7 @@ from typing import Any
 from app.db.input_events import input_events
 from app.db.reader import Reader
 from app.db.series import (
+    count_freezings,
     erased_people,
     find_study,
     move_inputs,
@@ -25,6 +26,7 @@ from app.db.series import (
     study_trials,
 )
 from app.db.trial import ParticipantKind, Trial
+from app.series.beacon import Beacon
 from app.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
 from app.series.plausibility import pause_share, plausibility_labels
 from app.series.policy_files import PolicyFiles
@@ -64,6 +66,8 @@ class Person:
 class StudyData:
     """Everything figures are made from. `secret` is hex, known here once the study is closed.
 
+    beacon    whose round was named at freezing, and its signature (hex); None without one
+    freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     policy_files  of the policies that it is compared with
     """
@@ -76,6 +80,9 @@ class StudyData:
     secret: str | None = field(repr=False)
     people: tuple[Person, ...]
     trials: tuple[Trial, ...] = field(repr=False)
+    beacon: Beacon | None = None
+    beacon_signature: str | None = None
+    freezings: int = 0
     arrivals: Arrivals = field(default_factory=Arrivals)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
 
@@ -175,6 +182,9 @@ def _load(reader: Reader, study: str) -> StudyData:
         secret=row.secret,
         people=people,
         trials=tuple(_with_input(reader, each) for each in study_trials(reader, study)),
+        beacon=Beacon.parse(row.beacon),
+        beacon_signature=row.beacon_signature,
+        freezings=count_freezings(reader, study),
         arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
         policy_files=PolicyFiles.of(protocol),
     )

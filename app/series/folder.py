@@ -2,7 +2,8 @@
 
     NAME/protocol.json   the protocol; what freezing fixed may not change any more
     NAME/draft.json      the protocol as it was before freezing filled its texts in
-    NAME/frozen.json     its hash, the commitment to the secret, when and by what it was frozen
+    NAME/frozen.json     its hash, the commitment to the secret, the beacon's round, when and by what it was frozen
+    NAME/opened.json     the beacon's signature, and when it was entered; only where a round was named
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
     NAME/closed.json     the secret revealed, and when
     NAME/policies/       see `app.series.policy_files`
@@ -17,12 +18,13 @@ import hashlib
 import re
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
 from app.db.study_rows import SeriesRow
+from app.series.beacon import Beacon
 from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from app.series.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
 from app.series.protocol import (
@@ -36,13 +38,14 @@ from app.series.protocol import (
     parse_protocol,
     protocol_hash,
 )
-from app.series.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, seed
+from app.series.seeds import TUTORIAL_SEED, SeedLabel, balanced_order, commitment, key_of, seed
 from app.series.templates import fill
 from app.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
 
-Status = Literal["draft", "open", "closed"]
+Status = Literal["draft", "frozen", "open", "closed"]
+"""A study that names a beacon is `frozen` until it is opened; others are open once they are frozen."""
 Advance = Callable[[int, int], None]
 
 
@@ -52,6 +55,8 @@ class Study:
 
     closed_ms   milliseconds since 1970; None while it is open
     secret      32 bytes; the operator alone may see it until the study is closed
+    beacon      whose round was named at freezing; None for none
+    beacon_signature  hex, entered at opening
     policy_files  of the policies that it compares with
     """
 
@@ -62,12 +67,19 @@ class Study:
     frozen_ms: int
     closed_ms: int | None
     secret: bytes = field(repr=False)
+    beacon: Beacon | None = None
+    beacon_signature: str | None = None
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
 
     @property
     def is_open(self) -> bool:
-        """Whether people may still take part."""
+        """Whether the study is not closed."""
         return self.closed_ms is None
+
+    @property
+    def waits_for_beacon(self) -> bool:
+        """Whether nobody can take part yet, since the terrains are not fixed before the beacon's signature is entered."""
+        return self.beacon is not None and self.beacon_signature is None
 
     def row(self) -> SeriesRow:
         """Return what the database keeps of the study."""
@@ -81,15 +93,26 @@ class Study:
             self.frozen_ms,
             closed_ms=self.closed_ms,
             secret=secret,
+            beacon=self.beacon.to_json() if self.beacon else None,
+            beacon_signature=self.beacon_signature,
         )
+
+    @property
+    def key(self) -> bytes:
+        """What seeds and orders follow from; StudyError before the beacon's signature is entered."""
+        if self.waits_for_beacon:
+            raise StudyError(
+                f"the study {self.name!r} is not open yet: `marsexplorer study open {self.name}` enters the beacon's round"
+            )
+        return key_of(self.secret, self.beacon_signature)
 
     def seed(self, label: SeedLabel, i: int) -> int:
         """Return the seed of a terrain of this study."""
-        return seed(self.secret, self.protocol_hash, label, i)
+        return seed(self.key, self.protocol_hash, label, i)
 
     def balanced_order(self, group: str, number: int) -> list[int]:
         """Return the order of the ranked terrains for participant `number` of a group (`app.series.seeds.balanced_order`)."""
-        return balanced_order(self.secret, self.protocol_hash, group, number, self.protocol.ranked)
+        return balanced_order(self.key, self.protocol_hash, group, number, self.protocol.ranked)
 
     def seeds(self) -> list[int]:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""
@@ -122,13 +145,12 @@ class Folder:
     def status(self, name: str) -> Status:
         """Return how far a study is; StudyError when there is none."""
         path = self._existing(name)
-        return (
-            "draft"
-            if not (path / "frozen.json").exists()
-            else "closed"
-            if (path / "closed.json").exists()
-            else "open"
-        )
+        if not (path / "frozen.json").exists():
+            return "draft"
+        if (path / "closed.json").exists():
+            return "closed"
+        named = read_object(path / "frozen.json").get("beacon") is not None
+        return "frozen" if named and not (path / "opened.json").exists() else "open"
 
     def draft(self, name: str) -> Protocol:
         """Return a study's protocol as its file stands, frozen or not; StudyError when it does not hold."""
@@ -149,6 +171,7 @@ class Folder:
                 (
                     path / "protocol.json",
                     path / "frozen.json",
+                    path / "opened.json",
                     path / "closed.json",
                     path / "secret",
                 ),
@@ -171,10 +194,16 @@ class Folder:
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         return path / "protocol.json"
 
-    def freeze(self, name: str, advance: Advance = lambda done, total: None) -> Study:
+    def freeze(
+        self,
+        name: str,
+        advance: Advance = lambda done, total: None,
+        beacon: Beacon | None = None,
+    ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
+        beacon   whose round the terrains shall follow from, too; StudyError for one that is out. None: none is named
         """
         if self.status(name) != "draft":
             raise StudyError(
@@ -196,20 +225,47 @@ class Folder:
         study = Study(
             name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret
         )
-        _check_terrains(study, advance)
+        _check_terrains(
+            study, advance
+        )  # of a study with a beacon: terrains like those that it will have
+        if beacon is not None and beacon.round_ms <= now:
+            raise StudyError(
+                f"round {beacon.round} of the beacon came out at {iso(beacon.round_ms)}: name a later one, which nobody knows"
+            )
         write_object(path / "secret", secret.hex(), private=True)
         write_object(path / "draft.json", template.model_dump(mode="json", exclude_unset=True))
         write_object(path / "protocol.json", protocol.model_dump(mode="json"))
         frozen = {
             "protocol_hash": study.protocol_hash, "commitment": study.commitment, "frozen_at": iso(now),
             "core_version": rules.version, "software_version": version("marsexplorer-playground"),
+            "beacon": None if beacon is None else asdict(beacon),
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
+        return self.study(name)
+
+    def open(self, name: str, signature: str, advance: Advance = lambda done, total: None) -> Study:
+        """Open a study that names a beacon and return it: its terrains follow from the round's signature (hex) from now on.
+
+        advance  as of `freeze`
+        """
+        study, signature = self.study(name), signature.strip().lower()
+        if study.beacon is None or not study.waits_for_beacon:
+            why = "names no beacon and is open" if study.beacon is None else "is open"
+            raise StudyError(f"the study {name!r} {why} already: there is nothing to enter")
+        if not study.beacon.has_signed(signature):
+            raise StudyError(
+                f"expected the beacon's signature of round {study.beacon.round}, 96 hexadecimal digits; "
+                f"got {signature[:100]!r}, which the beacon's key did not sign"
+            )
+        _check_terrains(replace(study, beacon_signature=signature), advance)
+        opened = {"beacon_signature": signature, "opened_at": iso(now_ms())}
+        write_object(self.path(name) / "opened.json", opened)
         return self.study(name)
 
     def close(self, name: str) -> Study:
         """Close a study and return it: nobody can join or go on, and its secret is revealed."""
         study = self.study(name)
+        _ = study.key  # nobody can have taken part before
         if not study.is_open:
             raise StudyError(
                 f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}"
@@ -261,6 +317,7 @@ class Folder:
                 "put the frozen text back, or begin another study"
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
+        opened = read_object(path / "opened.json") if (path / "opened.json").exists() else {}
         try:
             secret = bytes.fromhex(
                 closed["secret"] if closed else (path / "secret").read_text().strip()
@@ -271,6 +328,8 @@ class Folder:
                 "protocol_hash": frozen["protocol_hash"],
                 "commitment": frozen["commitment"],
                 "frozen_ms": frozen_ms,
+                "beacon": Beacon(**frozen["beacon"]) if frozen.get("beacon") else None,
+                "beacon_signature": opened.get("beacon_signature"),
             }
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(

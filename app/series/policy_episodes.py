@@ -13,7 +13,7 @@ from typing import Any
 from app.series.data import StudyData
 from app.series.policy_files import PolicyFiles
 from app.series.protocol import Protocol
-from app.series.seeds import seed
+from app.series.seeds import key_of, seed
 from app.task import Configuration, Rules
 
 
@@ -52,9 +52,9 @@ def closed_seeds(data: StudyData) -> dict[int, int]:
     """Return the seeds of the ranked terrains of a closed study by index, from its secret; none where that is not known."""
     if data.secret is None:
         return {}
-    secret = bytes.fromhex(data.secret)
+    key = key_of(bytes.fromhex(data.secret), data.beacon_signature)
     ranked = range(data.protocol.ranked)
-    return {i: seed(secret, data.protocol_hash, "ranked", i) for i in ranked}
+    return {i: seed(key, data.protocol_hash, "ranked", i) for i in ranked}
 
 
 def compared_policies(protocol: Protocol) -> list[str]:

@@ -10,7 +10,7 @@ import asyncio
 import json
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -54,7 +54,13 @@ class ParticipantProgress:
         self.recruitment = Recruitment(folder, study_store)
         self._participations = Participations(folder, study_store, lobby.sources)
         self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._note_freezings()
         self._note_closed()
+
+    def _note_freezings(self) -> None:
+        for name in self.folder.names():
+            with suppress(StudyError):  # a draft, or `study show` says what is wrong with it
+                self.study_store.note_freezing(self.folder.study(name).row())
 
     def _note_closed(self) -> None:
         for name in self.study_store.open_names():
@@ -96,6 +102,10 @@ class ParticipantProgress:
         note_closed(self.lobby.store, study)
         if not study.is_open or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
+        if study.waits_for_beacon:
+            raise StageError(
+                f"the study {name!r} is not open yet: its terrains follow from a number that is still to come; come back later"
+            )
         if study.protocol.task != self.lobby.task.name:
             raise StageError(
                 f"the study {name!r} is of {study.protocol.task}, and this server plays {self.lobby.task.name}: "

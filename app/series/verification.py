@@ -39,6 +39,7 @@ from app.db.resimulation import Finding
 from app.db.study_rows import SeriesRow
 from app.jobs import Jobs, cores
 from app.series import seeds
+from app.series.beacon import Beacon
 from app.series.daily import START_SLACK_MS, DailyTerrain
 from app.series.folder import Advance, Folder
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
@@ -126,6 +127,7 @@ def verify_moment(
     findings += checks.check_entries(conn, study)
     findings += check_series(conn, secrets or {}, study)
     findings += check_chain(conn)
+    findings += checks.check_marks(conn)
     if study is None:
         findings += checks.check_owners(conn)
     still_open = checks.count_unfinished(conn, study)
@@ -189,11 +191,11 @@ Level = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class _Expected:
-    """What the episodes of a series are checked against; `secret` is None where it is not known."""
+    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known."""
 
     series: SeriesRow
     config_hash: str
-    secret: bytes | None
+    key: bytes | None
 
 
 def check_series(
@@ -217,6 +219,8 @@ def _check_series(
         of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
         config = of.env_config if isinstance(of, Protocol) else of.config
         secret = bytes.fromhex(row.secret) if row.secret else known
+        beacon = Beacon.parse(row.beacon)
+        key = None if secret is None else seeds.key_of(secret, row.beacon_signature)
     except (ValueError, TypeError, KeyError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))
         return
@@ -224,11 +228,26 @@ def _check_series(
         yield Finding(where, "protocol_hash", row.protocol_hash, found)
     if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret")
-    expected = _Expected(row, config.hash, secret)
+    yield from _check_beacon(row, beacon)
+    expected = _Expected(row, config.hash, key)
     if isinstance(of, Protocol):
         yield from _check_participants(conn, of, expected)
     else:
         yield from _check_attempts(conn, of, expected)
+
+
+def _check_beacon(row: SeriesRow, beacon: Beacon | None) -> Iterator[Finding]:
+    """Yield what is wrong with the beacon that a study names, and with its signature."""
+    where, signature = f"{row.kind} {row.name}", row.beacon_signature
+    if beacon is None:
+        if signature is not None:
+            yield Finding(where, "beacon_signature", signature, "no beacon that was named")
+        return
+    if beacon.round_ms <= row.frozen_ms:
+        yield Finding(where, "beacon's round", beacon.round, "one that came out after the freezing")
+    if signature is None or not beacon.has_signed(signature):
+        found = f"a signature of round {beacon.round} by the beacon's key"
+        yield Finding(where, "beacon_signature", signature, found)
 
 
 def _check_participants(
@@ -266,7 +285,7 @@ def _ranked_order(
     expected: _Expected,
 ) -> Generator[Finding, None, list[int] | None]:
     """Return the order of a participant's ranked terrains, None where it is not known; yield what is wrong with its number."""
-    secret, of = expected.secret, expected.series.protocol_hash
+    key, of = expected.key, expected.series.protocol_hash
     if not any(row["phase"] == "ranked" for row in episodes):
         return None
     kind, details = order_events(conn, participant)
@@ -279,9 +298,7 @@ def _ranked_order(
             "one whole number from 0",
         )
         return None
-    return (
-        None if secret is None else seeds.balanced_order(secret, of, kind, number, protocol.ranked)
-    )
+    return None if key is None else seeds.balanced_order(key, of, kind, number, protocol.ranked)
 
 
 def _order_number(details: list[str]) -> int | None:
@@ -324,10 +341,10 @@ def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
     seed = None
     if row["phase"] == "tutorial":
         seed = seeds.TUTORIAL_SEED
-    elif expected.secret is not None:
+    elif expected.key is not None:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
         of = expected.series.protocol_hash
-        seed = seeds.seed(expected.secret, of, label, row["terrain_index"])
+        seed = seeds.seed(expected.key, of, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
         what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
         yield Finding(where, what, row["seed"], f"{seed} from the secret")

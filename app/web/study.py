@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
@@ -241,6 +242,8 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
         "protocol_hash": study.protocol_hash,
         "commitment": study.commitment,
         "secret": None if study.is_open else study.secret.hex(),
+        "beacon": study.beacon and asdict(study.beacon),
+        "beacon_signature": study.beacon_signature,
         "task": describe(protocol.rules),
         "level": config.level,
         **{side: values[side] for side in ("rows", "cols") if side in values},

@@ -9,9 +9,9 @@ import random
 from app.db import chain
 from app.db.series import StudyStore, add_series
 from app.db.store import SessionRow, StepRow, Store, Trial
-from app.db.study_rows import Participant, SeriesRow
+from app.db.study_rows import Participant
 from app.series.folder import Folder
-from app.series.protocol import canonical, default_protocol
+from app.series.protocol import default_protocol
 from app.series.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
@@ -52,10 +52,7 @@ class StudyRecorder:
         self.clock = BEGAN
         self.random = random.Random(next(_fields))
         self.store.secret()
-        protocol = canonical(study.protocol).decode()
-        revealed = None if study.is_open else study.secret.hex()
-        values = (study.protocol_hash, study.commitment, study.frozen_ms, study.closed_ms, revealed)
-        add_series(self.store, SeriesRow(study.name, protocol, *values))
+        add_series(self.store, study.row())
 
     def insert(self, table, *values):
         return self.conn.execute(
@@ -210,6 +207,7 @@ def write_chain_anew(conn):
     for table in ("chain", "chain_salts"):
         conn.execute(f"DELETE FROM {table}")
     chain.append_all(conn, chain.things(conn))
+    chain.append_marks(conn)
 
 
 def _there_and_back(episode):

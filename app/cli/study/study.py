@@ -38,6 +38,11 @@ if TYPE_CHECKING:
     from app.task import Words
 
 
+RELAY = "https://api.drand.sh"
+BEACON_DELAY_MS = 600_000
+"""How long after freezing the round comes out that --beacon names, in milliseconds."""
+
+
 @click.group(
     short_help="Plan, freeze and close a study of how well people play.",
     context_settings={"show_default": True},
@@ -53,6 +58,7 @@ def study() -> None:
     Examples:
       marsexplorer study new pilot --players 10
       marsexplorer study freeze pilot         prints its power and what participants will read
+      marsexplorer study freeze strict --beacon; marsexplorer study open strict
       marsexplorer study preregister pilot --out pilot.md
       marsexplorer study invite pilot 10      ten links, each for one person
       marsexplorer serve
@@ -134,8 +140,13 @@ def new(
     is_flag=True,
     help="Freeze although a planned comparison has less than 50 % power.",
 )
+@option(
+    "--beacon", is_flag=True,
+    help="Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
+)  # fmt: skip
+@DATABASE
 @STUDIES
-def freeze(name: str, underpowered: bool, folder: Folder) -> None:
+def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
     Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
@@ -145,26 +156,92 @@ def freeze(name: str, underpowered: bool, folder: Folder) -> None:
     Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
     knows every terrain.
+
+    With --beacon the terrains follow from a round of the public beacon drand quicknet too, which comes out ten minutes later:
+    the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
     """
+    from app.series.beacon import QUICKNET
+    from app.series.files import now_ms
+
     with study_errors():
         is_draft = folder.status(name) == "draft"
         plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
-        found = folder.freeze(name, advance)
+        named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
+        found = folder.freeze(name, advance, named)
+    is_noted = _note_freezing(found, database)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
         _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
-    click.echo(f"A running server offers it at once, at /study/{name}")
+    if is_noted:
+        click.echo(
+            f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
+        )
+    if found.beacon is not None:
+        out = f"{datetime.fromtimestamp(found.beacon.round_ms / 1000, UTC):%Y-%m-%d %H:%M:%S} UTC"
+        click.echo(
+            f"The beacon's round {found.beacon.round} comes out at {out}; then `marsexplorer study open {name}`"
+        )
+    else:
+        click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
         invite = f"marsexplorer study invite {name} {found.protocol.players}"
         click.echo(f"It is by invitation: `{invite}` makes the links")
 
 
 def _hashes(found: Study) -> str:
-    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}"
+    named = (
+        ""
+        if found.beacon is None
+        else f"\nbeacon         drand quicknet, round {found.beacon.round}"
+    )
+    return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}{named}"
+
+
+def _note_freezing(found: Study, database: Path) -> bool:
+    """Append the freezing and the opening to the chain of the database, and return whether there is one; a server may run."""
+    from app.db.chain import append_marks, freezing_of
+    from app.db.database import writing
+
+    if not database.exists():  # a server notes it when it starts
+        return False
+    with (
+        failures(f"the study {found.name!r} is as asked, but its entry in the chain is missing"),
+        writing(database) as conn,
+    ):
+        append_marks(conn, freezing_of(found.row()))
+    return True
+
+
+@study.command("open", short_help="Enter the beacon's round, so that people can take part.")
+@argument("name")
+@option(
+    "--signature", help="The round's signature, 96 hexadecimal digits.  [default: asked of --relay]"
+)
+@option("--relay", default=RELAY, help="Where the beacon's rounds can be fetched.")
+@DATABASE
+@STUDIES
+def open_(name: str, signature: str | None, relay: str, folder: Folder, database: Path) -> None:
+    """Enter the signature of the beacon's round that was named when the study was frozen: the terrains follow from it.
+
+    The signature is checked with the beacon's public key, whoever it comes from, and again by `verify` and the report.
+
+    \b
+    Examples:
+      marsexplorer study open pilot
+      marsexplorer study open pilot --signature b44679b9a59a...
+    """
+    with study_errors():
+        found = folder.study(name)
+        if found.waits_for_beacon and found.beacon is not None and signature is None:
+            signature = found.beacon.fetch(relay)
+    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+        found = folder.open(name, signature or "", advance)
+    _note_freezing(found, database)
+    click.echo(f"The study {name!r} is open, at /study/{name}")
 
 
 @study.command(short_help="End the study and reveal its secret.")
