@@ -94,6 +94,16 @@ MAX_PRINTED = 200
     "--head",
     help="A head of the database's chain from before, or a release's folder, which holds one.",
 )
+@click.option(
+    "--stamp",
+    type=PATH,
+    help="A time stamp that `stamp` wrote; it stands for a head, as --head does.",
+)
+@click.option(
+    "--certificate",
+    type=PATH,
+    help="The root of the stamp's authority, PEM.  [default: those that this machine trusts]",
+)
 def verify(
     database: Path | None,
     dataset: Path | None,
@@ -101,6 +111,8 @@ def verify(
     key: str | None,
     to_pin: bool,
     head: str | None,
+    stamp: Path | None,
+    certificate: Path | None,
 ) -> int:
     """Simulate every finished episode from its configuration, terrain and actions, and compare all that was recorded.
 
@@ -109,7 +121,8 @@ def verify(
     chain of hashes that grew while they were recorded. Each difference is printed; the exit code is 1 when there is
     one. A dataset's files and signature are checked as well.
     This proves the record consistent. The chain's head is printed: keep it, or publish it. --head with an earlier
-    one says whether everything up to it still stands, and what was changed or forgotten since. Who made a
+    one says whether everything up to it still stands, and what was changed or forgotten since; so does --stamp, with the
+    time at which an authority saw that head, checked offline. Who made a
     dataset is proved by its signature, to whoever knows the key's fingerprint: --key. Without it, and while the key
     is not pinned, the signer is said to be not checked.
 
@@ -119,6 +132,7 @@ def verify(
       marsexplorer verify --database lab.db
       marsexplorer verify --head 9c0d1ab2...
       marsexplorer verify --head dunes-1
+      marsexplorer verify --stamp marsexplorer.db-1284.tsr --certificate authority.pem
       marsexplorer verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
@@ -127,14 +141,18 @@ def verify(
         raise click.UsageError(
             f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed"
         )
-    if head is not None and dataset is not None:
+    if dataset is not None and (head is not None or stamp is not None):
         raise click.UsageError(
-            "--head goes with --database: a dataset's signature stands for all of it"
+            "--head and --stamp go with --database: a dataset's signature stands for all of it"
         )
+    if head is not None and stamp is not None:
+        raise click.UsageError("give --head or --stamp, not both")
+    if certificate is not None and stamp is None:
+        raise click.UsageError("--certificate goes with --stamp")
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
-            result, about = _of_database(database, studies, head)
+            result, about = _of_database(database, studies, head, stamp, certificate)
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
     for finding in result.findings[:MAX_PRINTED]:
@@ -150,8 +168,13 @@ def verify(
 
 
 def _of_database(
-    database: Path | None, studies: Path | None, head: str | None
+    database: Path | None,
+    studies: Path | None,
+    head: str | None,
+    stamp: Path | None,
+    certificate: Path | None,
 ) -> tuple[Verification, str]:
+    from app.db.time_stamps import read_stamp
     from app.series.folder import Folder
     from app.series.verification import check_policy_files, verify_database
 
@@ -159,9 +182,16 @@ def _of_database(
     path, folder = database or settings.database, Folder(studies or settings.studies)
     known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
+    stamped = None if stamp is None else read_stamp(stamp, path, certificate)
+    if stamped is not None:
+        earlier = stamped.head or None
     with progress("verifying (the rules are compiled first)") as advance:
         result = verify_database(path, advance, known, head=earlier)
     findings = (*result.findings, *check_policy_files(folder, known))
+    if stamped is not None and stamped.fault is not None:
+        findings = (*findings, stamped.fault)
+    elif stamped is not None:
+        click.echo(f"time stamp of {stamped.at:%Y-%m-%d %H:%M:%S} UTC, as its authority says")
     return replace(result, findings=findings), str(path)
 
 
@@ -223,6 +253,39 @@ def _chain_lines(result: Verification) -> Iterator[str]:
 
 def _counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{counts[kind]:,} of kind {kind}" for kind in sorted(counts)) or "nothing"
+
+
+@click.command(short_help="Have the end of the chain time-stamped.")
+@click.option(
+    "--authority", required=True, help="Address of the time-stamping authority (RFC 3161)."
+)
+@click.option(
+    "--out",
+    type=PATH,
+    help="File for the stamp.  [default: the database's name, its number of entries and .tsr]",
+)
+@database_option(SERVERS)
+def stamp(authority: str, out: Path | None, database: Path) -> None:
+    """Send the head of the database's chain to a time-stamping authority, and keep the answer as a file.
+
+    The authority sees 32 bytes that tell nothing, and signs them with the time. Whoever holds the file can check offline that
+    everything up to that head stood then and stands still: `marsexplorer verify --stamp FILE`. Have it stamped after freezing,
+    before closing and before a release, and give copies of the files away.
+
+    \b
+    Examples:
+      marsexplorer stamp --authority http://timestamp.digicert.com
+      marsexplorer stamp --authority https://freetsa.org/tsr --out frozen.tsr
+    """
+    from app.db.time_stamps import request_stamp
+    from marsexplorer.files import write_whole
+
+    with failures("cannot stamp the chain"):
+        head, answer = request_stamp(database, authority)
+        out = out or database.with_name(f"{database.name}-{head.entries}.tsr")
+        with write_whole(out) as file:
+            file.write(answer)
+    click.echo(f"head {head.head} of entry {head.entries:,}: the stamp is in {out}")
 
 
 @click.command(short_help="Copy the database while people play.")
