@@ -77,6 +77,11 @@ class Study:
         return self.closed_ms is None
 
     @property
+    def status(self) -> Status:
+        """How far it is: `frozen` (it waits for its beacon), `open` or `closed`."""
+        return "closed" if not self.is_open else "frozen" if self.waits_for_beacon else "open"
+
+    @property
     def waits_for_beacon(self) -> bool:
         """Whether nobody can take part yet, since the terrains are not fixed before the beacon's signature is entered."""
         return self.beacon is not None and self.beacon_signature is None

@@ -202,7 +202,7 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
     return {
         "name": name,
         "title": protocol.title,
-        "status": "open" if found.is_open else "closed",
+        "status": found.status,
         **{each: getattr(found, each) for each in shown},
         "level": protocol.env_config.level,
         "where": protocol.rules.where(protocol.env_config),

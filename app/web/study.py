@@ -210,7 +210,7 @@ async def _asking(request: Request, name: str) -> tuple[Study, Participant]:
 async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
     """List the studies whose protocol is frozen.
 
-    `status` is "open" or "closed"; `recruitment` is "invitation", "panel" or "open".
+    `status` is "frozen" (until its beacon is entered), "open" or "closed"; `recruitment` is "invitation", "panel" or "open".
     """
     found: list[dict[str, str | int]] = []
     for name in progress.folder.names():
@@ -219,7 +219,7 @@ async def list_studies(progress: ProgressOf) -> list[dict[str, str | int]]:
         except (StudyError, StageError):
             continue
         await progress.note_if_closed(study)
-        protocol, status = study.protocol, "open" if study.is_open else "closed"
+        protocol, status = study.protocol, study.status
         found.append(
             {"name": name, "title": protocol.title, "status": status, "recruitment": protocol.recruitment,
              "warm_up": protocol.warm_up, "ranked": protocol.ranked}
@@ -238,7 +238,7 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
     return {
         "name": name,
         "title": protocol.title,
-        "status": "open" if study.is_open else "closed",
+        "status": study.status,
         "protocol_hash": study.protocol_hash,
         "commitment": study.commitment,
         "secret": None if study.is_open else study.secret.hex(),

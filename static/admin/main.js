@@ -85,7 +85,7 @@ function paintStudies(studies, chosen) {
   const key = JSON.stringify(studies);
   if (select.dataset.shown !== key) {
     select.dataset.shown = key;
-    select.replaceChildren(...studies.map(({ name, status }) => Object.assign(new Option(`${name} (${status})`, name), { disabled: status === "draft" || status === "broken" })));
+    select.replaceChildren(...studies.map(({ name, status }) => Object.assign(new Option(`${name} (${status})`, name), { disabled: status !== "open" && status !== "closed" })));
     for (const { error } of studies) if (error) notice(error);
   }
   select.value = chosen;

@@ -71,6 +71,7 @@ def test_nobody_takes_part_before_the_round_is_entered_and_then_the_seeds_follow
     named = folder.study("dunes").beacon
     assert folder.status("dunes") == "frozen"
     server = serve()
+    assert server.client().get("/api/studies").json()[0]["status"] == "frozen"
     with pytest.raises(RefusedError, match="is not open yet"):
         Person(server, study="dunes")
     with pytest.raises(StudyError, match="is not open yet"):
