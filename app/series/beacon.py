@@ -14,6 +14,7 @@ import urllib.request
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from app.series.files import iso, now_ms
 from app.series.protocol import StudyError, canonical_json
 
 _CHAIN = "52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971"
@@ -82,6 +83,10 @@ class Beacon:
 
     def fetch(self, relay: str) -> str:
         """Return the round's signature (hex) from a relay, unchecked: any relay will do. StudyError when it cannot be had."""
+        if self.round_ms > now_ms():
+            raise StudyError(
+                f"round {self.round} of the beacon comes out at {iso(self.round_ms)}: try again then"
+            )
         url = f"{relay}/{_CHAIN}/public/{self.round}"
         way_out = f"try again later, or look it up at {url} and give it with --signature"
         try:

@@ -161,7 +161,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
     """
     from app.series.beacon import QUICKNET
-    from app.series.files import now_ms
+    from app.series.files import iso, now_ms
 
     with study_errors():
         is_draft = folder.status(name) == "draft"
@@ -176,15 +176,12 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
-    if is_noted:
-        click.echo(
-            f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
-        )
+    said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
+    later = f"There is no database {database} yet: the server that makes it notes this in its chain"
+    click.echo(said if is_noted else later)
     if found.beacon is not None:
-        out = f"{datetime.fromtimestamp(found.beacon.round_ms / 1000, UTC):%Y-%m-%d %H:%M:%S} UTC"
-        click.echo(
-            f"The beacon's round {found.beacon.round} comes out at {out}; then `marsexplorer study open {name}`"
-        )
+        out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"
+        click.echo(f"{out}; then `marsexplorer study open {name}`")
     else:
         click.echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":

@@ -5,6 +5,7 @@ import hmac
 import http.server
 import json
 import threading
+import time
 from contextlib import closing
 from dataclasses import replace
 
@@ -223,6 +224,10 @@ def test_study_open_fetches_the_round_from_a_relay_and_notes_it_in_the_chain(
             main(given)
         return left.value.code, capsys.readouterr()
 
+    code, said = run()
+    assert (code, asked) == (1, [])
+    assert "comes out at" in said.err
+    time.sleep(max(0.0, (named.round_ms - now_ms()) / 1000))
     code, said = run()
     assert (code, folder.status("dunes")) == (1, "frozen")
     assert "cannot be fetched" in said.err
