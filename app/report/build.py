@@ -42,6 +42,7 @@ from app.report.statistics.study_figures import (
     figure_sentence,
     primary_set,
     study_figures,
+    why_no_p,
 )
 from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
@@ -114,6 +115,8 @@ def _group(
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
     is_human = cohort.kind == "human"
+    figures = study_figures(data, cohort)
+    no_p = why_no_p(next(each for each in figures if each.name == primary))
     return GroupReport(
         name=cohort.name,
         words=data.protocol.rules.words,
@@ -126,16 +129,19 @@ def _group(
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
         primary=primary,
-        figures=study_figures(data, cohort),
-        metrics=tuple(_metric(data, cohort, ids, metric) for metric in METRICS) if ids else (),
+        figures=figures,
+        no_p=no_p,
+        metrics=tuple(_metric(data, cohort, ids, metric, no_p is None) for metric in METRICS)
+        if ids
+        else (),
         players=tuple(
             _player_row(cohort, person, number, person in ids)
             for number, person in enumerate(everybody, 1)
         ),
-        comparisons=_comparisons(cohort, ids, runs),
+        comparisons=_comparisons(cohort, ids, runs, no_p is None),
         deviations=deviations(data, cohort),
         cautions=(),
-        leak=leak_trend(cohort.ranked) if is_human else None,
+        leak=leak_trend(cohort.ranked, no_p is None) if is_human else None,
         flow=participant_flow(data) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
         excluded=_excluded(data, cohort, ids),
@@ -179,7 +185,9 @@ def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, 
     return dict(sorted(reasons.items()))
 
 
-def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:
+def _metric(
+    data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName, is_tested: bool
+) -> Metric:
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
@@ -190,7 +198,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         iqm=iqm(table),
         iqm_interval=iqm_interval(table) if several else None,
         variance=variance_components(table),
-        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
+        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin, is_tested),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
         mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)),
     )
@@ -212,19 +220,21 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
 
 
 def _comparisons(
-    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]
+    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun], is_tested: bool
 ) -> tuple[PolicyComparison, ...]:
     """Return every policy's comparison in each metric; none without players or policies."""
     if not ids or not runs:
         return ()
     tables = {metric: cohort.table(ids, metric) for metric in METRICS}
     return tuple(
-        row for each, table in tables.items() for row in _comparisons_in(each, table, runs)
+        row
+        for each, table in tables.items()
+        for row in _comparisons_in(each, table, runs, is_tested)
     )
 
 
 def _comparisons_in(
-    metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
+    metric: MetricName, table: Floats, runs: Sequence[PolicyRun], is_tested: bool
 ) -> list[PolicyComparison]:
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
     shared = ~np.isnan(table).all(
@@ -239,6 +249,8 @@ def _comparisons_in(
         return []
     rest = players, random, metric == "score", len(runs)
     rows = [compare_policy(run.name, metric, values[run.name], *rest) for run in runs]
+    if not is_tested:
+        return [replace(row, p_value=None) for row in rows]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
     return [
         replace(row, p_adjusted=p if row.p_value is not None else None)

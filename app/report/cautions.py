@@ -46,8 +46,9 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
-            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies "
-            "rests on how many of these players the sample happens to hold."
+            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies, "
+            "and its interval, rests on how many of these players the sample happens to hold; learning and the mixed model do "
+            f"too. {group.no_p}"
         )
     found.append(_about_failures(group))
     effect = max(

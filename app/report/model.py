@@ -85,6 +85,7 @@ class GroupReport:
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
+    no_p        why the tail rule forbids p values, a sentence; None where it does not
     moves       where players lose moves, and how much they move like the policies; empty where it was not worked out
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
@@ -111,6 +112,7 @@ class GroupReport:
     comparisons: tuple[PolicyComparison, ...]
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
+    no_p: str | None = None
     leak: LeakTrend | None = None
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None

@@ -164,6 +164,16 @@ def why_no_interval(estimate: Estimate) -> str | None:
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
+def why_no_p(figure: StudyFigure) -> str | None:
+    """Return the sentence that says why the tail rule forbids p values; None where it does not."""
+    if figure.score is not None and figure.score.headline == "guaranteed":
+        return (
+            "No p value is given: failures are a few players' here, and where they were in simulation, a policy as good as "
+            "people had a p below 0.05 in up to 45.6 % of studies."
+        )
+    return None
+
+
 def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have; steps lie in 1..limit."""
     return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
