@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.db.trial import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
 from app.report.moves.likeness import Likeness
-from app.report.moves.regret import RegretSummary
+from app.report.moves.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Interval
@@ -117,7 +117,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
             LEARNING,
             [_learning_column(metric) for metric in group.metrics],
         ),
-        "regret": _regret(regret) if regret else None,
+        "regret": regret_table(regret) if regret else None,
         "by_tenth": _by_tenth(regret) if regret else None,
         "regret_by_player": _regret_by_player(regret) if regret else None,
         "likeness": _likeness(likeness) if likeness else None,
@@ -315,25 +315,33 @@ def _learning_column(metric: Metric) -> tuple[str, ...]:
     )
 
 
-def _regret(found: RegretSummary) -> PageTable:
-    """Return the mean regret per episode and the share of each kind of loss."""
-    rows = [
-        ("mean regret per episode, moves", number(found.mean, 1)),
-        ("its 95 % interval over players", interval(found.interval, 1)),
-        (f"{found.policy}\u2019s own on the same terrains", number(found.policy_mean, 1)),
-        *((f"share: {kind}", percent(share)) for kind, share in found.by_kind.items()),
-    ]
+def regret_table(found: RegretSummary) -> PageTable:
+    """Return the regret of all moves and of each kind of loss, beside the policy's own."""
     who = f"{len(found.by_player)} players, {found.episodes} episodes"
-    return PageTable(f"Regret over {who}", ("quantity", "value"), rows)
+    parts = {"all moves": found.total, **found.by_kind}
+    return _regret_parts(f"Regret, moves an episode, over {who}", "loss", parts, found.policy)
 
 
 def _by_tenth(found: RegretSummary) -> PageTable:
+    parts = {f"{10 * at} to {10 * at + 10} %": each for at, each in enumerate(found.by_tenth)}
+    caption = "Regret, moves an episode, by what was known before the move"
+    return _regret_parts(caption, "cells known", parts, found.policy)
+
+
+def _regret_parts(
+    caption: str, name: str, parts: Mapping[str, RegretPart], policy: str
+) -> PageTable:
     rows = [
-        (f"{10 * tenth} to {10 * tenth + 10} %", number(moves, 1))
-        for tenth, moves in enumerate(found.by_tenth)
+        (
+            label,
+            _with_interval(each.mean, each.interval, 1),
+            number(each.policy, 1),
+            _with_interval(each.excess, each.excess_interval, 1),
+        )
+        for label, each in parts.items()
     ]
-    caption = "Mean regret of an episode, by what was known before the move"
-    return PageTable(caption, ("cells known", "moves lost"), rows)
+    own = f"{policy}\u2019s own"
+    return PageTable(caption, (name, "mean of players", own, f"players minus {policy}"), rows)
 
 
 def _regret_by_player(found: RegretSummary) -> PageTable:
