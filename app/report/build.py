@@ -67,7 +67,7 @@ def build(
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
     pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret and no likeness
+    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]

@@ -86,7 +86,7 @@ class GroupReport:
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
     no_p        why the tail rule forbids p values, a sentence; None where it does not
-    moves       where players lose moves, and how much they move like the policies; empty where it was not worked out
+    moves       where players lose moves; empty where it was not worked out
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts

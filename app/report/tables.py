@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from app.db.trial import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.moves.likeness import Likeness
 from app.report.moves.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
@@ -96,7 +95,7 @@ COMPARISON = (
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
     """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None where there is nothing."""
-    regret, likeness = group.moves.regret, group.moves.likeness
+    regret = group.moves.regret
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),
@@ -120,7 +119,6 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "regret": regret_table(regret) if regret else None,
         "by_tenth": _by_tenth(regret) if regret else None,
         "regret_by_player": _regret_by_player(regret) if regret else None,
-        "likeness": _likeness(likeness) if likeness else None,
         "mixed_model": _by_metric(
             "Second analysis: mixed model, players and terrains crossed, fitted by REML",
             group,
@@ -351,18 +349,6 @@ def _regret_by_player(found: RegretSummary) -> PageTable:
         rows.append((each.player, str(each.episodes), *lost))
     heads = ("player", "episodes", "regret", *found.by_kind)
     return PageTable("Each player\u2019s mean regret per episode", heads, rows)
-
-
-def _likeness(rows: Sequence[Likeness]) -> PageTable:
-    """Return a row for each player, a column for each policy."""
-    policies = sorted({each.policy for each in rows})
-    shares = {(each.participant, each.policy): percent(each.share, 1) for each in rows}
-    cells = [
-        (player, *(shares.get((player, policy), NONE) for policy in policies))
-        for player in sorted({each.participant for each in rows})
-    ]
-    caption = "Share of each player\u2019s ranked moves that a policy would have made too"
-    return PageTable(caption, ("player", *policies), cells)
 
 
 def _model_column(model: MixedModel) -> tuple[str, ...]:

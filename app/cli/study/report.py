@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @option(
     "--no-moves",
     is_flag=True,
-    help="Leave out the regret of each move and the likeness to policies: done sooner.",
+    help="Leave out the regret of each move: done sooner.",
 )
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
