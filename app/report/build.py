@@ -247,8 +247,7 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    rest = players, random, metric == "score", len(runs)
-    rows = [compare_policy(run.name, metric, values[run.name], *rest) for run in runs]
+    rows = [compare_policy(run.name, metric, values[run.name], players, random) for run in runs]
     if not is_tested:
         return [replace(row, p_value=None) for row in rows]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])

@@ -85,9 +85,7 @@ COMPARISON = (
     "difference",
     "p",
     "these terrains alone",
-    "simultaneous",
     "p (Holm)",
-    "better on",
     "ratio",
     "normalized",
 )
@@ -287,9 +285,7 @@ def _comparison(group: GroupReport, metric: str) -> PageTable:
             _with_interval(each.difference, each.new, digits),
             p_value(each.p_value),
             interval(each.these, digits),
-            interval(each.simultaneous, digits),
             p_value(each.p_adjusted),
-            f"{each.better}/{each.terrains}",
             _with_interval(each.ratio, each.ratio_interval, 3),
             _with_interval(each.normalized, each.normalized_interval, 3),
         )
