@@ -12,7 +12,7 @@ from app.report.model import GroupReport, Metric, Report
 from app.report.moves.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
-from app.report.statistics.intervals import Interval
+from app.report.statistics.intervals import Estimate, Interval
 from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.study_figures import why_no_interval
 from app.task import rules_of
@@ -46,19 +46,13 @@ LEVELS_IN_WORDS: dict[Attestation, str] = {
 }
 DIGITS = {"score": 4, "steps": 1}
 SPREAD = (
-    "ICC",
-    "95 % interval of the ICC",
-    "between-player SD",
-    "within-player SD",
-    "of that between terrains",
-    "of that the rest",
-    "episodes a player (n0)",
-    "players",
-    "episodes",
+    "SD between players",
+    "SD between terrains",
+    "SD of the rest",
+    "ICC, the players' share",
     "design effect",
     "independent episodes these are worth",
     "interquartile mean of all episodes",
-    "its 95 % interval over players",
 )
 LEARNING = (
     "slope a trial",
@@ -75,9 +69,6 @@ MIXED_MODEL = (
     "its 95 % interval",
     "slope a trial",
     "its 95 % interval",
-    "SD between players",
-    "SD between terrains",
-    "SD of the rest",
     "how the fit went",
 )
 COMPARISON = (
@@ -168,6 +159,14 @@ def _with_interval(value: float | None, ends: Interval | None, digits: int) -> s
     return f"{number(value, digits)}\n{interval(ends, digits)}"
 
 
+def _share(found: Estimate | None) -> str:
+    """Return a share over players in percent, with its interval."""
+    if found is None:
+        return NONE
+    ends = None if found.interval is None else (100 * found.interval[0], 100 * found.interval[1])
+    return f"{percent(found.mean, 1)}\n{interval(ends, 1)}"
+
+
 def _by_metric(
     caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> PageTable:
@@ -204,13 +203,13 @@ def _exclusion_sets(group: GroupReport) -> PageTable:
             str(each.episodes),
             _with_interval(each.score.mean, each.score.interval, 4) if each.score else NONE,
             _with_interval(each.steps.mean, each.steps.interval, 1) if each.steps else NONE,
-            NONE if each.completed is None else percent(each.completed, 1),
+            _share(each.completed),
         )
         for each in group.figures
     ]
     return PageTable(
         f"The figure under each exclusion set; who enters: {rules}",
-        ("set", "players", "episodes", *both, group.words.reached),
+        ("set", "players", "episodes", *both, f"{group.words.reached} (95 % interval)"),
         rows,
     )
 
@@ -233,20 +232,19 @@ def _attestation(group: GroupReport) -> PageTable | None:
 
 def _spread_column(metric: Metric) -> tuple[str, ...]:
     digits, found = DIGITS[metric.name], metric.variance
-    middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
+    middle = _with_interval(metric.iqm, metric.iqm_interval, digits)
     if found is None:
-        return (*[NONE] * 11, *middle)
-    sds = (found.between_sd, found.within_sd, found.terrain_sd, found.rest_sd)
+        return (*[NONE] * 6, middle)
+    low, high = found.design_effect_interval
+    worth = found.episodes / high, found.episodes / low
     return (
-        number(found.icc, 3),
-        interval(found.icc_interval, 2),
-        *(number(sd, digits) for sd in sds),
-        f"{found.n0:.1f}",
-        str(found.players),
-        str(found.episodes),
-        f"{found.design_effect:.1f}",
-        f"{found.effective:.0f}",
-        *middle,
+        _with_interval(found.between_sd, found.between_interval, digits),
+        _with_interval(found.terrain_sd, found.terrain_interval, digits),
+        _with_interval(found.rest_sd, found.rest_interval, digits),
+        _with_interval(found.icc, found.icc_interval, 2),
+        _with_interval(found.design_effect, (low, high), 1),
+        _with_interval(found.episodes / found.design_effect, worth, 0),
+        middle,
     )
 
 
@@ -350,8 +348,7 @@ def _regret_by_player(found: RegretSummary) -> PageTable:
 def _model_column(model: MixedModel) -> tuple[str, ...]:
     digits = DIGITS[model.metric]
     slope = number(model.slope, digits + 1), interval(model.slope_interval, digits + 1)
-    sds = [number(sd, digits) for sd in (model.player_sd, model.terrain_sd, model.rest_sd)]
-    return (number(model.mean, digits), interval(model.interval, digits), *slope, *sds, model.note)
+    return (number(model.mean, digits), interval(model.interval, digits), *slope, model.note)
 
 
 def _difficulties(group: GroupReport) -> PageTable | None:

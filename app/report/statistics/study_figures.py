@@ -42,7 +42,8 @@ class StudyFigure:
 
     name       "all", a set of the protocol's ("protocol", "strict"), "intention to treat" or "as played"
     rule       who enters, in words
-    completed  share of episodes that reached 99 %, 0..1, the mean over players
+    completed  share of episodes that reached 99 %, 0..1, the mean over players, with the headline's interval, the guaranteed
+               one also where players do not differ
     """
 
     name: str
@@ -51,7 +52,7 @@ class StudyFigure:
     episodes: int = 0
     score: Estimate | None = None
     steps: Estimate | None = None
-    completed: float | None = None
+    completed: Estimate | None = None
 
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
@@ -189,6 +190,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64
     )
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
+    shares = 1 - failed / episodes
     score, steps = (
         estimate(
             player_means(cohort.table(ids, metric)),
@@ -204,7 +206,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         episodes=int(episodes.sum()),
         score=score,
         steps=steps,
-        completed=float(np.mean(1 - failed / episodes)),
+        completed=estimate(shares, (0.0, 1.0), is_guaranteed or np.ptp(shares) == 0),
     )
 
 

@@ -9,8 +9,9 @@ import pytest
 from app.report import build
 from app.report.model import SYNTHETIC
 from app.report.page import render
-from app.report.statistics.intervals import printed_interval
+from app.report.statistics.intervals import guaranteed_interval, printed_interval
 from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from app.report.tables import group_tables
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
@@ -55,6 +56,36 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
     )  # no mean score is above 1
     assert f"mean score {means.mean():.3f}" in report.sentence
     assert "3 players, 18 ranked episodes" in report.sentence
+
+
+def test_completion_has_the_headlines_interval_and_a_guaranteed_one_where_all_completed():
+    people, trials = played(np.full((6, 6), 0.9))
+    failed = (1, 2, 0, 1, 1, 1)
+    by = {each.id: number for number, each in enumerate(people)}
+    some = [
+        replace(each, outcome="collided") if each.trial < failed[by[each.participant]] else each
+        for each in trials
+    ]
+    found = build(study(people, some)).groups[0].figure.completed
+    shares = np.sort(1 - np.array(failed) / 6)
+    low, high = map(float, printed_interval(shares))
+    assert found.mean == pytest.approx(shares.mean())
+    assert found.interval == pytest.approx((max(low, 0), min(high, 1)))
+    group = build(study(people, trials)).groups[0]
+    low, high = map(float, guaranteed_interval(np.ones(6), (0.0, 1.0)))
+    assert (group.figure.completed.mean, group.figure.completed.interval) == (1, (low, high))
+    assert low < 0.9, "six players who completed all say little of others"
+
+
+def test_every_figure_of_the_spread_and_of_the_sets_has_its_interval_on_the_page():
+    scores = np.random.default_rng(7).normal(0.7, 0.1, (6, 6)).clip(0, 1)
+    report = build(study(*played(scores)), [run("ppo", scores.mean(0)), run("random", [0.3] * 6)])
+    tables = group_tables(report, report.groups[0])
+    cells = [cell for row in tables["variance"].rows for cell in row[1:]]
+    cells += [cell for row in tables["exclusion_sets"].rows for cell in row[3:]]
+    cells += [row[at] for row in tables["score"].rows for at in (1, -2)]
+    assert len(cells) > 20
+    assert [cell for cell in cells if " to " not in cell] == []
 
 
 def test_steps_count_the_limit_for_an_unfinished_episode():
