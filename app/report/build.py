@@ -31,6 +31,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
+from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
@@ -141,6 +142,7 @@ def _group(
         comparisons=_comparisons(cohort, ids, runs, no_p is None),
         deviations=deviations(data, cohort),
         cautions=(),
+        first_attempts=first_attempts(cohort) if is_human else None,
         leak=leak_trend(cohort.ranked, no_p is None) if is_human else None,
         flow=participant_flow(data) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from app.report.moves.analysis import MoveAnalysis
 from app.report.statistics.attestation_summary import AttestationSummary
 from app.report.statistics.comparisons import PolicyComparison
+from app.report.statistics.first_attempts import FirstAttempts
 from app.report.statistics.intervals import Interval
 from app.report.statistics.learning import Learning, TrialMean
 from app.report.statistics.mixed_model import MixedModel
@@ -87,6 +88,7 @@ class GroupReport:
     cautions    what a reader must know before using the figure, a sentence each
     no_p        why the tail rule forbids p values, a sentence; None where it does not
     moves       where players lose moves; empty where it was not worked out
+    first_attempts   as ARC-AGI-3 counts them; None for scripts
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts
@@ -113,6 +115,7 @@ class GroupReport:
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
     no_p: str | None = None
+    first_attempts: FirstAttempts | None = None
     leak: LeakTrend | None = None
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None

@@ -108,6 +108,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "regret": regret_table(regret) if regret else None,
         "by_tenth": _by_tenth(regret) if regret else None,
         "regret_by_player": _regret_by_player(regret) if regret else None,
+        "first_attempts": _first_attempts(group),
         "mixed_model": _by_metric(
             "Second analysis: mixed model, players and terrains crossed, fitted by REML",
             group,
@@ -343,6 +344,36 @@ def _regret_by_player(found: RegretSummary) -> PageTable:
         rows.append((each.player, str(each.episodes), *lost))
     heads = ("player", "episodes", "regret", *found.by_kind)
     return PageTable("Each player\u2019s mean regret per episode", heads, rows)
+
+
+def _first_attempts(group: GroupReport) -> PageTable | None:
+    """Return the mean over terrains and a row for each; None for scripts and where nobody has played."""
+    found = group.first_attempts
+    if found is None or not found.counted:
+        return None
+    rows = [
+        (
+            str(each.terrain),
+            f"{each.completed} of {each.played}",
+            NONE
+            if each.upper_median is None
+            else _with_interval(each.upper_median, each.interval, 0),
+            number(each.second_best, 0),
+        )
+        for each in found.terrains
+    ]
+    means = [
+        NONE if each is None else _with_interval(each.mean, each.interval, 1)
+        for each in (found.upper_median, found.second_best)
+    ]
+    total = (
+        sum(each.completed for each in found.terrains),
+        sum(each.played for each in found.terrains),
+    )
+    mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means
+    caption = "Moves of those who completed a terrain, first attempts only"
+    heads = ("terrain", group.words.reached, "upper median", "second best")
+    return PageTable(caption, heads, [mean, *rows])
 
 
 def _model_column(model: MixedModel) -> tuple[str, ...]:
