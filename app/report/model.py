@@ -18,7 +18,7 @@ from app.report.statistics.spread import VarianceComponents
 from app.report.statistics.study_figures import StudyFigure
 from app.report.statistics.terrain_leaks import LeakTrend
 from app.series.flow import ParticipantFlow
-from app.task import Words
+from app.task import Words, rules_of
 from marsexplorer.evaluation.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
@@ -191,6 +191,15 @@ class Report:
     deviations: tuple[str, ...]
     scripts: dict[str, int]
     checklist: tuple[Item, ...]
+
+    def title_of(self, policy: str) -> str:
+        """Return what the report calls a policy: code, or the file that played, by the hash that the protocol has."""
+        digest = self.protocol["policy_hashes"].get(policy)
+        players = rules_of(self.protocol["task"]).players
+        if digest is None and (players is None or players.is_rule(policy)):
+            return f"{policy} (code)"
+        known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
+        return f"{policy} (this file, {known})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

@@ -98,7 +98,9 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         ),
         "players": _players(group),
         "policies": _policies(report),
-        **{each: _comparison(group, each) if each in compared else None for each in METRICS},
+        **{
+            each: _comparison(report, group, each) if each in compared else None for each in METRICS
+        },
         "learning": _by_metric(
             "Did players go on learning? Means over players",
             group,
@@ -270,17 +272,24 @@ def _policies(report: Report) -> PageTable:
     rows = []
     for policy in report.policies:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
-        rows.append((policy.name, number(policy.score, 4), number(policy.steps, 1), *counts))
+        rows.append(
+            (
+                report.title_of(policy.name),
+                number(policy.score, 4),
+                number(policy.steps, 1),
+                *counts,
+            )
+        )
     words = rules_of(report.protocol["task"]).words
     heads = ("policy", "score", words.steps, words.reached, "collisions")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 
 
-def _comparison(group: GroupReport, metric: str) -> PageTable:
+def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
     digits = DIGITS[metric]
     rows = [
         (
-            each.policy,
+            report.title_of(each.policy),
             _with_interval(each.difference, each.new, digits),
             p_value(each.p_value),
             interval(each.these, digits),

@@ -100,7 +100,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     """Print a group's figures, comparisons, deviations and cautions."""
     mark = "SYNTHETIC, script " if found.synthetic else ""
     _print_figures(mark, group)
-    _print_comparisons(mark, group)
+    _print_comparisons(mark, found, group)
     _print_second_analysis(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
@@ -125,13 +125,13 @@ def _print_figures(mark: str, group: GroupReport) -> None:
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
 
-def _print_comparisons(mark: str, group: GroupReport) -> None:
+def _print_comparisons(mark: str, found: Report, group: GroupReport) -> None:
     """Print the comparisons in score; nothing where there are none."""
     from app.report.statistics.formatting import interval, number, p_value
 
     compared = [
-        (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.new, 4), p_value(each.p_value),
-         p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
+        (found.title_of(each.policy), number(each.mean, 4), number(each.difference, 4), interval(each.new, 4),
+         p_value(each.p_value), p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
         for each in group.comparisons if each.metric == "score"
     ]  # fmt: skip
     if compared:

@@ -255,6 +255,24 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
     assert ppo.new[0] < ppo.difference < ppo.new[1]
 
 
+def test_a_policy_is_named_as_code_or_as_this_file_with_the_hash_of_the_protocol():
+    digest = "0123456789ab" + "c" * 52
+    runs = [run("ppo", [0.95] * 6), run("frontier-cost", [0.9] * 6), run("random", [0.3] * 6)]
+    hashes = {"ppo": digest}
+    report = build(study(*played(SCORES), policies=("ppo", "random"), policy_hashes=hashes), runs)
+    title = "ppo (this file, SHA-256 0123456789ab…)"
+    assert [report.title_of(each.name) for each in report.policies] == [
+        title, "frontier-cost (code)", "random (code)",
+    ]  # fmt: skip
+    tables = group_tables(report, report.groups[0])
+    for name in ("policies", "score", "steps"):
+        assert title in [row[0] for row in tables[name].rows], name
+    page = render(report)
+    assert "is with this file, and says nothing of the algorithm that trained it" in page
+    unrecorded = build(study(*played(SCORES)), runs).title_of("ppo")
+    assert unrecorded == "ppo (this file, whose SHA-256 was not recorded)"
+
+
 def test_p_values_are_given_from_five_players_on_and_adjusted_for_the_number_of_policies():
     scores = np.random.default_rng(2).normal(0.7, 0.05, (5, 6))
     runs = [
