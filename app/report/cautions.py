@@ -51,6 +51,13 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             f"too. {group.no_p}"
         )
     found.append(_about_failures(group))
+    covered = [
+        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.TWO_KINDS.items()
+    ]
+    found.append(
+        "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
+        f"kind that is far worse, the printed interval covered the truth in {' and '.join(covered)} players in simulation."
+    )
     effect = max(
         (each.variance.design_effect for each in group.metrics if each.variance), default=0
     )

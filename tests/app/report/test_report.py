@@ -1,6 +1,7 @@
 """The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -329,6 +330,19 @@ def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
     assert "up to 52 % of the population" in said  # 1 - 0.025 ** (1 / 5)
     same = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30)))).groups[0].cautions
     assert any("no spread, so its interval says nothing" in line for line in same)
+
+
+def test_the_cautions_name_kinds_of_people_in_unequal_numbers_with_what_was_measured():
+    (said,) = (line for line in build(study(*played(SCORES))).groups[0].cautions if "Kinds" in line)
+    for players in (5, 8, 10):
+        rng = np.random.default_rng(players)
+        worse = rng.random((20_000, players)) < 0.25
+        means = rng.standard_normal(worse.shape) - 8 * worse
+        low, high = printed_interval(means)
+        covered = 100 * np.mean((low <= -2) & (high >= -2))
+        (quoted,) = re.findall(rf"([\d.]+) % of samples of {players}\b", said)
+        assert float(quoted) == pytest.approx(covered, abs=0.6), "two standard errors are 0.5"
+    assert "a quarter of the players are of a kind that is far worse" in said
 
 
 def test_the_live_figure_is_the_reports(data):
