@@ -28,8 +28,7 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.tables import QUERIES, released_episodes, write_tables
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
-from app.report.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
-from app.report.moves.likeness import EpisodeAgreements, episode_agreements
+from app.report.moves.analysis import ProgressBar, analyse_moves, no_bar
 from app.report.moves.regret import (
     POLICY,
     RegretRow,
@@ -155,30 +154,27 @@ def _write_report(
         compared, without = compared_policies(data.protocol), request.without_policies
         names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()
-        agreements: EpisodeAgreements = {}
         regrets: list[RegretRow] = []
         if request.with_report:
             kept = PolicyFiles.of(header.protocol, request.policy_folder)
             kept.copy_to(folder / FOLDER, sorted({*names, POLICY}))
         if request.with_report and played:
             episodes = play_compared(data, closed_seeds(data), names, bar)
-            with bar("comparing moves with the policies'") as advance:
-                agreements = episode_agreements(reader, data, names, advance)
-        known = KnownMoves(agreements, regret_cache(request.database))
+        cache = regret_cache(request.database)
         for synthetic in (played or [False]) if request.with_report else ():
-            moves = analyse_known(reader, data, names, synthetic, bar, known) if played else {}
+            moves = analyse_moves(reader, data, synthetic, bar, cache) if played else {}
             report = make_report(reader, data, episodes, synthetic, bar, moves)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
         if request.with_report and played and has_regret(data.protocol):
             ranked = [each for each in data.trials if each.phase == "ranked"]
-            estimator = study_estimator(data, known.cache)
+            estimator = study_estimator(data, cache)
             with bar("regret of each move") as advance:
                 regrets = list(regret_rows(reader, data, ranked, estimator, advance))
             source, players = data.policy_files.source(POLICY), data.protocol.rules.players
             assert players is not None  # where there are regrets, there are policies
             header = replace(header, regret_policy_hash=players.hash_of(source) or "")
-    _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets, agreements)
+    _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets)
     return header
 
 
@@ -288,7 +284,6 @@ def _write_derived(
     data: StudyData,
     episodes: Sequence[PolicyEpisode],
     regrets: Sequence[RegretRow],
-    agreements: EpisodeAgreements,
 ) -> None:
     """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
     names = list(dict.fromkeys(each.policy for each in episodes))
@@ -301,7 +296,6 @@ def _write_derived(
             (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
         ],
         "move_regrets": map(astuple, regrets),
-        "move_agreements": [(*key, each.moves, each.agreed) for key, each in agreements.items()],
     }
     with closing(sqlite3.connect(database, isolation_level=None)) as conn, transaction(conn):
         for table in TABLES.values():

@@ -87,15 +87,6 @@ class Bundle:
             for row in found
         )
 
-    def agreements(self) -> dict[tuple[str, str], Any]:
-        """Return the recorded agreements of moves by (episode id, policy)."""
-        if (players := self.data.protocol.rules.players) is None:
-            return {}
-        return {
-            (row["episode_id"], row["policy"]): players.Agreement(row["moves"], row["agreed"])
-            for row in self.reader.query("SELECT * FROM move_agreements")
-        }
-
     def regrets(self) -> tuple[RegretRow, ...]:
         """Return the recorded regrets of moves, by episode and move."""
         found = self.reader.query("SELECT * FROM move_regrets ORDER BY episode_id, step")

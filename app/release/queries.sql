@@ -1,5 +1,5 @@
 -- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
--- `policy_episodes`, `input_summaries`, `move_regrets` and `move_agreements` are tables of the bundle alone: the policies' moves,
+-- `policy_episodes`, `input_summaries` and `move_regrets` are tables of the bundle alone: the policies' moves,
 -- and what the software computes of an episode's input (labels and pauses) and moves. All else is as the server recorded it,
 -- under pseudonyms.
 
@@ -158,18 +158,6 @@ FROM move_regrets m
 JOIN episodes e ON e.id = m.episode_id
 JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, m.step;
-
--- table: move_agreements
-SELECT
-  s.participant_id AS participant,
-  m.episode_id AS episode,
-  m.policy,
-  m.moves,
-  m.agreed
-FROM move_agreements m
-JOIN episodes e ON e.id = m.episode_id
-JOIN series_episodes s ON s.episode_id = e.id
-ORDER BY e.started_ms, e.id, m.policy;
 
 -- table: scores
 SELECT

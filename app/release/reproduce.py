@@ -20,8 +20,7 @@ from app.release.manifest import check_files
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared
 from app.report.model import Report
-from app.report.moves.analysis import KnownMoves, ProgressBar, analyse_known, no_bar
-from app.report.moves.likeness import NO_PLAN, episode_agreements
+from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves, no_bar
 from app.report.moves.regret import POLICY, regret_rows, study_estimator
 from app.report.page import render
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
@@ -143,9 +142,9 @@ class _Derivation:
         held = [each for each, (name, _) in REPORT_FILES.items() if (folder / name).exists()]
         if held:
             with TemporaryDirectory() as cache:
-                known = self._known_moves(Path(cache))
+                kept = Path(cache) if self._compare_regrets(Path(cache)) else None
                 for synthetic in held:
-                    self._compare_report(synthetic, known)
+                    self._compare_report(synthetic, kept)
             self._replay_policies()
         else:
             episodes = self._episodes
@@ -156,53 +155,43 @@ class _Derivation:
             self._play_again()
 
     def _derive(
-        self, synthetic: bool, known: KnownMoves | None, episodes: Sequence[PolicyEpisode]
+        self, synthetic: bool, cache: Path | None, episodes: Sequence[PolicyEpisode]
     ) -> Report:
-        reader, names = self._bundle.reader, list(dict.fromkeys(each.policy for each in episodes))
-        moves = None
-        if known is not None:
-            moves = analyse_known(reader, self._data, names, synthetic, self._bar, known)
+        reader = self._bundle.reader
+        moves: dict[str, MoveAnalysis] | None = None
+        if cache is not None:
+            moves = analyse_moves(reader, self._data, synthetic, self._bar, cache)
         return make_report(reader, self._data, episodes, synthetic, self._bar, moves)
 
-    def _known_moves(self, cache: Path) -> KnownMoves | None:
-        """Return the agreements of moves with the policies: computed again for those at hand, as recorded for the others.
+    def _compare_regrets(self, cache: Path) -> bool:
+        """Compare the regret of each move with the recorded one, and keep it in `cache`; return whether it could be derived.
 
-        They and the regrets are compared with the recorded ones. None where nobody played, or where the policy that regrets
-        are relative to is another one here.
+        It cannot where nobody played, or where the policy that regrets are relative to is another one here.
         """
         reader, data = self._bundle.reader, self._data
-        recorded, regrets = self._bundle.agreements(), self._bundle.regrets()
-        if not recorded and not regrets:
-            return None
+        if not (regrets := self._bundle.regrets()):
+            return False
         try:
             data.policy_files.source(POLICY)
         except PolicyError as error:
-            self._made.not_compared.append(f"regret and likeness of moves: {error}")
-            return None
-        policies = dict.fromkeys(policy for _, policy in recorded) if self._plays_again else ()
-        names = [name for name in policies if name != NO_PLAN and self._is_at_hand(name)]
-        with self._bar("comparing moves with the policies'") as advance:
-            again = episode_agreements(reader, data, names, advance)
-        for key, found in again.items():
-            self._made.compare("agreement of moves", ", ".join(key), recorded.get(key), found)
-        if regrets:
-            ranked = [each for each in data.trials if each.phase == "ranked"]
-            estimator = study_estimator(data, cache)
-            with self._bar("regret of each move") as advance:
-                rows = regret_rows(reader, data, ranked, estimator, advance)
-                derived = {(each.episode, each.step): each for each in rows}
-            for row in regrets:
-                where = f"{row.episode}, move {row.step}"
-                other = derived.get((row.episode, row.step))
-                self._made.compare("regret of each move", where, row, other)
-        return KnownMoves({**recorded, **again}, cache)
+            self._made.not_compared.append(f"regret of moves: {error}")
+            return False
+        ranked = [each for each in data.trials if each.phase == "ranked"]
+        with self._bar("regret of each move") as advance:
+            rows = regret_rows(reader, data, ranked, study_estimator(data, cache), advance)
+            derived = {(each.episode, each.step): each for each in rows}
+        for row in regrets:
+            where = f"{row.episode}, move {row.step}"
+            other = derived.get((row.episode, row.step))
+            self._made.compare("regret of each move", where, row, other)
+        return True
 
-    def _compare_report(self, synthetic: bool, known: KnownMoves | None) -> None:
+    def _compare_report(self, synthetic: bool, cache: Path | None) -> None:
         """Compare one report's numbers, and its page as text."""
         json_name, html_name = REPORT_FILES[synthetic]
         recorded: dict[str, Any] = json.loads((self._bundle.folder / json_name).read_bytes())
-        derived = self._derive(synthetic, known, self._episodes)
-        has_moves = known is not None or not self._bundle.regret_policy_hash
+        derived = self._derive(synthetic, cache, self._episodes)
+        has_moves = cache is not None or not self._bundle.regret_policy_hash
         mark = "scripts: " if synthetic else ""
         found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
         self._made.sections |= {mark + name: section for name, section in found.items()}

@@ -31,6 +31,7 @@ from app.report.statistics.exclusion_sets import (
     people_of,
     scripts_of,
 )
+from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
@@ -42,6 +43,7 @@ from app.report.statistics.study_figures import (
     figure_sentence,
     primary_set,
     study_figures,
+    why_no_p,
 )
 from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
@@ -66,7 +68,7 @@ def build(
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
     pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret and no likeness
+    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
@@ -114,6 +116,8 @@ def _group(
     trials = [trial for person in everybody for trial in cohort.ranked[person]]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
     is_human = cohort.kind == "human"
+    figures = study_figures(data, cohort)
+    no_p = why_no_p(next(each for each in figures if each.name == primary))
     return GroupReport(
         name=cohort.name,
         words=data.protocol.rules.words,
@@ -126,16 +130,20 @@ def _group(
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
         primary=primary,
-        figures=study_figures(data, cohort),
-        metrics=tuple(_metric(data, cohort, ids, metric) for metric in METRICS) if ids else (),
+        figures=figures,
+        no_p=no_p,
+        metrics=tuple(_metric(data, cohort, ids, metric, no_p is None) for metric in METRICS)
+        if ids
+        else (),
         players=tuple(
             _player_row(cohort, person, number, person in ids)
             for number, person in enumerate(everybody, 1)
         ),
-        comparisons=_comparisons(cohort, ids, runs),
+        comparisons=_comparisons(cohort, ids, runs, no_p is None),
         deviations=deviations(data, cohort),
         cautions=(),
-        leak=leak_trend(cohort.ranked) if is_human else None,
+        first_attempts=first_attempts(cohort) if is_human else None,
+        leak=leak_trend(cohort.ranked, no_p is None) if is_human else None,
         flow=participant_flow(data) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
         excluded=_excluded(data, cohort, ids),
@@ -179,7 +187,9 @@ def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, 
     return dict(sorted(reasons.items()))
 
 
-def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:
+def _metric(
+    data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName, is_tested: bool
+) -> Metric:
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
@@ -190,7 +200,7 @@ def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricN
         iqm=iqm(table),
         iqm_interval=iqm_interval(table) if several else None,
         variance=variance_components(table),
-        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
+        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin, is_tested),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
         mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)),
     )
@@ -212,19 +222,21 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
 
 
 def _comparisons(
-    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun]
+    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun], is_tested: bool
 ) -> tuple[PolicyComparison, ...]:
     """Return every policy's comparison in each metric; none without players or policies."""
     if not ids or not runs:
         return ()
     tables = {metric: cohort.table(ids, metric) for metric in METRICS}
     return tuple(
-        row for each, table in tables.items() for row in _comparisons_in(each, table, runs)
+        row
+        for each, table in tables.items()
+        for row in _comparisons_in(each, table, runs, is_tested)
     )
 
 
 def _comparisons_in(
-    metric: MetricName, table: Floats, runs: Sequence[PolicyRun]
+    metric: MetricName, table: Floats, runs: Sequence[PolicyRun], is_tested: bool
 ) -> list[PolicyComparison]:
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
     shared = ~np.isnan(table).all(
@@ -237,8 +249,9 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    rest = players, random, metric == "score", len(runs)
-    rows = [compare_policy(run.name, metric, values[run.name], *rest) for run in runs]
+    rows = [compare_policy(run.name, metric, values[run.name], players, random) for run in runs]
+    if not is_tested:
+        return [replace(row, p_value=None) for row in rows]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
     return [
         replace(row, p_adjusted=p if row.p_value is not None else None)

@@ -48,10 +48,18 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
-            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies "
-            "rests on how many of these players the sample happens to hold."
+            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies, "
+            "and its interval, rests on how many of these players the sample happens to hold; learning and the mixed model do "
+            f"too. {group.no_p}"
         )
     found.append(_about_failures(group))
+    covered = [
+        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.TWO_KINDS.items()
+    ]
+    found.append(
+        "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
+        f"kind that is far worse, the printed interval covered the truth in {' and '.join(covered)} players in simulation."
+    )
     effect = max(
         (each.variance.design_effect for each in group.metrics if each.variance), default=0
     )

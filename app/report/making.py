@@ -14,6 +14,7 @@ from app.db.series import find_study, participants
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
 from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
+from app.report.moves.regret import regret_cache
 from app.report.page import render
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.data import StudyData, load
@@ -54,7 +55,7 @@ def make_study_report(
         episodes = play_compared(data, seeds, names, bar) if with_policies and is_played else ()
         moves: Mapping[str, MoveAnalysis] = {}
         if with_moves and is_played and data.closed_ms is not None:
-            moves = analyse_moves(reader, data, data.protocol.policies, synthetic, bar)
+            moves = analyse_moves(reader, data, synthetic, bar, regret_cache(database))
     return _built(data, episodes, synthetic, pictures, moves)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from app.report.moves.analysis import MoveAnalysis
 from app.report.statistics.attestation_summary import AttestationSummary
 from app.report.statistics.comparisons import PolicyComparison
+from app.report.statistics.first_attempts import FirstAttempts
 from app.report.statistics.intervals import Interval
 from app.report.statistics.learning import Learning, TrialMean
 from app.report.statistics.mixed_model import MixedModel
@@ -17,7 +18,7 @@ from app.report.statistics.spread import VarianceComponents
 from app.report.statistics.study_figures import StudyFigure
 from app.report.statistics.terrain_leaks import LeakTrend
 from app.series.flow import ParticipantFlow
-from app.task import Words
+from app.task import Words, rules_of
 from marsexplorer.evaluation.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
@@ -85,7 +86,9 @@ class GroupReport:
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
-    moves       where players lose moves, and how much they move like the policies; empty where it was not worked out
+    no_p        why the tail rule forbids p values, a sentence; None where it does not
+    moves       where players lose moves; empty where it was not worked out
+    first_attempts   as ARC-AGI-3 counts them; None for scripts
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts
@@ -111,6 +114,8 @@ class GroupReport:
     comparisons: tuple[PolicyComparison, ...]
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
+    no_p: str | None = None
+    first_attempts: FirstAttempts | None = None
     leak: LeakTrend | None = None
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None
@@ -186,6 +191,15 @@ class Report:
     deviations: tuple[str, ...]
     scripts: dict[str, int]
     checklist: tuple[Item, ...]
+
+    def title_of(self, policy: str) -> str:
+        """Return what the report calls a policy: code, or the file that played, by the hash that the protocol has."""
+        digest = self.protocol["policy_hashes"].get(policy)
+        players = rules_of(self.protocol["task"]).players
+        if digest is None and (players is None or players.is_rule(policy)):
+            return f"{policy} (code)"
+        known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
+        return f"{policy} (this file, {known})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

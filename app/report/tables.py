@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from app.db.trial import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.moves.likeness import Likeness
-from app.report.moves.regret import RegretSummary
+from app.report.moves.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
-from app.report.statistics.intervals import Interval
+from app.report.statistics.intervals import Estimate, Interval
 from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.study_figures import why_no_interval
 from app.task import rules_of
@@ -47,19 +46,13 @@ LEVELS_IN_WORDS: dict[Attestation, str] = {
 }
 DIGITS = {"score": 4, "steps": 1}
 SPREAD = (
-    "ICC",
-    "95 % interval of the ICC",
-    "between-player SD",
-    "within-player SD",
-    "of that between terrains",
-    "of that the rest",
-    "episodes a player (n0)",
-    "players",
-    "episodes",
+    "SD between players",
+    "SD between terrains",
+    "SD of the rest",
+    "ICC, the players' share",
     "design effect",
     "independent episodes these are worth",
     "interquartile mean of all episodes",
-    "its 95 % interval over players",
 )
 LEARNING = (
     "slope a trial",
@@ -76,9 +69,6 @@ MIXED_MODEL = (
     "its 95 % interval",
     "slope a trial",
     "its 95 % interval",
-    "SD between players",
-    "SD between terrains",
-    "SD of the rest",
     "how the fit went",
 )
 COMPARISON = (
@@ -86,9 +76,7 @@ COMPARISON = (
     "difference",
     "p",
     "these terrains alone",
-    "simultaneous",
     "p (Holm)",
-    "better on",
     "ratio",
     "normalized",
 )
@@ -96,7 +84,7 @@ COMPARISON = (
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
     """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None where there is nothing."""
-    regret, likeness = group.moves.regret, group.moves.likeness
+    regret = group.moves.regret
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),
@@ -110,17 +98,19 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         ),
         "players": _players(group),
         "policies": _policies(report),
-        **{each: _comparison(group, each) if each in compared else None for each in METRICS},
+        **{
+            each: _comparison(report, group, each) if each in compared else None for each in METRICS
+        },
         "learning": _by_metric(
             "Did players go on learning? Means over players",
             group,
             LEARNING,
             [_learning_column(metric) for metric in group.metrics],
         ),
-        "regret": _regret(regret) if regret else None,
+        "regret": regret_table(regret) if regret else None,
         "by_tenth": _by_tenth(regret) if regret else None,
         "regret_by_player": _regret_by_player(regret) if regret else None,
-        "likeness": _likeness(likeness) if likeness else None,
+        "first_attempts": _first_attempts(group),
         "mixed_model": _by_metric(
             "Second analysis: mixed model, players and terrains crossed, fitted by REML",
             group,
@@ -172,6 +162,14 @@ def _with_interval(value: float | None, ends: Interval | None, digits: int) -> s
     return f"{number(value, digits)}\n{interval(ends, digits)}"
 
 
+def _share(found: Estimate | None) -> str:
+    """Return a share over players in percent, with its interval."""
+    if found is None:
+        return NONE
+    ends = None if found.interval is None else (100 * found.interval[0], 100 * found.interval[1])
+    return f"{percent(found.mean, 1)}\n{interval(ends, 1)}"
+
+
 def _by_metric(
     caption: str, group: GroupReport, names: Sequence[str], columns: Sequence[Sequence[str]]
 ) -> PageTable:
@@ -208,13 +206,13 @@ def _exclusion_sets(group: GroupReport) -> PageTable:
             str(each.episodes),
             _with_interval(each.score.mean, each.score.interval, 4) if each.score else NONE,
             _with_interval(each.steps.mean, each.steps.interval, 1) if each.steps else NONE,
-            NONE if each.completed is None else percent(each.completed, 1),
+            _share(each.completed),
         )
         for each in group.figures
     ]
     return PageTable(
         f"The figure under each exclusion set; who enters: {rules}",
-        ("set", "players", "episodes", *both, group.words.reached),
+        ("set", "players", "episodes", *both, f"{group.words.reached} (95 % interval)"),
         rows,
     )
 
@@ -237,20 +235,19 @@ def _attestation(group: GroupReport) -> PageTable | None:
 
 def _spread_column(metric: Metric) -> tuple[str, ...]:
     digits, found = DIGITS[metric.name], metric.variance
-    middle = number(metric.iqm, digits), interval(metric.iqm_interval, digits)
+    middle = _with_interval(metric.iqm, metric.iqm_interval, digits)
     if found is None:
-        return (*[NONE] * 11, *middle)
-    sds = (found.between_sd, found.within_sd, found.terrain_sd, found.rest_sd)
+        return (*[NONE] * 6, middle)
+    low, high = found.design_effect_interval
+    worth = found.episodes / high, found.episodes / low
     return (
-        number(found.icc, 3),
-        interval(found.icc_interval, 2),
-        *(number(sd, digits) for sd in sds),
-        f"{found.n0:.1f}",
-        str(found.players),
-        str(found.episodes),
-        f"{found.design_effect:.1f}",
-        f"{found.effective:.0f}",
-        *middle,
+        _with_interval(found.between_sd, found.between_interval, digits),
+        _with_interval(found.terrain_sd, found.terrain_interval, digits),
+        _with_interval(found.rest_sd, found.rest_interval, digits),
+        _with_interval(found.icc, found.icc_interval, 2),
+        _with_interval(found.design_effect, (low, high), 1),
+        _with_interval(found.episodes / found.design_effect, worth, 0),
+        middle,
     )
 
 
@@ -275,23 +272,28 @@ def _policies(report: Report) -> PageTable:
     rows = []
     for policy in report.policies:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
-        rows.append((policy.name, number(policy.score, 4), number(policy.steps, 1), *counts))
+        rows.append(
+            (
+                report.title_of(policy.name),
+                number(policy.score, 4),
+                number(policy.steps, 1),
+                *counts,
+            )
+        )
     words = rules_of(report.protocol["task"]).words
     heads = ("policy", "score", words.steps, words.reached, "collisions")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 
 
-def _comparison(group: GroupReport, metric: str) -> PageTable:
+def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
     digits = DIGITS[metric]
     rows = [
         (
-            each.policy,
+            report.title_of(each.policy),
             _with_interval(each.difference, each.new, digits),
             p_value(each.p_value),
             interval(each.these, digits),
-            interval(each.simultaneous, digits),
             p_value(each.p_adjusted),
-            f"{each.better}/{each.terrains}",
             _with_interval(each.ratio, each.ratio_interval, 3),
             _with_interval(each.normalized, each.normalized_interval, 3),
         )
@@ -315,25 +317,33 @@ def _learning_column(metric: Metric) -> tuple[str, ...]:
     )
 
 
-def _regret(found: RegretSummary) -> PageTable:
-    """Return the mean regret per episode and the share of each kind of loss."""
-    rows = [
-        ("mean regret per episode, moves", number(found.mean, 1)),
-        ("its 95 % interval over players", interval(found.interval, 1)),
-        (f"{found.policy}\u2019s own on the same terrains", number(found.policy_mean, 1)),
-        *((f"share: {kind}", percent(share)) for kind, share in found.by_kind.items()),
-    ]
+def regret_table(found: RegretSummary) -> PageTable:
+    """Return the regret of all moves and of each kind of loss, beside the policy's own."""
     who = f"{len(found.by_player)} players, {found.episodes} episodes"
-    return PageTable(f"Regret over {who}", ("quantity", "value"), rows)
+    parts = {"all moves": found.total, **found.by_kind}
+    return _regret_parts(f"Regret, moves an episode, over {who}", "loss", parts, found.policy)
 
 
 def _by_tenth(found: RegretSummary) -> PageTable:
+    parts = {f"{10 * at} to {10 * at + 10} %": each for at, each in enumerate(found.by_tenth)}
+    caption = "Regret, moves an episode, by what was known before the move"
+    return _regret_parts(caption, "cells known", parts, found.policy)
+
+
+def _regret_parts(
+    caption: str, name: str, parts: Mapping[str, RegretPart], policy: str
+) -> PageTable:
     rows = [
-        (f"{10 * tenth} to {10 * tenth + 10} %", number(moves, 1))
-        for tenth, moves in enumerate(found.by_tenth)
+        (
+            label,
+            _with_interval(each.mean, each.interval, 1),
+            number(each.policy, 1),
+            _with_interval(each.excess, each.excess_interval, 1),
+        )
+        for label, each in parts.items()
     ]
-    caption = "Mean regret of an episode, by what was known before the move"
-    return PageTable(caption, ("cells known", "moves lost"), rows)
+    own = f"{policy}\u2019s own"
+    return PageTable(caption, (name, "mean of players", own, f"players minus {policy}"), rows)
 
 
 def _regret_by_player(found: RegretSummary) -> PageTable:
@@ -345,23 +355,40 @@ def _regret_by_player(found: RegretSummary) -> PageTable:
     return PageTable("Each player\u2019s mean regret per episode", heads, rows)
 
 
-def _likeness(rows: Sequence[Likeness]) -> PageTable:
-    """Return a row for each player, a column for each policy."""
-    policies = sorted({each.policy for each in rows})
-    shares = {(each.participant, each.policy): percent(each.share, 1) for each in rows}
-    cells = [
-        (player, *(shares.get((player, policy), NONE) for policy in policies))
-        for player in sorted({each.participant for each in rows})
+def _first_attempts(group: GroupReport) -> PageTable | None:
+    """Return the mean over terrains and a row for each; None for scripts and where nobody has played."""
+    found = group.first_attempts
+    if found is None or not found.counted:
+        return None
+    rows = [
+        (
+            str(each.terrain),
+            f"{each.completed} of {each.played}",
+            NONE
+            if each.upper_median is None
+            else _with_interval(each.upper_median, each.interval, 0),
+            number(each.second_best, 0),
+        )
+        for each in found.terrains
     ]
-    caption = "Share of each player\u2019s ranked moves that a policy would have made too"
-    return PageTable(caption, ("player", *policies), cells)
+    means = [
+        NONE if each is None else _with_interval(each.mean, each.interval, 1)
+        for each in (found.upper_median, found.second_best)
+    ]
+    total = (
+        sum(each.completed for each in found.terrains),
+        sum(each.played for each in found.terrains),
+    )
+    mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means
+    caption = "Moves of those who completed a terrain, first attempts only"
+    heads = ("terrain", group.words.reached, "upper median", "second best")
+    return PageTable(caption, heads, [mean, *rows])
 
 
 def _model_column(model: MixedModel) -> tuple[str, ...]:
     digits = DIGITS[model.metric]
     slope = number(model.slope, digits + 1), interval(model.slope_interval, digits + 1)
-    sds = [number(sd, digits) for sd in (model.player_sd, model.terrain_sd, model.rest_sd)]
-    return (number(model.mean, digits), interval(model.interval, digits), *slope, *sds, model.note)
+    return (number(model.mean, digits), interval(model.interval, digits), *slope, model.note)
 
 
 def _difficulties(group: GroupReport) -> PageTable | None:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @option(
     "--no-moves",
     is_flag=True,
-    help="Leave out the regret of each move and the likeness to policies: done sooner.",
+    help="Leave out the regret of each move: done sooner.",
 )
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
@@ -100,7 +100,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     """Print a group's figures, comparisons, deviations and cautions."""
     mark = "SYNTHETIC, script " if found.synthetic else ""
     _print_figures(mark, group)
-    _print_comparisons(mark, group)
+    _print_comparisons(mark, found, group)
     _print_second_analysis(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
@@ -125,13 +125,13 @@ def _print_figures(mark: str, group: GroupReport) -> None:
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
 
-def _print_comparisons(mark: str, group: GroupReport) -> None:
+def _print_comparisons(mark: str, found: Report, group: GroupReport) -> None:
     """Print the comparisons in score; nothing where there are none."""
     from app.report.statistics.formatting import interval, number, p_value
 
     compared = [
-        (each.policy, number(each.mean, 4), number(each.difference, 4), interval(each.new, 4), p_value(each.p_value),
-         p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
+        (found.title_of(each.policy), number(each.mean, 4), number(each.difference, 4), interval(each.new, 4),
+         p_value(each.p_value), p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
         for each in group.comparisons if each.metric == "score"
     ]  # fmt: skip
     if compared:
@@ -142,14 +142,15 @@ def _print_comparisons(mark: str, group: GroupReport) -> None:
 
 def _print_regret(group: GroupReport) -> None:
     """Print where moves are lost; nothing where that was not worked out."""
-    from app.report.statistics.formatting import interval, number, percent
-
     if (found := group.moves.regret) is not None:
-        shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
-        mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
-        click.echo(
-            f"regret: {mean}, {found.policy} itself {number(found.policy_mean, 1)}; {shares}"
-        )
+        _print_regret_table(found)
+
+
+def _print_regret_table(found: RegretSummary) -> None:
+    from app.report.tables import regret_table
+
+    table = regret_table(found)
+    print_table(table.caption, table.heads, table.rows)
 
 
 def _print_second_analysis(mark: str, group: GroupReport) -> None:
@@ -214,7 +215,7 @@ def regret(name: str, database: Path, folder: Folder, json_path: Path | None) ->
 
 def _show_regret(data: StudyData, found: RegretSummary) -> None:
     """Print a row for each player, and the means."""
-    from app.report.statistics.formatting import interval, number, percent
+    from app.report.statistics.formatting import number
 
     phase = "ranked" if found.phase == "ranked" else "warm-up"
     rows = []
@@ -223,11 +224,4 @@ def _show_regret(data: StudyData, found: RegretSummary) -> None:
         rows.append((each.player, str(each.episodes), *lost))
     title = f"{data.protocol.name}: regret per {phase} episode, moves"
     print_table(title, ("player", "episodes", "mean", *found.by_kind), rows)
-    mean = f"{number(found.mean, 1)} moves an episode (95 % {interval(found.interval, 1)})"
-    click.echo(f"mean over players: {mean}")
-    click.echo(f"{found.policy} itself on the same terrains: {number(found.policy_mean, 1)}")
-    shares = ", ".join(f"{kind} {percent(share)}" for kind, share in found.by_kind.items())
-    click.echo(f"share: {shares}")
-    known = [(10 * tenth, moves) for tenth, moves in enumerate(found.by_tenth) if moves]
-    tenths = [f"{least}-{least + 10} %: {number(moves, 1)}" for least, moves in known]
-    click.echo("by what was known before the move: " + ", ".join(tenths))
+    _print_regret_table(found)

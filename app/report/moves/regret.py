@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,14 @@ import numpy as np
 from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Progress
+from app.report.statistics.comparisons import new_terrains_interval, player_means
 from app.report.statistics.exclusion_sets import Cohort, members, people_of
 from app.report.statistics.intervals import Interval, printed_interval
 from app.series.data import StudyData, trial_records
 from app.series.policy_files import REGRET_POLICY
 from app.series.protocol import Protocol, StudyError
 from app.task import Record
+from marsexplorer.evaluation.intervals import Floats
 
 POLICY = REGRET_POLICY
 """The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""
@@ -52,23 +54,39 @@ class PlayerRegret:
 
 
 @dataclass(frozen=True)
-class RegretSummary:
-    """Regret per episode over players, every player weighing the same.
+class RegretPart:
+    """All regret or a part of it, in moves an episode, every player weighing the same.
 
-    mean, interval  moves an episode, with the 95 % interval over players by the report's rule; None for one player
-    by_kind         share of the regret by kind of loss, 0..1
-    by_tenth        mean regret of an episode's moves made while 0-10 %, 10-20 %, ... of the cells were known, moves
-    policy          that goes on after each action; policy_mean: its own mean regret on the terrains played, moves an episode
+    Intervals are 95 %, None without a spread.
+
+    mean, interval  of players, with the interval over players by the report's rule
+    policy          the policy's own, the mean over the terrains that players met
+    excess          players minus policy, paired by terrain: the mean over players of a player's mean difference
+    excess_interval for other players and other terrains, as in comparisons with policies
+    """
+
+    mean: float
+    interval: Interval | None
+    policy: float
+    excess: float
+    excess_interval: Interval | None
+
+
+@dataclass(frozen=True)
+class RegretSummary:
+    """Regret per episode over players.
+
+    total, by_kind  all of it, and by kind of loss
+    by_tenth        of the moves made while 0-10 %, 10-20 %, ... of the cells were known; without what giving up cost
+    policy          that goes on after each action
     """
 
     phase: str
     episodes: int
-    mean: float
-    interval: Interval | None
-    by_kind: dict[str, float]
-    by_tenth: tuple[float, ...]
+    total: RegretPart
+    by_kind: dict[str, RegretPart]
+    by_tenth: tuple[RegretPart, ...]
     policy: str
-    policy_mean: float
     by_player: tuple[PlayerRegret, ...]
 
 
@@ -180,33 +198,55 @@ def summarize_regret(
     trials = [trial for player in ids for trial in own[player]]
     if not has_regret(data.protocol):
         return None
-    episodes: dict[str, list[Any]] = defaultdict(list)
-    terrains: dict[bytes, Record] = {}
+    episodes: dict[str, dict[int, Any]] = defaultdict(dict)
+    terrains: dict[int, Record] = {}
     for trial, record, found in trial_regrets(reader, data, trials, estimator, progress):
-        episodes[trial.participant].append(found)
-        terrains[record.terrain] = record
+        episodes[trial.participant][trial.terrain_index] = found
+        terrains[trial.terrain_index] = record
     if not episodes:
         return None
-    kinds = tuple(map(str, _players(data).LossKind))
-    players = tuple(_player(player, own, kinds) for player, own in episodes.items())
-    means = np.sort(np.array([player.mean for player in players]))
-    total = float(means.mean())
-    interval = None
-    if len(means) > 1:
-        low, high = map(float, printed_interval(means))
-        interval = max(0.0, low), high
-    lost = {kind: float(np.mean([player.by_kind[kind] for player in players])) for kind in kinds}
-    tenths = [np.mean([each.by_tenth() for each in own], axis=0) for own in episodes.values()]
+    policy = _policy_regrets(data, terrains, estimator)
+    kinds = tuple(_players(data).LossKind)
+    rest = [np.nan] * (1 + len(kinds) + 10)
+    table = [
+        [_amounts(found[at], kinds) if at in found else rest for at in terrains]
+        for found in episodes.values()
+    ]
+    cells = np.array(table, np.float64)
+    alone = np.array([_amounts(policy[at], kinds) for at in terrains], np.float64)
+    total, *parts = (_part(cells[..., at], alone[:, at]) for at in range(alone.shape[1]))
     return RegretSummary(
         phase=phase,
         episodes=sum(map(len, episodes.values())),
-        mean=total,
-        interval=interval,
-        by_kind={kind: moves / total if total else 0.0 for kind, moves in lost.items()},
-        by_tenth=tuple(np.mean(tenths, axis=0).tolist()),
+        total=total,
+        by_kind=dict(zip(map(str, kinds), parts, strict=False)),
+        by_tenth=tuple(parts[-10:]),
         policy=POLICY,
-        policy_mean=_policy_mean(data, list(terrains.values()), estimator),
-        by_player=players,
+        by_player=tuple(
+            _player(player, list(own.values()), kinds) for player, own in episodes.items()
+        ),
+    )
+
+
+def _amounts(found: Any, kinds: Sequence[Any]) -> list[float]:
+    """Return the regret of an episode: all, by kind, by tenth."""
+    return [found.total, *(found.by_kind()[kind] for kind in kinds), *found.by_tenth()]
+
+
+def _part(table: Floats, policy: Floats) -> RegretPart:
+    """Return a part of the regret from the players' float64[players, terrains], NaN for a gap, and float64[terrains]."""
+    means, differences = player_means(table), table - policy
+    ends = None
+    if len(means) > 1 and np.ptp(means) > 0:
+        low, high = map(float, printed_interval(means))
+        ends = max(0.0, low), high
+    varies = np.nanmax(differences) > np.nanmin(differences)
+    return RegretPart(
+        mean=float(means.mean()),
+        interval=ends,
+        policy=float(policy.mean()),
+        excess=float(player_means(differences).mean()),
+        excess_interval=new_terrains_interval(differences) if varies else None,
     )
 
 
@@ -214,19 +254,23 @@ def _players(data: StudyData) -> Any:
     return data.protocol.rules.players
 
 
-def _player(player: str, episodes: Sequence[Any], kinds: Sequence[str]) -> PlayerRegret:
-    lost = [{str(kind): moves for kind, moves in each.by_kind().items()} for each in episodes]
+def _player(player: str, episodes: Sequence[Any], kinds: Sequence[Any]) -> PlayerRegret:
+    lost = [each.by_kind() for each in episodes]
     return PlayerRegret(
         player=player,
         episodes=len(episodes),
         mean=float(np.mean([each.total for each in episodes])),
-        by_kind={kind: float(np.mean([each[kind] for each in lost])) for kind in kinds},
+        by_kind={str(kind): float(np.mean([each[kind] for each in lost])) for kind in kinds},
     )
 
 
-def _policy_mean(data: StudyData, records: Sequence[Record], estimator: Any) -> float:
-    """Return the mean regret of the policy's own episodes on the terrains of some records."""
+def _policy_regrets(
+    data: StudyData, terrains: Mapping[int, Record], estimator: Any
+) -> dict[int, Any]:
+    """Return the regret of the policy's own episode on the terrain of each record."""
     players = _players(data)
-    policy = players.load(data.policy_files.source(POLICY), records[0].config)
-    played = [players.play_terrain(policy, record).record() for record in records]
-    return float(np.mean([estimator.regret(each).total for each in played]))
+    policy = players.load(data.policy_files.source(POLICY), data.protocol.env_config)
+    return {
+        at: estimator.regret(players.play_terrain(policy, record).record())
+        for at, record in terrains.items()
+    }

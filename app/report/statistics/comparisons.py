@@ -22,9 +22,6 @@ from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
 FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""
 
-_TIE = 1e-9
-"""A lead below this share of the largest value is rounding: sums in another order differ in the last bits."""
-
 
 def player_means(table: Floats) -> Floats:
     """Return each player's mean: float64[players] from a table in which every player has at least one value."""
@@ -54,12 +51,9 @@ class PolicyComparison:
     new                    interval of the difference for other players and other terrains
     p_value                of the test that the difference is 0 for other players and other terrains: below 0.05 exactly where
                            `new` leaves 0 out; None below five players
-    simultaneous           as `new`, at Bonferroni's level for the number of policies: all of them hold together with 95 %
-    p_adjusted             `p_value` by Holm's method for the number of policies; it may reject where `simultaneous`, which is a
-                           little wider, still holds 0, never the other way round
+    p_adjusted             `p_value` by Holm's method for the number of policies
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
     normalized             (policy - random) / (people - random), over players and terrains; None for `random` and without it
-    better                 terrains on which the policy scores better than the people's mean does
     """
 
     policy: str
@@ -75,8 +69,6 @@ class PolicyComparison:
     ratio_interval: Interval | None
     normalized: float | None
     normalized_interval: Interval | None
-    better: int
-    simultaneous: Interval | None = None
 
 
 def compare_policy(
@@ -85,21 +77,16 @@ def compare_policy(
     values: Floats,
     table: Floats,
     random: Floats | None = None,
-    up: bool = True,
-    policies: int = 1,
 ) -> PolicyComparison:
     """Return the comparison of a policy's values float64[terrains] with the players' table float64[players, terrains].
 
-    random    of the policy `random` on the same terrains, None where it was not played; up: more is better
-    policies  how many are compared in this metric, for the simultaneous interval
+    random    of the policy `random` on the same terrains, None where it was not played
     """
     differences = values - table
     several, can_be_drawn = len(table) > 1, can_be_crossed(table)
-    confidence = 1 - (1 - CONFIDENCE) / policies
     ratio, ratio_interval = _ratio(values, table)
     zero = random if policy != "random" else None
     normalized, normalized_interval = _normalized(values, zero, table)
-    ahead = (values - np.nanmean(table, axis=0)) * (1 if up else -1)
     return PolicyComparison(
         policy=policy,
         metric=metric,
@@ -114,8 +101,6 @@ def compare_policy(
         ratio_interval=ratio_interval,
         normalized=normalized,
         normalized_interval=normalized_interval,
-        better=int((ahead > _TIE * np.abs(values).max()).sum()),
-        simultaneous=_ends(crossed_interval(differences, confidence)) if can_be_drawn else None,
     )
 
 

@@ -28,7 +28,7 @@ class Learning:
     slope         change a trial: the mean of each player's least-squares slope, with its t interval over players
     change        last third minus first third of the trials, mean over players, with its 95 % t interval
     equivalence   the 90 % interval of the change: flat when it lies within +-margin (two one-sided tests at 5 %)
-    verdict       "flat", "changed" (the 95 % interval leaves 0 out), "changed, within the margin", or "undecided"
+    verdict       "not tested", "flat", "changed" (the 95 % interval leaves 0 out), "changed, within the margin", or "undecided"
     """
 
     metric: str
@@ -43,8 +43,13 @@ class Learning:
     verdict: str = "undecided"
 
 
-def assess_learning(metric: str, table: Floats, margin: float | None) -> Learning:
-    """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it."""
+def assess_learning(
+    metric: str, table: Floats, margin: float | None, is_tested: bool = True
+) -> Learning:
+    """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it.
+
+    is_tested  False gives neither p nor verdict
+    """
     by_trial = trial_means(table)
     slopes = np.array([_slope(row) for row in table if (~np.isnan(row)).sum() > 2])
     slope = float(slopes.mean()) if len(slopes) else None
@@ -62,8 +67,8 @@ def assess_learning(metric: str, table: Floats, margin: float | None) -> Learnin
         change=float(changes.mean()),
         change_interval=interval,
         equivalence=equivalence,
-        p_equivalence=p,
-        verdict=_verdict(interval, equivalence, margin),
+        p_equivalence=p if is_tested else None,
+        verdict=_verdict(interval, equivalence, margin) if is_tested else "not tested",
     )
 
 

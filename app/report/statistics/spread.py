@@ -22,27 +22,30 @@ class VarianceComponents:
 
     icc            share of the variance that lies between players, ICC(2,1) of Shrout and Fleiss 1979; below 0 where the means
                    differ less than chance would
-    icc_interval   95 %, McGraw and Wong 1996 (Psychol. Methods 1(1), table 7); with gaps by n0 and its like for terrains
+    icc_interval   McGraw and Wong 1996 (Psychol. Methods 1(1), table 7)
     between_sd     between players; 0 where the estimate of the variance is negative, as for the others
-    within_sd      of a player's episodes: of terrains and rest together
-    terrain_sd     between terrains; rest_sd: of an episode beside its player and its terrain
+    terrain_sd     between terrains; their intervals: Williams 1962 (Biometrika 49(1/2))
+    rest_sd        of an episode beside its player and its terrain; its interval by chi-squared
     n0             episodes a player, the mean that unequal numbers call for
     design_effect  how many times too small the variance of the mean over these terrains comes out from pooled episodes; at
-                   least 1
-    effective      episodes / design_effect
+                   least 1. Its interval: F with Satterthwaite's degrees of freedom
+
+    Intervals are 95 %, for normal effects, with gaps by n0 and its like for terrains.
     """
 
     icc: float
     icc_interval: Interval
     between_sd: float
-    within_sd: float
+    between_interval: Interval
+    terrain_sd: float
+    terrain_interval: Interval
+    rest_sd: float
+    rest_interval: Interval
     n0: float
     design_effect: float
+    design_effect_interval: Interval
     players: int
     episodes: int
-    effective: float
-    terrain_sd: float
-    rest_sd: float
 
 
 def variance_components(table: Floats) -> VarianceComponents | None:
@@ -59,21 +62,22 @@ def variance_components(table: Floats) -> VarianceComponents | None:
     if not total > 0:
         return None
     known = ~np.isnan(table)
-    episodes = int(known.sum())
     n0, p0 = (_mean_count(known.sum(axis)) for axis in (1, 0))
-    effect = max(1.0, (n0 * player + rest) / total)
+    doubt = (p0 - 1) * (n0 - 1)
     return VarianceComponents(
         icc=player / total,
         icc_interval=_icc_ends(player, terrain, rest, n0, p0),
         between_sd=_sd(player),
-        within_sd=_sd(max(terrain, 0) + max(rest, 0)),
-        n0=n0,
-        design_effect=effect,
-        players=len(table),
-        episodes=episodes,
-        effective=episodes / effect,
+        between_interval=_sd_ends(player, rest, n0, p0 - 1, doubt),
         terrain_sd=_sd(terrain),
+        terrain_interval=_sd_ends(terrain, rest, p0, n0 - 1, doubt),
         rest_sd=_sd(rest),
+        rest_interval=_sd_ends(rest, 0.0, 1.0, doubt, doubt),
+        n0=n0,
+        design_effect=max(1.0, (n0 * player + rest) / total),
+        design_effect_interval=_effect_ends(player, terrain, rest, n0, p0),
+        players=len(table),
+        episodes=int(known.sum()),
     )
 
 
@@ -85,6 +89,37 @@ def _mean_count(counts: NDArray[np.int64]) -> float:
     """Return the mean that unequal numbers of values call for, the plain mean where they are equal."""
     total = counts.sum()
     return float((total - (counts**2).sum() / total) / (len(counts) - 1))
+
+
+def _sd_ends(
+    variance: float, rest: float, each: float, freedom: float, rest_freedom: float
+) -> Interval:
+    """Return the ends of the 95 % interval of a component's standard deviation.
+
+    each     values behind a mean of the component, so that its mean square is rest + each * variance
+    freedom  of that mean square, rest_freedom: of the rest's
+    """
+    square, ends = rest + each * variance, []
+    for share in (1 - TAIL, TAIL):
+        ratio = scipy.special.fdtri(freedom, rest_freedom, share)
+        spread = scipy.special.chdtri(freedom, 1 - share) / freedom
+        ends.append(_sd(float((square - ratio * rest) / (each * spread))))
+    return ends[0], ends[1]
+
+
+def _effect_ends(player: float, terrain: float, rest: float, n0: float, p0: float) -> Interval:
+    """Return the ends of the 95 % interval of the design effect, 1 / (1/n0 + the other mean squares over the players')."""
+    of_players = rest + n0 * player
+    parts = (rest + p0 * terrain) / p0, (1 - 1 / n0 - 1 / p0) * rest
+    doubt = parts[0] ** 2 / (n0 - 1) + parts[1] ** 2 / ((p0 - 1) * (n0 - 1))
+    if not of_players > 0 or not doubt > 0:
+        effect = n0 if of_players > 0 else 1.0
+        return effect, effect
+    freedom = sum(parts) ** 2 / doubt
+    quantiles = scipy.special.fdtri([freedom, p0 - 1], [p0 - 1, freedom], 1 - TAIL)
+    ratio = sum(parts) / of_players
+    low, high = 1 / (1 / n0 + np.array([ratio * quantiles[1], ratio / quantiles[0]]))
+    return max(1.0, float(low)), max(1.0, float(high))
 
 
 def _icc_ends(player: float, terrain: float, rest: float, n0: float, p0: float) -> Interval:

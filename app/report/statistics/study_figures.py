@@ -42,7 +42,8 @@ class StudyFigure:
 
     name       "all", a set of the protocol's ("protocol", "strict"), "intention to treat" or "as played"
     rule       who enters, in words
-    completed  share of episodes that reached 99 %, 0..1, the mean over players
+    completed  share of episodes that reached 99 %, 0..1, the mean over players, with the headline's interval, the guaranteed
+               one also where players do not differ
     """
 
     name: str
@@ -51,7 +52,7 @@ class StudyFigure:
     episodes: int = 0
     score: Estimate | None = None
     steps: Estimate | None = None
-    completed: float | None = None
+    completed: Estimate | None = None
 
 
 def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
@@ -164,6 +165,16 @@ def why_no_interval(estimate: Estimate) -> str | None:
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
 
 
+def why_no_p(figure: StudyFigure) -> str | None:
+    """Return the sentence that says why the tail rule forbids p values; None where it does not."""
+    if figure.score is not None and figure.score.headline == "guaranteed":
+        return (
+            "No p value is given: failures are a few players' here, and where they were in simulation, a policy as good as "
+            "people had a p below 0.05 in up to 45.6 % of studies."
+        )
+    return None
+
+
 def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
     """Return the lowest and the highest mean that a player can have; steps lie in 1..limit."""
     return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
@@ -179,6 +190,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64
     )
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
+    shares = 1 - failed / episodes
     score, steps = (
         estimate(
             player_means(cohort.table(ids, metric)),
@@ -194,7 +206,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         episodes=int(episodes.sum()),
         score=score,
         steps=steps,
-        completed=float(np.mean(1 - failed / episodes)),
+        completed=estimate(shares, (0.0, 1.0), is_guaranteed or np.ptp(shares) == 0),
     )
 
 

@@ -30,7 +30,7 @@ class LeakTrend:
     most      the largest number of earlier finishers that an episode had
     slope     steps for each earlier finisher; None when nothing can be tested, and so for the next two
     interval  95 % interval of the slope
-    p_value   two-sided, of no trend
+    p_value   two-sided, of no trend; None also where the report gives no p
     """
 
     players: int
@@ -41,20 +41,21 @@ class LeakTrend:
 
     def sentence(self, words: Words) -> str:
         """What was found, in words."""
-        if self.slope is None or self.interval is None or self.p_value is None:
+        if self.slope is None or self.interval is None:
             return "Whether ranked terrains leaked between participants was not tested: too few people, or nobody came later."
         low, high = self.interval
+        p = "" if self.p_value is None else f", p = {self.p_value:.3f}"
         verdict = "No sign that ranked terrains leaked between participants"
         if high < 0:
             verdict = "People did better on terrains that others had finished before, as they would if terrains had leaked"
         return (
             f"{verdict}: {self.slope:+.2f} {words.steps} for each earlier finisher of a terrain (95 % interval {low:+.2f} to "
-            f"{high:+.2f}, p = {self.p_value:.3f}, {self.players} players, up to {self.most} earlier finishers)."
+            f"{high:+.2f}{p}, {self.players} players, up to {self.most} earlier finishers)."
         )
 
 
-def leak_trend(ranked: Mapping[str, Sequence[Trial]]) -> LeakTrend:
-    """Return the trend over people's finished ranked episodes, given by participant.
+def leak_trend(ranked: Mapping[str, Sequence[Trial]], is_tested: bool = True) -> LeakTrend:
+    """Return the trend over people's finished ranked episodes, given by participant; without its p where it is not tested.
 
     Least squares over players: the mean of the player's steps to 99 %, each minus the mean of its terrain, on the mean number
     of other people who had finished the terrain when the episode began; t with players - 2 degrees of freedom. The player is
@@ -79,7 +80,8 @@ def leak_trend(ranked: Mapping[str, Sequence[Trial]]) -> LeakTrend:
     found = scipy.stats.linregress(x, y)
     half = float(t_quantile(len(x) - 2) * found.stderr)
     slope = float(found.slope)
-    return LeakTrend(len(x), most, slope, (slope - half, slope + half), float(found.pvalue))
+    p = float(found.pvalue) if is_tested else None
+    return LeakTrend(len(x), most, slope, (slope - half, slope + half), p)
 
 
 def _finishers_before(episode: Trial, episodes: Sequence[Trial]) -> int:

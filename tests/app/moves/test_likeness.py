@@ -1,21 +1,13 @@
-"""The share of a player's moves that a policy would have made."""
+"""The share of people's moves that a policy would have made too, as the leaderboard shows it."""
 
 from dataclasses import replace
 
 from app.db.reader import Reader
-from app.report import build
-from app.report.moves.analysis import MoveAnalysis
-from app.report.moves.likeness import find_likeness, human_likeness, mean_agreement
+from app.report.moves.likeness import human_likeness, mean_agreement
 from app.report.statistics.exclusion_sets import members, people_of
 from app.series.data import load
 from marsexplorer.evaluation.agreement import Agreement
-from tests.support.made_studies import played, study
 from tests.support.stored_studies import freeze, play_study
-
-
-def test_the_share_of_moves_is_given_and_players_without_a_move_are_left_out():
-    found = find_likeness({"who": {"ppo": Agreement(200, 150)}, "none": {"ppo": Agreement()}})
-    assert [(each.participant, each.moves, each.share) for each in found] == [("who", 200, 0.75)]
 
 
 def test_the_mean_agreement_weighs_players():
@@ -26,21 +18,6 @@ def test_the_mean_agreement_weighs_players():
     }
     assert mean_agreement(agreements, "ppo") == 0.75
     assert mean_agreement(agreements, "planner") is None
-
-
-def test_the_report_gives_the_share_and_leaves_nobody_out():
-    people, trials = played([[0.9] * 6, [0.8] * 6])
-    agreements = {
-        person.id: {"ppo": Agreement(500, 500 - 100 * number)}
-        for number, person in enumerate(people)
-    }
-    analysis = {"people": MoveAnalysis(None, find_likeness(agreements))}
-    plain, group = (
-        build(study(people, trials)).groups[0],
-        build(study(people, trials), moves=analysis).groups[0],
-    )
-    assert (group.figures, group.cautions) == (plain.figures, plain.cautions)
-    assert {each.share for each in group.moves.likeness} == {1.0, 0.8}
 
 
 def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):

@@ -6,17 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from app.cli.main import main
 from app.db.reader import Reader
 from app.report.moves.analysis import analyse_moves, no_bar
-from app.report.moves.regret import regret_cache, regret_rows, summarize_regret
+from app.report.moves.regret import _part, regret_cache, regret_rows, summarize_regret
+from app.report.statistics.comparisons import new_terrains_interval
 from app.report.statistics.exclusion_sets import people_of
 from app.report.statistics.intervals import printed_interval
 from app.series.data import load, trial_records
 from app.series.protocol import StudyError
 from marsexplorer.config import ACTIONS
+from marsexplorer.evaluation.episodes import play_terrain
+from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -53,22 +58,59 @@ def test_a_row_for_each_move_of_an_episode(reader, estimator):
         assert all((row.kind is None) == (row.regret == 0) for row in own)
 
 
-def test_the_summary_weighs_players_and_not_episodes(reader, estimator):
+def literal_part(rows):
+    """Return players' means, policy's mean and the paired difference of {(player, terrain): (theirs, policy's)}."""
+    players, terrains = (sorted({key[axis] for key in rows}) for axis in (0, 1))
+    theirs = [np.mean([rows[who, at][0] for at in terrains]) for who in players]
+    by_terrain = [np.mean([rows[who, at][0] for who in players]) for at in terrains]
+    policy = [rows[players[0], at][1] for at in terrains]
+    return np.array(theirs), np.mean(policy), np.mean(np.subtract(by_terrain, policy))
+
+
+def test_regret_is_given_beside_the_policys_own_by_kind_paired_by_terrain(reader, estimator):
     data = load(reader, "dunes")
     cohort = people_of(data)
     ids = [person.id for person in cohort.people]
     found = summarize_regret(reader, data, cohort, ids, estimator)
-    totals = {player: [] for player in ids}
+    policy = load_policy("ppo", data.protocol.env_config.sensor_radius)
+    cells = {}
     for trial, record in trial_records(reader, ranked(data)):
-        totals[trial.participant].append(estimator.regret(record).total)
-    means = np.sort([np.mean(own) for own in totals.values()])
-    assert found.mean == pytest.approx(means.mean())
-    low, high = map(float, printed_interval(means))
-    assert found.interval == pytest.approx((max(0, low), high))
-    assert sum(found.by_kind.values()) == pytest.approx(1)
-    assert found.by_kind["ended early"] > 0  # an episode was given up
+        own = estimator.regret(play_terrain(policy, record).record())
+        cells[trial.participant, trial.terrain_index] = estimator.regret(record), own
+    parts = {"all": lambda each: each.total} | {
+        kind: lambda each, kind=kind: each.by_kind()[kind] for kind in LossKind
+    }
+    given = {"all": found.total, **found.by_kind}
+    assert list(given) == ["all", *map(str, LossKind)]
+    for kind, value in parts.items():
+        rows = {key: tuple(map(value, both)) for key, both in cells.items()}
+        means, of_policy, excess = literal_part(rows)
+        part = given[str(kind)]
+        assert (part.mean, part.policy) == pytest.approx((means.mean(), of_policy)), kind
+        assert part.excess == pytest.approx(excess), kind
+        if np.ptp(means):
+            low, high = map(float, printed_interval(np.sort(means)))
+            assert part.interval == pytest.approx((max(0, low), high)), kind
+            assert part.excess_interval[0] <= part.excess <= part.excess_interval[1]
+    assert found.by_kind["ended early"].mean > 0  # an episode was given up
+    assert sum(each.excess for each in found.by_kind.values()) == pytest.approx(found.total.excess)
     assert (found.phase, found.episodes, found.policy) == ("ranked", 6, "ppo")
-    assert found.policy_mean >= 0
+
+
+def test_what_players_lose_as_the_policy_does_on_a_terrain_is_no_excess():
+    policy = np.array([40.0, 0.0, 10.0, 3.0])
+    players = np.array([[1.0], [2.0], [4.0]])
+    found = _part(policy + players, policy)
+    low, high = new_terrains_interval(np.repeat(players, 4, axis=1))
+    assert (found.excess, found.excess_interval) == (
+        pytest.approx(7 / 3),
+        pytest.approx((low, high)),
+    )
+    t = scipy.stats.t.ppf(0.975, 2) * np.std(players, ddof=1) / 3**0.5
+    assert found.excess_interval[0] == pytest.approx(7 / 3 - t), "the terrains add no doubt"
+    assert found.mean == pytest.approx(policy.mean() + 7 / 3)
+    same = _part(np.zeros((3, 4)), np.zeros(4))
+    assert (same.interval, same.excess_interval) == (None, None), "nothing was lost by anybody"
 
 
 def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
@@ -84,17 +126,14 @@ def test_the_analysis_is_kept_next_to_the_database(place):
     data = load(database, "dunes")
     with closing(Reader.open(database)) as reader:
 
-        def analyse(data, policy):
-            return analyse_moves(reader, data, (policy,), False, no_bar)["people"]
+        def analyse(data):
+            return analyse_moves(reader, data, False, no_bar, regret_cache(database))
 
-        found = analyse(data, "frontier-cost")
-        assert found.regret.mean > 0
-        assert {each.policy for each in found.likeness} == {"frontier-cost"}
+        found = analyse(data)
+        assert found["people"].regret.total.mean > 0
         assert len(list(regret_cache(database).iterdir())) >= 3
-        assert analyse(data, "frontier-cost") == found
-        opened = analyse(replace(data, closed_ms=None), "random")
-    assert opened.regret is None
-    assert opened.likeness == ()
+        assert analyse(data) == found
+        assert analyse(replace(data, closed_ms=None)) == {}
 
 
 def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):
@@ -114,7 +153,7 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
             ]
         )
     assert not left.value.code
-    assert "regret: " in capsys.readouterr().out
+    assert "players minus ppo" in capsys.readouterr().out
     page, document = (
         (tmp_path / "r.html").read_text(),
         json.loads((tmp_path / "r.json").read_text()),
@@ -143,7 +182,7 @@ def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsy
     said = capsys.readouterr()
     assert not left.value.code, said.err
     assert "regret per ranked episode" in said.out
-    assert "ppo itself on the same terrains" in said.out
+    assert "ppo’s own" in said.out
     written = (tmp_path / "regret.json").read_text()
     document = json.loads(written)
     moves = document["moves"]

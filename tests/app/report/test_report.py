@@ -1,6 +1,7 @@
 """The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 from app.report import build
 from app.report.model import SYNTHETIC
 from app.report.page import render
-from app.report.statistics.intervals import printed_interval
+from app.report.statistics.intervals import guaranteed_interval, printed_interval
 from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
+from app.report.tables import group_tables
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
@@ -55,6 +57,36 @@ def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
     )  # no mean score is above 1
     assert f"mean score {means.mean():.3f}" in report.sentence
     assert "3 players, 18 ranked episodes" in report.sentence
+
+
+def test_completion_has_the_headlines_interval_and_a_guaranteed_one_where_all_completed():
+    people, trials = played(np.full((6, 6), 0.9))
+    failed = (1, 2, 0, 1, 1, 1)
+    by = {each.id: number for number, each in enumerate(people)}
+    some = [
+        replace(each, outcome="collided") if each.trial < failed[by[each.participant]] else each
+        for each in trials
+    ]
+    found = build(study(people, some)).groups[0].figure.completed
+    shares = np.sort(1 - np.array(failed) / 6)
+    low, high = map(float, printed_interval(shares))
+    assert found.mean == pytest.approx(shares.mean())
+    assert found.interval == pytest.approx((max(low, 0), min(high, 1)))
+    group = build(study(people, trials)).groups[0]
+    low, high = map(float, guaranteed_interval(np.ones(6), (0.0, 1.0)))
+    assert (group.figure.completed.mean, group.figure.completed.interval) == (1, (low, high))
+    assert low < 0.9, "six players who completed all say little of others"
+
+
+def test_every_figure_of_the_spread_and_of_the_sets_has_its_interval_on_the_page():
+    scores = np.random.default_rng(7).normal(0.7, 0.1, (6, 6)).clip(0, 1)
+    report = build(study(*played(scores)), [run("ppo", scores.mean(0)), run("random", [0.3] * 6)])
+    tables = group_tables(report, report.groups[0])
+    cells = [cell for row in tables["variance"].rows for cell in row[1:]]
+    cells += [cell for row in tables["exclusion_sets"].rows for cell in row[3:]]
+    cells += [row[at] for row in tables["score"].rows for at in (1, -2)]
+    assert len(cells) > 20
+    assert [cell for cell in cells if " to " not in cell] == []
 
 
 def test_steps_count_the_limit_for_an_unfinished_episode():
@@ -221,7 +253,25 @@ def test_policies_are_compared_on_the_terrains_that_both_played():
     assert ppo.normalized == pytest.approx((0.95 - 0.3) / (scores[:, :5].mean() - 0.3))
     assert (report.policies[0].episodes, report.policies[1].episodes) == (5, 6)
     assert (ppo.p_value, ppo.p_adjusted) == (None, None), "three players"
-    assert ppo.simultaneous[0] < ppo.new[0] < ppo.difference < ppo.new[1] < ppo.simultaneous[1]
+    assert ppo.new[0] < ppo.difference < ppo.new[1]
+
+
+def test_a_policy_is_named_as_code_or_as_this_file_with_the_hash_of_the_protocol():
+    digest = "0123456789ab" + "c" * 52
+    runs = [run("ppo", [0.95] * 6), run("frontier-cost", [0.9] * 6), run("random", [0.3] * 6)]
+    hashes = {"ppo": digest}
+    report = build(study(*played(SCORES), policies=("ppo", "random"), policy_hashes=hashes), runs)
+    title = "ppo (this file, SHA-256 0123456789ab…)"
+    assert [report.title_of(each.name) for each in report.policies] == [
+        title, "frontier-cost (code)", "random (code)",
+    ]  # fmt: skip
+    tables = group_tables(report, report.groups[0])
+    for name in ("policies", "score", "steps"):
+        assert title in [row[0] for row in tables[name].rows], name
+    page = render(report)
+    assert "is with this file, and says nothing of the algorithm that trained it" in page
+    unrecorded = build(study(*played(SCORES)), runs).title_of("ppo")
+    assert unrecorded == "ppo (this file, whose SHA-256 was not recorded)"
 
 
 def test_p_values_are_given_from_five_players_on_and_adjusted_for_the_number_of_policies():
@@ -280,6 +330,19 @@ def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
     assert "up to 52 % of the population" in said  # 1 - 0.025 ** (1 / 5)
     same = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30)))).groups[0].cautions
     assert any("no spread, so its interval says nothing" in line for line in same)
+
+
+def test_the_cautions_name_kinds_of_people_in_unequal_numbers_with_what_was_measured():
+    (said,) = (line for line in build(study(*played(SCORES))).groups[0].cautions if "Kinds" in line)
+    for players in (5, 8, 10):
+        rng = np.random.default_rng(players)
+        worse = rng.random((20_000, players)) < 0.25
+        means = rng.standard_normal(worse.shape) - 8 * worse
+        low, high = printed_interval(means)
+        covered = 100 * np.mean((low <= -2) & (high >= -2))
+        (quoted,) = re.findall(rf"([\d.]+) % of samples of {players}\b", said)
+        assert float(quoted) == pytest.approx(covered, abs=0.6), "two standard errors are 0.5"
+    assert "a quarter of the players are of a kind that is far worse" in said
 
 
 def test_the_live_figure_is_the_reports(data):

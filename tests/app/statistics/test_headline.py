@@ -1,5 +1,7 @@
 """Which interval is the headline: failures that are everybody's, a few players' and nobody's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy
@@ -10,7 +12,7 @@ from app.report.statistics.headline import HEADLINE_RULE, is_a_few_players
 from app.report.statistics.intervals import guaranteed_interval, printed_interval
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
-from tests.support.made_studies import CONFIG, played, study, trial
+from tests.support.made_studies import CONFIG, FROZEN_MS, played, run, study, trial
 
 
 def few(*failed, episodes=30):
@@ -67,6 +69,38 @@ def test_the_guaranteed_interval_is_the_headline_where_failures_are_one_players(
     )
     assert report.rule == HEADLINE_RULE
     assert "95 % interval (headline)" in render(report)
+
+
+def p_values(value, key=""):
+    """Return every p of a report as plain values, wherever it stands."""
+    if isinstance(value, dict):
+        return [p for name, each in value.items() for p in p_values(each, name)]
+    if isinstance(value, list):
+        return [p for each in value for p in p_values(each, key)]
+    return [value] if key.startswith("p_") else []
+
+
+@pytest.mark.parametrize("failed", [(3, 0, 0, 0, 0), (1, 1, 1, 1, 1)])
+def test_a_report_has_p_values_only_where_failures_are_not_a_few_players(failed):
+    data = with_failures(failed)
+    trials = [
+        replace(each, ended_ms=FROZEN_MS + 1000 * int(each.participant, 16) + each.trial,
+                started_ms=FROZEN_MS + 1000 * int(each.participant, 16))
+        for each in data.trials
+    ]  # fmt: skip
+    report = build(replace(data, trials=tuple(trials)), [run("ppo", [0.95] * 6)])
+    found = p_values(report.to_dict()["groups"])
+    page, (group,) = render(report), report.groups
+    is_few = failed[0] == 3
+    assert len(found) == 2 * 2 + 2 + 1, "two comparisons, learning, leaks"
+    assert all(p is None for p in found) == is_few
+    assert group.comparisons[0].new is not None
+    assert (group.metric("steps").learning.verdict == "not tested") == is_few
+    assert group.leak.interval is not None
+    said = "a policy as good as people had a p below 0.05 in up to 45.6 % of studies"
+    assert (said in " ".join(group.cautions)) == is_few
+    assert page.count(said) == (3 if is_few else 0), "the caution, the comparison, learning"
+    assert ("p = " in page) != is_few
 
 
 @pytest.mark.parametrize("failed", [(1, 1, 1, 1, 1), (0, 0, 0, 0, 0)])

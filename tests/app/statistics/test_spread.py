@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from app.report.statistics.intervals import printed_interval
 from app.report.statistics.spread import iqm, iqm_interval, iqm_shares, variance_components
@@ -26,7 +27,6 @@ def test_the_icc_of_shrout_and_fleiss():
     assert found.rest_sd**2 == pytest.approx(1.0194, abs=5e-5)
     assert found.between_sd**2 == pytest.approx((11.2417 - 1.0194) / 4, abs=5e-5)
     assert found.terrain_sd**2 == pytest.approx((32.4861 - 1.0194) / 6, abs=5e-5)
-    assert found.within_sd**2 == pytest.approx(found.terrain_sd**2 + found.rest_sd**2)
     assert (found.n0, found.players, found.episodes) == (4, 6, 24)
     # the interval that McGraw and Wong 1996 and the R package psych give for these data
     assert found.icc_interval == pytest.approx((0.0188, 0.7611), abs=5e-4)
@@ -34,10 +34,52 @@ def test_the_icc_of_shrout_and_fleiss():
 
 def test_the_design_effect_is_what_pooling_leaves_out_of_the_variance():
     found = variance_components(SHROUT_FLEISS)
-    total = found.between_sd**2 + found.within_sd**2
+    total = found.between_sd**2 + found.terrain_sd**2 + found.rest_sd**2
     truth = found.between_sd**2 / 6 + found.rest_sd**2 / 24
     assert found.design_effect == pytest.approx(truth / (total / 24))
-    assert found.effective == pytest.approx(24 / found.design_effect)
+
+
+def test_the_components_have_the_intervals_of_williams_and_chi_squared():
+    n, p = 4, 6  # terrains, players
+    means = SHROUT_FLEISS.mean()
+    of_players = n * ((SHROUT_FLEISS.mean(1) - means) ** 2).sum() / (p - 1)
+    of_terrains = p * ((SHROUT_FLEISS.mean(0) - means) ** 2).sum() / (n - 1)
+    left = SHROUT_FLEISS - SHROUT_FLEISS.mean(1, keepdims=True) - SHROUT_FLEISS.mean(0) + means
+    freedom = (p - 1) * (n - 1)
+    rest = (left**2).sum() / freedom
+    found = variance_components(SHROUT_FLEISS)
+    chi2, f = scipy.stats.chi2.ppf, scipy.stats.f.ppf
+    for ends, square, each, own in (
+        (found.between_interval, of_players, n, p - 1),
+        (found.terrain_interval, of_terrains, p, n - 1),
+    ):
+        wanted = [
+            max(0, (square - rest * f(q, own, freedom)) * own / (each * chi2(q, own))) ** 0.5
+            for q in (0.975, 0.025)
+        ]
+        assert ends == pytest.approx(wanted)
+    assert found.rest_interval == pytest.approx(
+        [(rest * freedom / chi2(q, freedom)) ** 0.5 for q in (0.975, 0.025)]
+    )
+
+
+def test_the_intervals_of_the_components_cover_what_was_drawn():
+    rng = np.random.default_rng(6)
+    sds, shape = (0.6, 1.0, 1.4), (1000, 10, 20)
+    tables = sum(
+        sd * rng.standard_normal(size)
+        for sd, size in zip(sds, ((1000, 10, 1), (1000, 1, 20), shape), strict=True)
+    )
+    player, terrain, rest = np.square(sds)
+    truth = (*sds, (20 * player + rest) / (player + terrain + rest))
+    held = np.zeros(4)
+    for table in tables:
+        found = variance_components(table)
+        ends = (found.between_interval, found.terrain_interval, found.rest_interval)
+        for at, (low, high) in enumerate((*ends, found.design_effect_interval)):
+            held[at] += low <= truth[at] <= high
+    assert (held / 1000 > 0.93).all(), held
+    assert (held / 1000 < 0.99).all(), held
 
 
 def one_way_icc(table):
