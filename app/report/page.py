@@ -18,7 +18,7 @@ from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, Report
 from app.report.statistics.formatting import templates
 from app.report.statistics.study_figures import why_no_interval
-from app.report.tables import checklist_table, coverage_table, group_tables
+from app.report.tables import checklist_table, coverage_table, declarations_table, group_tables
 from app.task import rules_of
 
 FOLDER = Path(__file__).parent
@@ -48,6 +48,7 @@ def render(report: Report) -> str:
             checklist=checklist_table(report),
             missing=sum(item.source == "missing" for item in report.checklist),
             citation=CITATION,
+            declarations=declarations_table(report),
             coverage=coverage_table(report),
             protocol_json=json.dumps(report.protocol, indent=1, ensure_ascii=False),
         )

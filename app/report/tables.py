@@ -134,6 +134,14 @@ def checklist_table(report: Report) -> PageTable | None:
     )
 
 
+def declarations_table(report: Report) -> PageTable:
+    """Return what the authors declared in the protocol."""
+    rows = [
+        (name.replace("_", " "), text) for name, text in report.protocol["declarations"].items()
+    ]
+    return PageTable("Declared before anybody played", ("what", "answer"), rows, is_text=True)
+
+
 def coverage_table(report: Report) -> PageTable | None:
     """Return the measured coverage for about as many players as the report has; None below two players."""
     players = max((group.figure.players for group in report.groups), default=0)

@@ -11,6 +11,7 @@ from app.report import build
 from app.report.page import render
 from app.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
+from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, played, run, study
 
 SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
@@ -62,6 +63,15 @@ class Collected(HTMLParser):
     def handle_endtag(self, tag):
         if tag not in self.EMPTY:
             assert self.open.pop() == tag
+
+
+def test_what_the_authors_declared_is_printed_folded(pages):
+    for page in pages:
+        (declared,) = re.findall(
+            r"<details><summary>What the authors declared(.*?)</details>", page, re.S
+        )
+        for name, text in DECLARATIONS.items():
+            assert f'<th scope="row">{name.replace("_", " ")}</th><td>{text}</td>' in declared
 
 
 def test_every_element_is_closed_and_every_id_is_one(pages):

@@ -16,6 +16,7 @@ from app.report.tables import group_tables
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
+from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
 
 NAN = float("nan")
@@ -391,7 +392,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     items = {item.number: item for item in build(data, [run("ppo", [0.9] * 6)]).checklist}
     assert items["1.1"].answer == "3"
     assert items["1.3"].answer == "3.0"
-    assert items["1.9"].source == "missing"
+    assert items["1.9"].source == "protocol"
     assert items["4.1"].answer == "Yes"
     assert items["5.1.3"].detail == "Median 0.5 minutes a ranked episode."
     assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
@@ -402,6 +403,12 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
         "software",
         "missing",
     }
+    assert {number for number, item in items.items() if item.answer == "Missing"} == {
+        *("0.1", "0.2", "0.3", "0.4"), "2.3.2"
+    }  # fmt: skip
+    declared = {item.detail for item in items.values() if item.answer == "Declared"}
+    for text in DECLARATIONS.values():
+        assert any(text in each for each in declared), text
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
     assert items["1.8"].source == "protocol"
