@@ -308,7 +308,8 @@ def _against(report: Report, group: GroupReport) -> PageTable:
     """Return policies minus people in each metric, a row for each policy."""
     rows: dict[str, list[str]] = {}
     for each in group.comparisons:
-        difference = _with_interval(each.difference, each.new, DIGITS[each.metric])
+        digits = {"score": 3, "steps": 1}[each.metric]
+        difference = _with_interval(each.difference, each.new, digits)
         rows.setdefault(each.policy, []).append(f"{difference}\np {p_value(each.p_adjusted)}")
     heads = "policy", *(_heading(group, metric.name) for metric in group.metrics)
     caption = f"Policies minus {group.name} on the same terrains"
