@@ -8,6 +8,7 @@ know is said to be missing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -35,7 +36,15 @@ def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> 
     given = _given(data, people, policies)
     text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    return tuple(_item(line, given) for line in lines)
+    items = (_item(line, given) for line in lines)
+    if not data.protocol.declarations.unanswered():
+        return tuple(items)
+    detail = "The protocol leaves declarations empty; the authors must state it."
+    undeclared = {"answer": "Missing", "detail": detail, "source": "missing"}
+    return tuple(
+        replace(each, **undeclared) if each.answer == "Declared" else each  # type: ignore[arg-type]
+        for each in items
+    )
 
 
 def _item(line: str, given: dict[str, Any]) -> Item:

@@ -237,6 +237,30 @@ def test_warm_up_trials_are_shown_and_enter_no_figure():
     assert [row[0] for row in without.groups[0].metric("score").warm_up] == [0, 0]
 
 
+def test_the_learning_curve_is_of_first_attempts_in_the_order_played():
+    people, trials = played(SCORES)
+    orders = {who.id: np.random.default_rng(at).permutation(6) for at, who in enumerate(people)}
+    trials = [
+        replace(each, trial=int(orders[each.participant][each.terrain_index])) for each in trials
+    ]
+    practice = [
+        trial(who, index, 0.1 * index, phase="warm_up", id=f"w{who.id}{index}")
+        for who in people
+        for index in range(2)
+    ]
+    report = build(study(people, trials + practice, warm_up=2))
+    learning = report.groups[0].metric("score").learning
+    for at in range(6):
+        own = [each for each in trials if each.trial == at]
+        earlier = {(each.participant, each.terrain_index) for each in trials if each.trial < at}
+        assert not earlier & {(each.participant, each.terrain_index) for each in own}
+        assert learning.by_trial[at][1] == pytest.approx(np.mean([each.score for each in own]))
+    assert [row[1] for row in report.groups[0].metric("score").warm_up] == pytest.approx([0, 0.1])
+    page = render(report)
+    assert "First attempts only: nobody meets a terrain twice." in page
+    assert 'aria-label="Mean score and steps of first attempts by ranked trial' in page
+
+
 def test_policies_are_compared_on_the_terrains_that_both_played():
     scores = SCORES.copy()
     runs = [
