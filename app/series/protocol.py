@@ -166,6 +166,7 @@ class Protocol(_Part):
     exclusion            further figures of the report by name, with who enters them
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
+    panel_links          of recruitment by a panel: signed when only ids that the operator has signed are let in
     required_attestation the lowest level at which an episode enters a human figure
     assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
     assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
@@ -199,6 +200,7 @@ class Protocol(_Part):
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
     recruitment: Literal["open", "invitation", "panel"] = "open"
+    panel_links: Literal["unsigned", "signed"] = "unsigned"
     required_attestation: Required = "attested"
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)

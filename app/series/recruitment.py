@@ -16,13 +16,21 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from urllib.parse import urlencode
 
 from app.board.attestation import SUPERVISED_FOR_MS
 from app.db.series import StudyStore
 from app.db.study_rows import Participant
 from app.series.flow import MAX_NOTED, REPEATED_JOIN, Reason
 from app.series.folder import Folder, Study
-from app.series.invitations import Invitation, Invitations, grouped, read_code, signature
+from app.series.invitations import (
+    PARAMETER,
+    Invitation,
+    Invitations,
+    grouped,
+    read_code,
+    signature,
+)
 from app.series.participation import StageError
 from app.series.protocol import StudyError
 
@@ -39,6 +47,10 @@ USED = (
 OTHER_INVITATION = (
     "this browser takes part with another invitation already: to go on there, open the study without an invitation; for "
     "somebody else, use another browser or a private window"
+)
+WRONG_PANEL_LINK = (
+    "this link was not made for this id: open the link that you were sent just as it stands, or ask whoever sent it to "
+    "you for a new one"
 )
 NO_ID = "open this study from the site that sent you: its link says who you are there, and this one does not"
 
@@ -96,7 +108,7 @@ class Recruitment:
 
         found  the participant with this cookie, None before joining
         """
-        self._check_outside_id(study, player_id, comes.outside_ids, found)
+        self._check_outside_id(study, player_id, comes, found)
         own = None if found is None else found.invitation
         if study.protocol.recruitment != "invitation" or (
             found is not None and found.stage == "withdrawn"
@@ -191,25 +203,29 @@ class Recruitment:
         self,
         study: Study,
         player_id: str,
-        outside_ids: Mapping[str, str],
+        comes: Arrival,
         found: Participant | None,
     ) -> None:
         """Check that the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids:
             return
         name, is_panel = study.protocol.outside_ids[0], study.protocol.recruitment == "panel"
-        value = outside_ids.get(name)
+        value = comes.outside_ids.get(name)
         if value is None or (is_panel and not plain(value)):
             if is_panel and found is None:
                 raise StageError(NO_ID)
             return
+        own = None if found is None else self._store.identity(found.id, name)
+        if is_panel and study.protocol.panel_links == "signed" and own is None:
+            given, signed = read_code(comes.invitation or ""), read_code(panel_token(study, value))
+            if not hmac.compare_digest(given.encode(), signed.encode()):
+                raise StageError(WRONG_PANEL_LINK)
         if is_panel:
             other = self._consented_with(study, name, value, player_id)
         else:
             other = self._store.participant_with_identity(study.name, name, value)
         if other is not None and other.player_id != player_id:
             raise _taken_id(name, other)
-        own = None if found is None else self._store.identity(found.id, name)
         if found is not None and own is not None and not _same(own, value, is_panel):
             message = f"this browser takes part for another {name} already: use another browser or a private window"
             raise TakenError(message, found.id, "another outside id")
@@ -234,6 +250,23 @@ class Recruitment:
             raise StageError(
                 "the invitations of this study cannot be read now; tell whoever invited you"
             ) from error
+
+
+def panel_token(study: Study, value: str) -> str:
+    """Return the signature (60 bits) under the study's secret of a panel's id, whatever its case and spaces."""
+    return grouped(signature(study.secret, f"{study.protocol_hash}|panel|{plain(value)}", 12))
+
+
+def panel_link(study: Study, value: str, base: str) -> str:
+    """Return the link of a panel's id below the server's address `base`; StudyError where links are not signed or needed."""
+    protocol = study.protocol
+    if not study.is_open or (protocol.recruitment, protocol.panel_links) != ("panel", "signed"):
+        raise StudyError(
+            f"only an open study with recruitment panel and panel_links signed takes signed ids; {study.name!r} is "
+            f"{'open' if study.is_open else 'closed'}, with {protocol.recruitment} and {protocol.panel_links}"
+        )
+    query = urlencode({protocol.outside_ids[0]: value, PARAMETER: panel_token(study, value)})
+    return f"{base.rstrip('/')}/study/{study.name}?{query}"
 
 
 def plain(value: str) -> str:

@@ -456,6 +456,10 @@ def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
 )
 @option("--list", "lists", is_flag=True, help="List all invitations with their state instead.")
 @option(
+    "--ids", "panel", type=PATH, metavar="FILE",
+    help="A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
+)  # fmt: skip
+@option(
     "--csv",
     "table",
     type=PATH,
@@ -469,6 +473,7 @@ def invite(
     count: int,
     url: str | None,
     lists: bool,
+    panel: Path | None,
     table: Path | None,
     database: Path,
     folder: Folder,
@@ -486,19 +491,28 @@ def invite(
       marsexplorer study invite pilot --list --csv links.csv
     """
     from app.series.invitations import Invitations, link_of, state_of
+    from app.series.recruitment import panel_link
 
-    if (count > 0) == lists:
-        given = "the number of links to make, such as 10, or --list to see those there are"
+    if [count > 0, lists, panel is not None].count(True) != 1:
+        given = (
+            "the number of links to make, such as 10, --list to see those there are, or --ids FILE"
+        )
         raise click.UsageError(f"expected {given}")
     settings = settings_of()
     known = url or settings.public_url
     base = known or f"http://{settings.host}:{settings.port}"
     invitations = Invitations(folder)
+    found, rows, links = [], [], []
     with study_errors():
         study = folder.study(name)
-        found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
+        if panel is not None:
+            with failures(f"cannot read {panel}"):
+                ids = filter(None, map(str.strip, panel.read_text(encoding="utf-8").splitlines()))
+            rows = [(value, "signed", "") for value in ids]
+            links = [panel_link(study, value, base) for value, *_ in rows]
+        else:
+            found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
     uses = _uses(database, name)
-    rows, links = [], []
     for each in found:
         use = uses.get(each.id)
         rows.append((each.id, state_of(each, use), use.label if use else ""))

@@ -92,11 +92,12 @@ def intention_to_treat(data: StudyData, cohort: Cohort) -> Cohort:
 def claim_of(data: StudyData) -> str:
     """Return what a closed study's figure of people may be called, with the level that its episodes reach.
 
-    It is the human level where every episode was supervised, or attested of people who came by a personal invitation. Anybody
-    may come by an open link, and a panel's id may be made up.
+    It is the human level where every episode was supervised, or attested of people who came by a personal invitation or a
+    panel's signed link. Anybody may come by an open link, and an unsigned id of a panel may be made up.
     """
     level, came = data.protocol.required_attestation, data.protocol.recruitment
-    is_known = level == "supervised" or (level == "attested" and came == "invitation")
+    is_personal = came == "invitation" or (came, data.protocol.panel_links) == ("panel", "signed")
+    is_known = level == "supervised" or (level == "attested" and is_personal)
     return f"{'Human level' if is_known else 'Figure of unverified participants'} ({level})"
 
 

@@ -461,6 +461,7 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
         ("supervised", "open", "Human level (supervised)"),
         ("attested", "invitation", "Human level (attested)"),
         ("attested", "panel", "Figure of unverified participants (attested)"),
+        ("attested", "signed panel", "Human level (attested)"),
         ("attested", "open", "Figure of unverified participants (attested)"),
         ("unattested", "invitation", "Figure of unverified participants (unattested)"),
     ],
@@ -470,7 +471,9 @@ def test_a_figure_is_called_the_human_level_only_where_people_are_known_to_be_pe
 ):
     people, trials = played(SCORES)
     trials = [replace(each, attestation="supervised") for each in trials]
-    rest = {"required_attestation": level, "recruitment": recruitment}
+    links = "signed" if recruitment == "signed panel" else "unsigned"
+    came = recruitment.removeprefix("signed ")
+    rest = {"required_attestation": level, "recruitment": came, "panel_links": links}
     found = study(people, trials, outside_ids=("ID",), **rest)
     assert build(found).sentence.startswith(f"{claim}: 3 players")
     assert live_figure(found)["claim"] == claim

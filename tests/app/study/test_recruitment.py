@@ -5,6 +5,7 @@ import sqlite3
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
@@ -24,8 +25,10 @@ from app.series.recruitment import (
     REVOKED,
     USED,
     WRONG_INVITATION,
+    WRONG_PANEL_LINK,
     code_of,
 )
+from tests.support.command import command
 from tests.support.study import Person, freeze
 
 YES = {"version": "1", "agree": True}
@@ -234,6 +237,36 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
     assert second.call("join")["stage"] == "instructions"
     assert second.call("join", {"outside_ids": {PID: "abc5f1"}})["stage"] == "instructions"
     assert "takes part for another" in second.refused("join", {"outside_ids": {PID: "abd"}})
+
+
+def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp_path, capsys):
+    study = freeze(tmp_path / "studies", recruitment="panel", panel_links="signed")
+    ids = tmp_path / "ids.txt"
+    ids.write_text("abc 5F1\n\nbcd\n", encoding="utf-8")
+    given = "study", "invite", study.name, "--ids", ids, "--url", "https://lab.example.org"
+    code, out, _ = command(capsys, *given, "--studies", tmp_path / "studies")
+    assert code == 0
+    links = [dict(parse_qsl(urlsplit(line).query)) for line in out.splitlines()]
+    assert [link[PID] for link in links] == ["abc 5F1", "bcd"]
+    token, other = (link["invitation"] for link in links)
+    server = serve()
+    spoilt = token[:-1] + ("0" if token[-1] != "0" else "1")
+    for value, signed in (
+        ("abd", token),
+        ("abd", None),
+        ("abc 5F1", spoilt),
+        ("abc 5F1", other),
+        ("abc 5F1", None),
+    ):
+        refused = comes(server, outside_ids={PID: value}, invitation=signed)
+        assert refused[1:] == (409, WRONG_PANEL_LINK), (value, signed)
+    first = comes(server, outside_ids={PID: "ABC5f1"}, invitation=token)[0]
+    first.call("consent", YES)
+    assert first.call("join", {"outside_ids": {PID: "abc 5F1"}})["stage"] == "instructions"
+    assert comes(server, outside_ids={PID: "abc 5F1"}, invitation=token)[1] == 409
+    leaver = comes(server, outside_ids={PID: "bcd"}, invitation=other)[0]
+    leaver.call("consent", {"version": "1", "agree": False})
+    assert leaver.refused("join", {"outside_ids": {PID: "invented"}}) == WRONG_PANEL_LINK
 
 
 def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
