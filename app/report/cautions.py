@@ -54,7 +54,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         )
     found.append(_about_failures(group))
     covered = [
-        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.TWO_KINDS.items()
+        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.two_kinds().items()
     ]
     found.append(
         "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
@@ -106,7 +106,7 @@ def _about_failures(group: GroupReport) -> str:
     seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
-    held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
+    held = [cell.printed for cell in cells if cell.population in measured_coverage.ONE_SHAPE]
     return (
         f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "
