@@ -44,6 +44,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         why = "their spread, and with it every interval, is poorly known"
         found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
     if group.kind == "human":
+        found += _about_who_left(data, group)
         found += _about_secret(data)
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
@@ -54,7 +55,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         )
     found.append(_about_failures(group))
     covered = [
-        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.TWO_KINDS.items()
+        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.two_kinds().items()
     ]
     found.append(
         "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
@@ -67,6 +68,18 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
     return tuple(found)
+
+
+def _about_who_left(data: StudyData, group: GroupReport) -> Iterable[str]:
+    """Yield who is not in the primary figure because they did not go on."""
+    flow = group.flow
+    if flow is None or not data.protocol.exclusion.get(group.primary, {}).get("completed"):
+        return
+    if left := flow.withdrew + flow.unfinished + flow.interrupted:
+        yield (
+            f"{left} of {flow.ranked} people who began a ranked episode did not end all of them and are not in the primary "
+            "figure: they may have left because it went badly. The row by intention to treat counts them."
+        )
 
 
 def _about_secret(data: StudyData) -> Iterable[str]:
@@ -106,7 +119,7 @@ def _about_failures(group: GroupReport) -> str:
     seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
     worst = min(cells, key=lambda cell: cell.printed)
-    held = [cell.printed for cell in cells if not cell.population.endswith("collisions")]
+    held = [cell.printed for cell in cells if cell.population in measured_coverage.ONE_SHAPE]
     return (
         f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "

@@ -15,7 +15,7 @@ COVERAGE_FILE = Path(__file__).with_name("measured_coverage.json")
 class ScorePopulation:
     """Where scores come from.
 
-    shape       of player, terrain and episode effects, where nobody collides
+    shape       of player, terrain and episode effects, where nobody collides; "kinds" are of players alone
     collisions  the mean probability that an episode ends in one; a player's own is beta distributed, with the ICC asked for
     """
 
@@ -24,10 +24,6 @@ class ScorePopulation:
     shape: str = "normal"
     collisions: float = 0.0
 
-
-TWO_KINDS = {5: 83.4, 8: 90.8, 10: 94.5}
-"""What the printed interval covers, in percent of 20,000 samples of so many players, a quarter of whom are of a kind whose mean
-is 8 standard deviations of a player within a kind worse (`tests/app/report/test_report.py` measures it)."""
 
 SCORE_POPULATIONS = (
     ScorePopulation("symmetric", "normal players and episodes"),
@@ -41,7 +37,14 @@ SCORE_POPULATIONS = (
         "2 % of episodes collide; with ICC, very few players do it often",
         collisions=0.02,
     ),
+    ScorePopulation(
+        "two kinds",
+        "three quarters of the players are of one kind, a quarter of a worse one",
+        "kinds",
+    ),
 )
+ONE_SHAPE = ("symmetric", "skewed", "very skewed")
+"""The populations in which everybody's scores have one shape."""
 
 
 @dataclass(frozen=True)
@@ -87,3 +90,9 @@ def nearest(players: int) -> list[Cell]:
         {cell.players for cell in cells}, key=lambda measured: (abs(measured - players), measured)
     )
     return [cell for cell in cells if cell.players == count]
+
+
+def two_kinds(most: int = 10) -> dict[int, float]:
+    """Return what the printed interval covers (%) by number of players, where a quarter are far worse (ICC 0.5)."""
+    found = [cell for cell in saved() if (cell.population, cell.icc) == ("two kinds", 0.5)]
+    return {cell.players: cell.printed for cell in found if cell.players <= most}

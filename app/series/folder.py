@@ -204,11 +204,13 @@ class Folder:
         name: str,
         advance: Advance = lambda done, total: None,
         beacon: Beacon | None = None,
+        draw: Callable[[int], bytes] = secrets.token_bytes,
     ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
         beacon   whose round the terrains shall follow from, too; StudyError for one that is out. None: none is named
+        draw     gives so many random bytes for the secret
         """
         if self.status(name) != "draft":
             raise StudyError(
@@ -232,7 +234,7 @@ class Folder:
         protocol = protocol.model_copy(
             update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
         )
-        secret, now = secrets.token_bytes(32), now_ms()
+        secret, now = draw(32), now_ms()
         study = Study(
             name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret
         )

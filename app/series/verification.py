@@ -404,7 +404,7 @@ def _fits(stored: Level, found: Level, driver: str) -> bool:
     if driver != "human" and found[0] != "spoilt":
         return stored == (None, None)
     return (
-        found[0] in ("attested", "supervised")
+        found[0] not in (None, "unattested")
         if stored == ("unattested", COPIED)
         else stored == found
     )

@@ -21,7 +21,7 @@ from research.coverage.measure import (
     measure_ratio,
 )
 
-PLAYERS = (5, 10, 20, 30)
+PLAYERS = (5, 8, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
 PERCENTAGES = {"ratio": measure_ratio, "paired": measure_false_alarms, "iqm": measure_iqm}
 PLACE = ("population", "ICC", "players")

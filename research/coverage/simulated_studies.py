@@ -24,6 +24,8 @@ MEAN_STEPS, STEPS_SD = 95.0, 15.0
 """Of an episode that reaches 99 %."""
 STEPS_BOUNDS = (1.0, 441.0)
 """Of a 21x21 grid; a collision counts the upper one."""
+WORSE_SHARE = 0.25
+"""Of the players, of the worse of two kinds."""
 POLICY_SD = 0.01
 """Of what a policy scores on a terrain, apart from what the terrain adds to everybody's score."""
 
@@ -55,6 +57,8 @@ def simulate_studies(
             _drawn(population.shape, size, rng)
             for size in ((studies, players, 1), (studies, 1, TERRAINS))
         )
+        if population.shape == "kinds":
+            player = np.where(rng.random(player.shape) < WORSE_SHARE, *_kinds())
         # the ICC is of the one-way model, in which terrains count as variance within players
         terrain_share = min(TERRAIN_SHARE, 1 - icc)
         episode = _drawn(population.shape, shape, rng)
@@ -71,6 +75,12 @@ def simulate_studies(
     player = 0.004 * rng.standard_normal((studies, players, 1))
     played = PLAYED_SCORE + player + terrain + 0.008 * rng.standard_normal(shape)
     return played - COLLISION_COST * (rng.random(shape) < rate), terrain[:, 0]
+
+
+def _kinds() -> tuple[float, float]:
+    """Return the effect of a player of the worse kind and of the others: mean 0 and variance 1 over the population."""
+    odds = np.sqrt(WORSE_SHARE / (1 - WORSE_SHARE))
+    return -1 / odds, odds
 
 
 def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:

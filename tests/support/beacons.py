@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+from collections.abc import Callable
 from dataclasses import replace
 
 from pyblst import BlstP1Element, BlstP2Element
@@ -17,8 +18,9 @@ _ORDER = 0x73EDA753299D7D483339D80809A1D80553BDA402FFFE5BFEFFFFFFFF00000001
 class OwnBeacon:
     """A beacon whose rounds the tests sign."""
 
-    def __init__(self) -> None:
-        self._key = 1 + secrets.randbelow(_ORDER - 1)
+    def __init__(self, draw: Callable[[int], int] = secrets.randbelow) -> None:
+        """Begin with a key; `draw` gives a number below another one."""
+        self._key = 1 + draw(_ORDER - 1)
         generator = BlstP2Element().uncompress(bytes.fromhex(beacon._G2))
         self._beacon = replace(
             QUICKNET, public_key=generator.scalar_mul(self._key).compress().hex()

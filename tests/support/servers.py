@@ -5,7 +5,7 @@ import http.cookiejar
 import random
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 
 import httpx
 import pytest
@@ -177,13 +177,18 @@ class Running:
             client.close()
 
 
-@pytest.fixture
-def limits():
-    """The limits of a server that is asked for none: people at machine speed are not slowed down to a hand's."""
+def hasty_limits():
+    """Return limits under which people at machine speed are not slowed down to a hand's."""
     from app.web.settings import Limits
 
     fast = "100000+100000/s"
     return Limits(messages=fast, requests_per_address=fast)
+
+
+@pytest.fixture
+def limits():
+    """The limits of a server that is asked for none."""
+    return hasty_limits()
 
 
 @pytest.fixture(scope="session")
@@ -194,49 +199,55 @@ def shipped_policies():
     return PolicyCatalogue()
 
 
-@pytest.fixture
-def serve(tmp_path, limits, shipped_policies):
-    """`serve(...)` starts a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
+@contextmanager
+def running_server(policies, sources=None, **settings):
+    """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from app.board.sources import Sources
     from app.web.listening import bound_connections, listen, uvicorn_config
     from app.web.server import Prepared, create_app
     from app.web.settings import Settings
 
-    running = []
+    sock = listen("127.0.0.1", 0)
+    bound_connections(sock, settings["limits"].answer_s)
+    clock = MovableClock()
+    server = Running(sock.getsockname()[1], clock)
+    sources = sources or Sources(clock_ms=clock.now_ms)
+    server.app = create_app(Settings(**settings), Prepared(sources, policies))
+    engine = Engine(uvicorn_config(server.app))
+    thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
+    thread.start()
+    # the rules are compiled first, perhaps
+    eventually(lambda: engine.started or not thread.is_alive(), 240)
+    assert engine.started
 
-    def start(sources=None, policies=None, **settings):
-        paths = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies"}
-        settings = {**paths, "limits": limits, **settings}
-        sock = listen("127.0.0.1", 0)
-        bound_connections(sock, settings["limits"].answer_s)
-        clock = MovableClock()
-        server = Running(sock.getsockname()[1], clock)
-        sources = sources or Sources(clock_ms=clock.now_ms)
-        prepared = Prepared(sources, policies or shipped_policies)
-        server.app = create_app(Settings(**settings), prepared)
-        engine = Engine(uvicorn_config(server.app))
-        thread = threading.Thread(target=engine.run, kwargs={"sockets": [sock]}, daemon=True)
-        thread.start()
-        # the rules are compiled first, perhaps
-        eventually(lambda: engine.started or not thread.is_alive(), 240)
-        assert engine.started
-
-        def stop():
-            if thread.is_alive():
-                engine.end()
-                thread.join(PATIENCE_S)
-                assert not thread.is_alive(), "the server did not stop"
-            sock.close()
-            server.close()
-
-        server.stop, server.engine = stop, engine
-        running.append(server)
-        return server
-
-    yield start
-    for server in running:
+    def stop():
+        if thread.is_alive():
+            engine.end()
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive(), "the server did not stop"
+        sock.close()
         server.close()
-        server.stop()
+
+    server.stop, server.engine = stop, engine
+    try:
+        yield server
+    finally:
+        server.close()
+        stop()
+
+
+@pytest.fixture
+def serve(tmp_path, limits, shipped_policies):
+    """`serve(...)` starts a server as `running_server` does, with the test's own folder and limits where none are given."""
+    with ExitStack() as running:
+
+        def start(sources=None, policies=None, **settings):
+            paths = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies"}
+            settings = {**paths, "limits": limits, **settings}
+            one = running_server(policies or shipped_policies, sources, **settings)
+            return running.enter_context(one)
+
+        yield start
 
 
 @pytest.fixture

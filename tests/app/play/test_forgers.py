@@ -16,6 +16,7 @@ from app.report.statistics.study_figures import study_figures
 from app.series.data import load as load_study
 from app.series.folder import Folder
 from app.series.invitations import Invitations, token_of
+from app.series.verification import verify_database
 from app.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
@@ -158,6 +159,18 @@ def test_no_forger_of_the_playground_counts_as_played_and_the_person_does(server
     (figure,) = server.client().get("/api/human-level").json()["figures"]
     assert (figure["episodes"], figure["spoilt"]) == (1 + len(spoilt), len(spoilt))
     assert figure["completed"] == pytest.approx(1 / (1 + len(spoilt)))
+
+
+def test_a_spoilt_episode_with_the_timing_of_another_is_verified_as_it_is_stored(server, tmp_path):
+    levels = []
+    for _ in range(2):
+        client = server.client(headers={"Origin": server.url})
+        begun = client.post("/api/sessions", json={"size": SIZE}).json()
+        with server.socket(begun["session"], client) as socket:
+            Forger(lambda step, clock: 5_000.0 + 10 * step, 250).play(socket, server.clock)
+        levels.append(client.get(f"/api/sessions/{begun['session']}/about").json()["attestation"])
+    assert levels == ["spoilt", "unattested"]
+    assert verify_database(tmp_path / "playground.db").findings == ()
 
 
 def play_forged(person, forger):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.report import build
+from app.report.measured_coverage import two_kinds
 from app.report.model import SYNTHETIC
 from app.report.page import render
 from app.report.statistics.intervals import guaranteed_interval, printed_interval
@@ -359,14 +360,11 @@ def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
 
 def test_the_cautions_name_kinds_of_people_in_unequal_numbers_with_what_was_measured():
     (said,) = (line for line in build(study(*played(SCORES))).groups[0].cautions if "Kinds" in line)
-    for players in (5, 8, 10):
-        rng = np.random.default_rng(players)
-        worse = rng.random((20_000, players)) < 0.25
-        means = rng.standard_normal(worse.shape) - 8 * worse
-        low, high = printed_interval(means)
-        covered = 100 * np.mean((low <= -2) & (high >= -2))
-        (quoted,) = re.findall(rf"([\d.]+) % of samples of {players}\b", said)
-        assert float(quoted) == pytest.approx(covered, abs=0.6), "two standard errors are 0.5"
+    quoted = {
+        int(n): float(share) for share, n in re.findall(r"([\d.]+) % of samples of (\d+)", said)
+    }
+    assert quoted == {n: pytest.approx(share, abs=0.051) for n, share in two_kinds().items()}
+    assert set(quoted) == {5, 8, 10}
     assert "a quarter of the players are of a kind that is far worse" in said
 
 
