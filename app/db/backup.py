@@ -122,7 +122,7 @@ def restore(
 
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
-    if not backup.exists():
+    if not backup.is_file():
         raise StoreError(
             f"no backup at {backup}: give the path of a file that `marsexplorer backup` wrote"
         )

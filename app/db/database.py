@@ -110,6 +110,33 @@ def _check_schema(conn: sqlite3.Connection, path: Path, *, may_be_new: bool = Fa
             f"{path} must have schema {SCHEMA}, got schema {found}: open it with the version of MarsExplorer Playground that "
             "made it, or give another --database (a new path makes a new one)"
         )
+    conn.execute("PRAGMA trusted_schema = OFF")
+    if found == SCHEMA and (stray := _stray(conn)):
+        raise StoreError(
+            f"{path} holds {stray}, which is not as MarsExplorer Playground makes it and may do harm: restore a backup "
+            "(marsexplorer restore), or give another --database"
+        )
+
+
+_NEEDED = {sql for table in TABLES.values() for sql in table.statements()}
+_OURS = _NEEDED | {sql for table in TABLES.values() for sql in table.statements("bundle database")}
+_TABLES = "SELECT type, name, tbl_name, replace(sql, '\"', '') FROM sqlite_schema"
+
+
+def _stray(conn: sqlite3.Connection) -> str | None:
+    """Return in words what of a file's schema could act, or is not ours word for word; None for none.
+
+    Views and triggers act; so can constraints and indexes of our tables. Further tables are never read and may be there.
+    """
+    cursor, lacking = conn.cursor(), set(_NEEDED)
+    cursor.row_factory = None
+    for kind, name, table, sql in cursor.execute(_TABLES):
+        lacking.discard(sql)
+        if kind in ("view", "trigger") or (
+            table in TABLES and sql is not None and sql not in _OURS
+        ):
+            return f"the {kind} {name}"
+    return f"no {' '.join(min(lacking).split()[1:3]).lower()}" if lacking else None
 
 
 def recognise(path: Path) -> None:
@@ -120,9 +147,10 @@ def recognise(path: Path) -> None:
     away.
     """
     try:
-        if path.is_dir():
+        if path.exists() and not path.is_file():
+            what = "a folder" if path.is_dir() else "none that holds data (a pipe, a device)"
             raise StoreError(
-                f"the database must be a file, {path} is a folder: give a file's path with --database"
+                f"the database must be a file, {path} is {what}: give a file's path with --database"
             )
         if not path.parent.is_dir():
             raise StoreError(

@@ -59,7 +59,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     ]
     found.append(
         "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
-        f"kind that is far worse, the printed interval covered the truth in {' and '.join(covered)} players in simulation."
+        f"kind that is far worse, the printed interval covered the truth in {', '.join(covered)} players in simulation."
     )
     effect = max(
         (each.variance.design_effect for each in group.metrics if each.variance), default=0

@@ -93,7 +93,7 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     if group.metrics:
         alt = "Each player's mean score and mean steps, with intervals"
         found["players"] = 3.4, partial(_players, group=group), alt
-        alt = "Mean score and steps by ranked trial, with intervals"
+        alt = "Mean score and steps of first attempts by ranked trial, with intervals"
         found["learning"] = 3.6, partial(_learning, group=group), alt
     if group.comparisons:
         rows = len({each.policy for each in group.comparisons})
@@ -118,8 +118,11 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
 
 def _players(canvas: Canvas, group: GroupReport) -> None:
     titles = {"score": "Score", "steps": group.words.steps.capitalize()}
+    inside = [player for player in group.players if player.in_primary]
+    means = {name: sorted(getattr(player, name) for player in inside) for name in titles}
+    tallest = max(max(_stacked(values)) for values in means.values())
     for axes, (name, title) in zip(canvas.subplots(1, 2), titles.items(), strict=True):
-        values = sorted(getattr(player, name) for player in group.players if player.in_primary)
+        values = means[name]
         heights = _stacked(values)
         dots = {"markersize": 5, "alpha": 0.75, "markeredgewidth": 0}
         axes.plot(values, heights, "o", color=PEOPLE_COLOUR, **dots)
@@ -138,7 +141,7 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
                 axes.plot([estimate.mean], [y], "D", color=colour, markersize=4)
         places = [-1.2 - row for row in range(len(labels))]
         axes.set_yticks(places, labels if name == "score" else [])
-        axes.set_ylim(-1.2 - len(labels) + 0.3, max(heights) + 1)
+        axes.set_ylim(-1.2 - len(labels) + 0.3, tallest + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
         axes.set_xlabel(f"mean of a player ({counted(len(values), 'player')})")

@@ -8,6 +8,7 @@ know is said to be missing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -16,14 +17,15 @@ from typing import Any
 from app.report.model import GroupReport, Item
 from app.report.statistics.exclusion_sets import ended_ranked
 from app.report.statistics.formatting import counted, utc
+from app.report.statistics.planning import plan_study
 from app.report.statistics.study_figures import figure_sentence
 from app.series.data import StudyData
 
 CITATION = "Wei et al. 2025, arXiv 2506.13776, appendix B"
 RECRUITMENT = {
-    "invitation": "By single-use invitations that the operator gave out; to whom, the authors must state.",
-    "panel": "Through a panel whose link names each participant; its rules of admission, the authors must state.",
-    "open": "By a link that anybody could open; where it was published, the authors must state.",
+    "invitation": "By single-use invitations that the operator gave out.",
+    "panel": "Through a panel whose link names each participant.",
+    "open": "By a link that anybody could open.",
 }
 """What the software knows of how participants came, by the protocol's `recruitment`."""
 TEST = "Test of the paired differences over players and terrains (crossed, Satterthwaite), adjusted by Holm's method."
@@ -34,7 +36,15 @@ def checklist(data: StudyData, people: GroupReport, policies: Sequence[str]) -> 
     given = _given(data, people, policies)
     text = Path(__file__).with_name("checklist.txt").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    return tuple(_item(line, given) for line in lines)
+    items = (_item(line, given) for line in lines)
+    if not data.protocol.declarations.unanswered():
+        return tuple(items)
+    detail = "The protocol leaves declarations empty; the authors must state it."
+    undeclared = {"answer": "Missing", "detail": detail, "source": "missing"}
+    return tuple(
+        replace(each, **undeclared) if each.answer == "Declared" else each  # type: ignore[arg-type]
+        for each in items
+    )
 
 
 def _item(line: str, given: dict[str, Any]) -> Item:
@@ -84,11 +94,20 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
 def _power(data: StudyData) -> dict[str, str]:
     """Return whether the number of players was planned, as the protocol says."""
     protocol = data.protocol
+    effects = [
+        f"{each.what}: 80 % power from {each.least:.1f} steps"
+        for each in plan_study(protocol).comparisons
+        if each.least is not None
+    ]
+    effect = {
+        "effect": "Computed" if effects else "None",
+        "effect_details": "; ".join(effects) or "Nothing is compared.",
+    }
     if protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None:
         details = "The authors must state whether the number of players was planned (`marsexplorer study power` helps)."
-        return {"power": "Missing", "power_source": "missing", "power_details": details}
+        return {"power": "Missing", "power_source": "missing", "power_details": details, **effect}
     details = (
         f"{protocol.players} players, for standard deviations of {protocol.assumed_player_sd:g} steps between players and "
         f"{protocol.assumed_episode_sd:g} between a player's episodes, which were assumed before the study."
     )
-    return {"power": "Yes", "power_source": "protocol", "power_details": details}
+    return {"power": "Yes", "power_source": "protocol", "power_details": details, **effect}

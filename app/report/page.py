@@ -18,7 +18,13 @@ from app.report.checklist import CITATION
 from app.report.model import SYNTHETIC, Report
 from app.report.statistics.formatting import templates
 from app.report.statistics.study_figures import why_no_interval
-from app.report.tables import checklist_table, coverage_table, group_tables
+from app.report.tables import (
+    LEVELS_IN_WORDS,
+    checklist_table,
+    coverage_table,
+    declarations_table,
+    group_tables,
+)
 from app.task import rules_of
 
 FOLDER = Path(__file__).parent
@@ -40,6 +46,7 @@ def render(report: Report) -> str:
             report=report,
             where=_where(report.protocol),
             words=rules_of(report.protocol["task"]).words,
+            level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
@@ -48,6 +55,7 @@ def render(report: Report) -> str:
             checklist=checklist_table(report),
             missing=sum(item.source == "missing" for item in report.checklist),
             citation=CITATION,
+            declarations=declarations_table(report),
             coverage=coverage_table(report),
             protocol_json=json.dumps(report.protocol, indent=1, ensure_ascii=False),
         )

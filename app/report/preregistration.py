@@ -40,6 +40,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     environment.filters["utc"] = utc
     return environment.get_template("preregistration.md.j2").render(
         protocol=protocol,
+        declared={name: text or "TO BE STATED" for name, text in protocol.declarations},
         config=protocol.env_config,
         study=study,
         words=protocol.rules.words,

@@ -88,6 +88,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),
+        "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
         "variance": _by_metric(
@@ -132,6 +133,14 @@ def checklist_table(report: Report) -> PageTable | None:
         is_text=True,
         row_classes=["missing" if item.source == "missing" else "" for item in report.checklist],
     )
+
+
+def declarations_table(report: Report) -> PageTable:
+    """Return what the authors declared in the protocol."""
+    rows = [
+        (name.replace("_", " "), text) for name, text in report.protocol["declarations"].items()
+    ]
+    return PageTable("Declared before anybody played", ("what", "answer"), rows, is_text=True)
 
 
 def coverage_table(report: Report) -> PageTable | None:
@@ -301,6 +310,19 @@ def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
         if each.metric == metric
     ]
     return PageTable(f"{_heading(group, metric)}: policies minus {group.name}", COMPARISON, rows)
+
+
+def _against(report: Report, group: GroupReport) -> PageTable:
+    """Return policies minus people in each metric, a row for each policy."""
+    rows: dict[str, list[str]] = {}
+    for each in group.comparisons:
+        digits = {"score": 3, "steps": 1}[each.metric]
+        difference = _with_interval(each.difference, each.new, digits)
+        rows.setdefault(each.policy, []).append(f"{difference}\np {p_value(each.p_adjusted)}")
+    heads = "policy", *(_heading(group, metric.name) for metric in group.metrics)
+    caption = f"Policies minus {group.name} on the same terrains"
+    cells = [(report.title_of(each).replace(" (", "\n(", 1), *row) for each, row in rows.items()]
+    return PageTable(caption, heads, cells)
 
 
 def _learning_column(metric: Metric) -> tuple[str, ...]:

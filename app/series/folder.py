@@ -219,6 +219,12 @@ class Folder:
         path = self.path(name)
         template = self._template(name)
         protocol = fill(template)  # every field set from now on
+        if unanswered := protocol.declarations.unanswered():
+            raise StudyError(
+                f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
+                f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
+                "`marsexplorer study new --declarations FILE`"
+            )
         rules = protocol.rules
         if protocol.core_version != rules.version:
             raise StudyError(

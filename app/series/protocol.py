@@ -91,6 +91,62 @@ class Question(_Part):
         return self
 
 
+Declared = Annotated[str, Field(max_length=2_000)]
+_NO_ANSWER = re.compile(
+    r"\W*|\W*(to ?do|tb[acdns]|fixme|xxx+|to be (added|announced|confirmed|decided|defined|determined|done|stated))\b.*",
+    re.IGNORECASE | re.DOTALL,
+)
+"""A text that stands for one to be written: blank, marks only, or TODO, TBD and the like at its beginning."""
+
+
+class Declarations(_Part):
+    """What only the authors know of their study, said before anybody plays; a draft may leave texts empty.
+
+    The descriptions are the questions of `study new` and the table of docs/study.md.
+    """
+
+    population: Declared = Field(
+        default="", description="Whom do the people stand for, and by which criteria?"
+    )
+    sampling_frame: Declared = Field(
+        default="", description="Where are people found, and how are they picked there?"
+    )
+    recruitment_criteria: Declared = Field(
+        default="", description="Who is admitted, and whom does recruitment turn away?"
+    )
+    author_baseliners: Declared = Field(default="", description="Do members of the team take part?")
+    training_compensation: Declared = Field(
+        default="", description="What is paid for tutorial, questions and warm-up?"
+    )
+    testing_compensation: Declared = Field(
+        default="",
+        description="What is paid for the ranked episodes, and by the hour, the piece or the person?",
+    )
+    performance_bonus: Declared = Field(
+        default="", description="What more is paid for playing well, and by which rule?"
+    )
+    ethics_review: Declared = Field(
+        default="", description="Which board approved or exempted the study, under which number?"
+    )
+    pilots: Declared = Field(
+        default="", description="Which pilots came before, and what did they change?"
+    )
+    demographics: Declared = Field(
+        default="", description="What is asked of people about themselves and will be reported?"
+    )
+    registration: Declared = Field(
+        default="", description="Where is the study registered publicly before anybody plays?"
+    )
+    data_availability: Declared = Field(
+        default="",
+        description="Where and when will the data be published, or why will they not be?",
+    )
+
+    def unanswered(self) -> list[str]:
+        """Return the fields whose text answers nothing."""
+        return [name for name, text in self if _NO_ANSWER.fullmatch(text)]
+
+
 class Protocol(_Part):
     """A study's protocol.
 
@@ -114,6 +170,7 @@ class Protocol(_Part):
     assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
     assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
     policy_difference    steps to 99 %: the difference between a policy and the people that the study is planned to see
+    declarations         what only the authors know; freezing asks for all of them
     """
 
     format: Literal["marsexplorer-study-1"] = "marsexplorer-study-1"
@@ -146,6 +203,7 @@ class Protocol(_Part):
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    declarations: Declarations = Declarations()
 
     @field_validator("task")
     @classmethod

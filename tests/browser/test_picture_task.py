@@ -10,6 +10,7 @@ from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from app.task import rules_of
 from tests.support.browser import AS_A_PERSON, NO_3D, violations
+from tests.support.declared import DECLARATIONS
 
 LAKE = "gymnasium:FrozenLake-v1"
 PRESS_WHAT_GOES_ON = """() => {
@@ -63,7 +64,7 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
 
 def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
     folder = Folder(tmp_path / "studies")
-    rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1}
+    rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1, "declarations": DECLARATIONS}
     folder.create(default_protocol("lake", rules_of(LAKE).configuration({}), LAKE, **rest))
     folder.freeze("lake")
     me = player(lake, [*NO_3D, *AS_A_PERSON])

@@ -12,6 +12,7 @@ from app.series.invitations import Invitations, link_of
 from app.series.recruitment import code_of
 from tests.browser.test_study_page import Participant
 from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.declared import DECLARATIONS_FILE
 from tests.support.servers import eventually
 from tests.support.study import freeze
 
@@ -175,6 +176,7 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         "--players=2",
         "--break-every=1",
         "--policy=frontier-cost",
+        f"--declarations={DECLARATIONS_FILE}",
     ]
     command(capsys, "study", "new", "tiny", *plan, *studies)
     draft = tmp_path / "studies" / "tiny" / "protocol.json"

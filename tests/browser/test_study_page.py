@@ -11,6 +11,7 @@ from app.web.simulate import occupancy_codes
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, SIZES, Player, judged, violations
+from tests.support.declared import DECLARATIONS
 from tests.support.servers import eventually
 
 ACTIONS = ("north", "east", "south", "west")
@@ -32,7 +33,14 @@ def studies(tmp_path):
     def make(size=(6, 8), **rest):
         folder = Folder(tmp_path / "studies")
         config, back = EnvConfig.of("random", size), "https://example.org/done?cc={code}"
-        rest = {"warm_up": 1, "ranked": 2, "break_every": 1, "return_url": back, **rest}
+        rest = {
+            "warm_up": 1,
+            "ranked": 2,
+            "break_every": 1,
+            "return_url": back,
+            "declarations": DECLARATIONS,
+            **rest,
+        }
         folder.create(default_protocol("tiny", config, title="A tiny study", **rest))
         folder.freeze("tiny")
         return str(folder.root)

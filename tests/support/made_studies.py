@@ -7,6 +7,7 @@ from app.report.model import PolicyRun
 from app.series.data import Person, StudyData
 from app.series.protocol import default_protocol, protocol_hash
 from marsexplorer.config import CORE_VERSION, EnvConfig
+from tests.support.declared import DECLARATIONS
 
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
 FROZEN_MS = 1_790_000_000_000
@@ -15,7 +16,16 @@ FROZEN_MS = 1_790_000_000_000
 def protocol(**rest):
     """Return a protocol of six ranked episodes and no warm-up."""
     return default_protocol(
-        "made", CONFIG, **{"warm_up": 0, "ranked": 6, "players": 4, "policies": ("random",), **rest}
+        "made",
+        CONFIG,
+        **{
+            "warm_up": 0,
+            "ranked": 6,
+            "players": 4,
+            "policies": ("random",),
+            "declarations": DECLARATIONS,
+            **rest,
+        },
     )
 
 

@@ -15,6 +15,7 @@ from app.series.protocol import default_protocol
 from app.series.seeds import TUTORIAL_SEED
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
+from tests.support.declared import DECLARATIONS
 
 _fields = itertools.count()
 CONFIG = EnvConfig("random", 7, 9, sensor_radius=3)
@@ -35,6 +36,7 @@ def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
         "players": 3,
         "policies": ("random",),
         "debrief_policy": "random",
+        "declarations": DECLARATIONS,
         **rest,
     }
     folder.create(default_protocol(name, config, **known))

@@ -6,6 +6,7 @@ from app.series.folder import Folder
 from app.series.protocol import default_protocol
 from app.web.simulate import NoisyPolicy, Participant, RefusedError
 from marsexplorer.config import EnvConfig
+from tests.support.declared import DECLARATIONS
 
 SIZE = (7, 9)
 
@@ -18,6 +19,7 @@ def freeze(root, name="small", **rest):
         "players": 2,
         "break_every": 2,
         "policies": ("frontier-cost",),
+        "declarations": DECLARATIONS,
     }
     folder = Folder(root)
     config = EnvConfig.of("random", rest.pop("size", SIZE))

@@ -98,12 +98,17 @@ def study() -> None:
     multiple=True,
     help="To compare with people; repeatable.  [default: the shipped ones]",
 )
+@option(
+    "--declarations", "declared", type=PATH, metavar="FILE",
+    help="JSON object of what only you know, as examples/declarations.json.  [default: asks on a terminal]",
+)  # fmt: skip
 @STUDIES
 def new(
     name: str,
     task: str | None,
     level: str,
     size: int | tuple[int, int],
+    declared: Path | None,
     folder: Folder,
     **given: Any,
 ) -> None:
@@ -113,6 +118,9 @@ def new(
     equivalence test are in the file, and docs/study.md explains each. Texts name the protocol's numbers in braces, such
     as {ranked}; freezing fills them in. The margin is one that this many players can reach.
 
+    What only you know (population, payment, ethics review ...) is asked for on a terminal, or read from --declarations; what is
+    left empty must be written into the file before the study is frozen.
+
     \b
     Examples:
       marsexplorer study new pilot
@@ -120,17 +128,48 @@ def new(
       marsexplorer study new lake --task FrozenLake-v1
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
-    from app.series.protocol import default_protocol
+    from app.series.files import read_object
+    from app.series.protocol import Declarations, StudyError, default_protocol, parse_protocol
 
     name_of_task = "mars" if task is None else task_name(task)
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
     rest = {field: value for field, value in given.items() if value is not None and value != ()}
     with study_errors():
         folder.path(name)
+        if declared is not None:
+            answers = read_object(declared)
+            if unknown := sorted(answers.keys() - Declarations.model_fields):
+                known = ", ".join(Declarations.model_fields)
+                raise StudyError(f"{declared} declares {unknown[0]!r}, which is none of {known}")
+            rest["declarations"] = answers
         protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
+        if declared is None and sys.stdin.isatty():
+            answers = {"declarations": _asked()}
+            protocol = parse_protocol(
+                {**protocol.model_dump(mode="json", exclude_unset=True), **answers}
+            )
         path = folder.create(protocol)
     _echo_reachable_effects(protocol)
+    if unanswered := protocol.declarations.unanswered():
+        click.echo(
+            f"Freezing needs what only you know, under declarations: {', '.join(unanswered)}"
+        )
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
+
+
+def _asked() -> dict[str, str]:
+    """Ask for each declaration and return what was typed."""
+    from app.series.protocol import Declarations
+
+    click.echo(
+        'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
+    )
+    return {
+        name: click.prompt(
+            f"{name}: {field.description}\n", default="", show_default=False, prompt_suffix="> "
+        )
+        for name, field in Declarations.model_fields.items()
+    }
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")

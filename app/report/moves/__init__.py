@@ -1,4 +1,4 @@
-"""What single moves say of players: the regret of each move, and how much a policy moves like people.
+"""What single moves say of players: the regret of each.
 
 `analysis` has the regret for a study's report, and the `_validation` and `_rates` modules measure what it is worth.
 """

@@ -46,7 +46,11 @@ class LeakTrend:
         low, high = self.interval
         p = "" if self.p_value is None else f", p = {self.p_value:.3f}"
         verdict = "No sign that ranked terrains leaked between participants"
-        if high < 0:
+        if self.p_value is None:
+            verdict = (
+                "Whether ranked terrains leaked is not tested, since failures are a few players'"
+            )
+        elif high < 0:
             verdict = "People did better on terrains that others had finished before, as they would if terrains had leaked"
         return (
             f"{verdict}: {self.slope:+.2f} {words.steps} for each earlier finisher of a terrain (95 % interval {low:+.2f} to "

@@ -13,6 +13,7 @@ from app.report import build
 from app.report.making import load_with_folder
 from app.series.folder import Folder
 from app.series.invitations import Invitations
+from tests.support.declared import DECLARATIONS
 from tests.support.stored_studies import StudyRecorder, freeze, write_chain_anew
 
 
@@ -96,6 +97,7 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
         f"the protocol requires `{protocol['required_attestation']}`",
         "Whether the commitment was published before anybody played is unknown to the software",
         "shows no figure of people while a study is open",
+        *(f"- {name.replace('_', ' ')}: {said}" for name, said in DECLARATIONS.items()),
     ):
         assert known in text, known
     assert "Nothing else was removed" not in text

@@ -11,6 +11,7 @@ from app.report import build
 from app.report.page import render
 from app.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
+from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, played, run, study
 
 SCORES = np.random.default_rng(1).normal(0.85, 0.08, (4, 6)).clip(0, 0.97)
@@ -62,6 +63,15 @@ class Collected(HTMLParser):
     def handle_endtag(self, tag):
         if tag not in self.EMPTY:
             assert self.open.pop() == tag
+
+
+def test_what_the_authors_declared_is_printed_folded(pages):
+    for page in pages:
+        (declared,) = re.findall(
+            r"<details><summary>What the authors declared(.*?)</details>", page, re.S
+        )
+        for name, text in DECLARATIONS.items():
+            assert f'<th scope="row">{name.replace("_", " ")}</th><td>{text}</td>' in declared
 
 
 def test_every_element_is_closed_and_every_id_is_one(pages):
@@ -128,9 +138,51 @@ def test_a_browser_asks_for_nothing_overflows_nowhere_and_axe_finds_nothing(page
             page.on("request", lambda request, asked=asked: asked.append(request.url))
             page.goto(path.as_uri())
             assert [url for url in asked if not url.startswith("data:")] == [path.as_uri()]
+            page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
             assert page.evaluate("document.documentElement.scrollWidth") <= 360
             assert violations(page) == []
             page.close()
+        browser.close()
+
+
+def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_the_rest_is_folded(
+    pages,
+):
+    first, folded = pages[0].split('<details class="section">', 1)
+    for wanted in (
+        "Figure of unverified participants (attested): 4 players",
+        "Required of every ranked episode: attested",
+        "Opened the study: 4",
+        "Policies minus people on the same terrains",
+        "Below, the mean with the 95 % interval of the headline",
+        "Read before use",
+        "4 players are few",
+    ):
+        assert wanted in first, wanted
+    assert first.count("<svg") == 2
+    assert first.count("<table") == 1
+    headings = re.findall(r"<h2>(.*?)</h2>", folded)
+    assert len(headings) >= 10
+    assert len(headings) == len(re.findall(r"<summary><h2>", folded))
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(
+    chromium_path() is None, reason="NO CHROMIUM: install it to run the browser tests"
+)
+def test_the_first_page_takes_two_screens_and_paper_has_what_is_folded(pages, tmp_path):
+    from playwright.sync_api import sync_playwright
+
+    (tmp_path / "report.html").write_text(pages[0], encoding="utf-8")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium_path(), args=QUIET)
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.goto((tmp_path / "report.html").as_uri())
+        ends = page.locator(".first").bounding_box()
+        assert ends["y"] + ends["height"] <= 2 * 900
+        on_screen = page.evaluate("document.documentElement.scrollHeight")
+        page.emulate_media(media="print")
+        assert page.evaluate("document.documentElement.scrollHeight") > 2 * on_screen
         browser.close()
 
 

@@ -17,6 +17,7 @@ from app.report.tables import group_tables
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
+from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
 
 NAN = float("nan")
@@ -237,6 +238,30 @@ def test_warm_up_trials_are_shown_and_enter_no_figure():
     assert [row[0] for row in without.groups[0].metric("score").warm_up] == [0, 0]
 
 
+def test_the_learning_curve_is_of_first_attempts_in_the_order_played():
+    people, trials = played(SCORES)
+    orders = {who.id: np.random.default_rng(at).permutation(6) for at, who in enumerate(people)}
+    trials = [
+        replace(each, trial=int(orders[each.participant][each.terrain_index])) for each in trials
+    ]
+    practice = [
+        trial(who, index, 0.1 * index, phase="warm_up", id=f"w{who.id}{index}")
+        for who in people
+        for index in range(2)
+    ]
+    report = build(study(people, trials + practice, warm_up=2))
+    learning = report.groups[0].metric("score").learning
+    for at in range(6):
+        own = [each for each in trials if each.trial == at]
+        earlier = {(each.participant, each.terrain_index) for each in trials if each.trial < at}
+        assert not earlier & {(each.participant, each.terrain_index) for each in own}
+        assert learning.by_trial[at][1] == pytest.approx(np.mean([each.score for each in own]))
+    assert [row[1] for row in report.groups[0].metric("score").warm_up] == pytest.approx([0, 0.1])
+    page = render(report)
+    assert "First attempts only: nobody meets a terrain twice." in page
+    assert 'aria-label="Mean score and steps of first attempts by ranked trial' in page
+
+
 def test_policies_are_compared_on_the_terrains_that_both_played():
     scores = SCORES.copy()
     runs = [
@@ -389,7 +414,7 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     items = {item.number: item for item in build(data, [run("ppo", [0.9] * 6)]).checklist}
     assert items["1.1"].answer == "3"
     assert items["1.3"].answer == "3.0"
-    assert items["1.9"].source == "missing"
+    assert items["1.9"].source == "protocol"
     assert items["4.1"].answer == "Yes"
     assert items["5.1.3"].detail == "Median 0.5 minutes a ranked episode."
     assert [number for number in items if number.startswith("3.")][:3] == ["3.1", "3.1.1", "3.2"]
@@ -400,6 +425,12 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
         "software",
         "missing",
     }
+    assert {number for number, item in items.items() if item.answer == "Missing"} == {
+        *("0.1", "0.2", "0.3", "0.4"), "2.3.2"
+    }  # fmt: skip
+    declared = {item.detail for item in items.values() if item.answer == "Declared"}
+    for text in DECLARATIONS.values():
+        assert any(text in each for each in declared), text
     assert items["2.5"].answer == "Unknown"
     assert items["3.2.2"].answer == "0 of 3"
     assert items["1.8"].source == "protocol"

@@ -97,9 +97,11 @@ def test_a_report_has_p_values_only_where_failures_are_not_a_few_players(failed)
     assert group.comparisons[0].new is not None
     assert (group.metric("steps").learning.verdict == "not tested") == is_few
     assert group.leak.interval is not None
+    verdict = "Whether ranked terrains leaked is not tested" if is_few else "No sign that"
+    assert group.leak.sentence(group.words).startswith(verdict)
     said = "a policy as good as people had a p below 0.05 in up to 45.6 % of studies"
     assert (said in " ".join(group.cautions)) == is_few
-    assert page.count(said) == (3 if is_few else 0), "the caution, the comparison, learning"
+    assert page.count(said) == (4 if is_few else 0), "first table, caution, comparison, learning"
     assert ("p = " in page) != is_few
 
 

@@ -18,6 +18,7 @@ from app.db import backup
 from app.db.backup import Backups, StoppedError, back_up, restore
 from app.db.checks import quick_check
 from app.db.database import StoreError
+from app.db.merging import merge
 from app.db.store import Store
 from app.series.verification import verify_database
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
@@ -101,6 +102,7 @@ LIMITED = """import resource, signal, sys
 from pathlib import Path
 from app.db.backup import back_up
 from app.db.database import StoreError
+from app.db.merging import merge
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
 try:
@@ -223,6 +225,51 @@ def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server
     ):
         with pytest.raises(StoreError, match=sentence):
             restore(wrong, database, "now")
+
+
+@pytest.mark.parametrize(
+    ("harm", "named"),
+    [
+        ("CREATE TRIGGER evil AFTER INSERT ON steps BEGIN DELETE FROM episodes; END", "the trigger evil"),
+        ("CREATE VIEW evil AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
+         "the view evil"),
+        ("CREATE INDEX evil ON steps (abs(step))", "the index evil"),
+        ("DROP TABLE forgotten; CREATE TABLE forgotten (trajectory_hash TEXT, forgotten_ms INTEGER)", "the table forgotten"),
+        ("DROP TABLE forgotten", "no table forgotten"),
+    ],
+    ids=["trigger", "view", "index", "table", "missing"],
+)  # fmt: skip
+def test_a_file_whose_schema_could_act_is_opened_by_nothing(database, tmp_path, harm, named):
+    """Word for word as ours, before anything is read from it; a further table does nothing."""
+    hostile = tmp_path / "hostile.db"
+    back_up(database, hostile)
+    with closing(sqlite3.connect(hostile)) as db:
+        db.execute("CREATE TABLE theirs (a)")
+    assert verify_database(hostile).findings == ()
+    with closing(sqlite3.connect(hostile)) as db:
+        db.executescript(harm)
+    for opening in (
+        lambda: restore(hostile, database, "now"),
+        lambda: merge([database, hostile], tmp_path / "merged.db"),
+        lambda: verify_database(hostile),
+        lambda: Store(hostile),
+    ):
+        with pytest.raises(StoreError, match=f"holds {named}, which is not as"):
+            opening()
+    assert not (tmp_path / "merged.db").exists()
+    assert verify_database(database).findings == ()
+
+
+def test_a_pipe_in_the_place_of_a_file_keeps_nobody_waiting(database, tmp_path):
+    os.mkfifo(tmp_path / "pipe.db")
+    for opening in (
+        lambda: restore(tmp_path / "pipe.db", database, "now"),
+        lambda: merge([database, tmp_path / "pipe.db"], tmp_path / "merged.db"),
+        lambda: verify_database(tmp_path / "pipe.db"),
+        lambda: Store(tmp_path / "pipe.db"),
+    ):
+        with pytest.raises(StoreError, match=r"no backup at|must be a file"):
+            opening()
 
 
 def leaf_pages(path, table):

@@ -23,12 +23,14 @@ from app.series.protocol import StudyError, default_protocol
 from app.series.verification import verify_database
 from app.web.simulate import RefusedError
 from tests.support.beacons import OwnBeacon
+from tests.support.declared import DECLARATIONS
 from tests.support.stored_studies import CONFIG, StudyRecorder, play_study, write_chain_anew
 from tests.support.study import Person
 
 ROUND_1000 = "b44679b9a59af2ec876b1a6b1ad52ea9b1615fc3982b19576350f93447cb1125e342b73a8dd2bacbe47e4b6b63ed5e39"
 """What drand quicknet signed in its round 1000, as its relays have told since 23 August 2023."""
 REST = {
+    "declarations": DECLARATIONS,
     "warm_up": 2,
     "ranked": 3,
     "players": 3,

@@ -16,6 +16,7 @@ from app.web.leaderboard.entries import LeaderboardEntry
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
+from tests.support.declared import DECLARATIONS
 from tests.support.policy_files import write_network, write_onnx
 
 CONFIG = EnvConfig("random", 6, 7, sensor_radius=3)
@@ -42,6 +43,7 @@ def study(tmp_path, mine):
         "players": 2,
         "policies": (str(mine), "frontier-cost"),
         "debrief_policy": str(mine),
+        "declarations": DECLARATIONS,
     }
     folder.create(default_protocol("dunes", CONFIG, **known))
     return folder.freeze("dunes")
@@ -107,7 +109,7 @@ def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path)
 
 def test_a_hash_in_the_draft_must_be_that_of_the_file(tmp_path, mine):
     folder = Folder(tmp_path / "studies")
-    known = {"policies": (str(mine),), "debrief_policy": "random"}
+    known = {"policies": (str(mine),), "debrief_policy": "random", "declarations": DECLARATIONS}
     path = folder.create(
         default_protocol("right", CONFIG, policy_hashes={str(mine): sha256(mine)}, **known)
     )

@@ -17,12 +17,17 @@ from app.series.seeds import balanced_order, commitment, seed
 from app.series.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
+from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
 
 SMALL = EnvConfig.of("random", (7, 9))
 
 
 def small(name="small", **rest):
-    return default_protocol(name, SMALL, **{"warm_up": 2, "ranked": 3, "players": 2, **rest})
+    return default_protocol(
+        name,
+        SMALL,
+        **{"warm_up": 2, "ranked": 3, "players": 2, "declarations": DECLARATIONS, **rest},
+    )
 
 
 @pytest.fixture
@@ -66,11 +71,12 @@ def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_fie
         "consent": {"version": "2", "text": "yes"},
         "equivalence_margin": 5.5,
         "return_url": "https://a.b",
+        "declarations": {**DECLARATIONS, "pilots": "one of three people"},
     }
     hashes = {
         protocol_hash(parse_protocol({**raw, name: value})) for name, value in changed.items()
     }
-    assert len(hashes | {protocol_hash(protocol)}) == 5
+    assert len(hashes | {protocol_hash(protocol)}) == 6
 
 
 @pytest.mark.parametrize(
@@ -276,6 +282,8 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
         "2",
         "--outside-id",
         "PID",
+        "--declarations",
+        str(DECLARATIONS_FILE),
     ]
     code, out, err = run(capsys, "new", "mine", *short, *at)
     assert (code, err) == (0, "")

@@ -8,13 +8,22 @@ from app.series.folder import Folder
 from app.series.protocol import StudyError, default_protocol, parse_protocol
 from app.series.templates import PLACEHOLDERS, fill, placeholder_values
 from marsexplorer.config import EnvConfig
+from tests.support.declared import DECLARATIONS
 
 CONFIG = EnvConfig.of("random", (7, 9), beta=0.965, sensor_radius=4)
 
 
 def draft(consent="We ask you to play.", **rest):
     return default_protocol(
-        "small", CONFIG, **{"warm_up": 2, "ranked": 3, "consent": {"text": consent}, **rest}
+        "small",
+        CONFIG,
+        **{
+            "warm_up": 2,
+            "ranked": 3,
+            "consent": {"text": consent},
+            "declarations": DECLARATIONS,
+            **rest,
+        },
     )
 
 
@@ -59,9 +68,8 @@ def test_the_default_questions_name_the_coverage_that_the_config_asks_for():
 
 def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path):
     folder = Folder(tmp_path)
-    path = folder.create(
-        default_protocol("small", CONFIG, warm_up=2, ranked=30, data_licence="CC0-1.0")
-    )
+    known = {"warm_up": 2, "ranked": 30, "declarations": DECLARATIONS}
+    path = folder.create(default_protocol("small", CONFIG, data_licence="CC0-1.0", **known))
     edited = {
         **json.loads(path.read_text()),
         "ranked": 4,

@@ -11,6 +11,7 @@ from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import rules_of
 from app.web.simulate import Participant, RefusedError
+from tests.support.declared import DECLARATIONS_FILE
 
 LAKE = "gymnasium:FrozenLake-v1"
 
@@ -28,6 +29,9 @@ class Wanderer:
         return self._dice.choice(rules_of(LAKE).actions)
 
 
+DECLARED = ("--declarations", DECLARATIONS_FILE)
+
+
 def run(*args):
     """Run a command and return its exit code."""
     with pytest.raises(SystemExit) as left:
@@ -39,7 +43,7 @@ def run(*args):
 def played(serve, tmp_path):
     """The database and the folder of studies, once two people have played and the study is closed."""
     studies = ("--studies", tmp_path / "studies")
-    sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open")
+    sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
     assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
     server = serve(task=LAKE)
@@ -80,7 +84,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
 
 def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
     studies = ("--studies", tmp_path / "studies")
-    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
     for name, task, spread in (
         ("lake", ("--task", "FrozenLake-v1"), "a tenth and a fifth of the limit"),
         ("mars", (), "those of synthetic players"),
@@ -98,7 +102,7 @@ def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
 
 def test_keys_are_chosen_for_the_actions_of_the_task(serve, tmp_path):
     studies = ("--studies", tmp_path / "studies")
-    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
     assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
     server = serve(task=LAKE)

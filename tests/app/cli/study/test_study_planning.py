@@ -1,11 +1,18 @@
 """`study new`, `freeze`, `show` and `preregister` as a researcher meets them: texts, power, and the preregistration."""
 
 import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from app.series.folder import Folder
+from app.series.protocol import Declarations
 from tests.support.command import command
+from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
 
 SHORT = [
     "--size",
@@ -18,6 +25,8 @@ SHORT = [
     "12",
     "--policy",
     "frontier-cost",
+    "--declarations",
+    DECLARATIONS_FILE,
 ]
 
 
@@ -77,7 +86,7 @@ def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, chan
 
 
 def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_not(study, tmp_path):
-    study("new", "mine", "--policy", "frontier-cost", "--warm-up", "0", "--ranked", "3")
+    study("new", "mine", *SHORT[-4:], "--warm-up", "0", "--ranked", "3")
     edit(tmp_path, equivalence_margin=5.0, ranked=30)
     code, _, err = study("freeze", "mine")
     assert code == 2
@@ -88,11 +97,71 @@ def test_ten_players_and_a_margin_of_five_steps_are_refused_and_a_rehearsal_is_n
     assert (code, "power: learning flat within ±5 steps" in out) == (0, True)
 
 
+def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(study, tmp_path):
+    _, out, _ = study("new", "mine", *SHORT[:-2])
+    for name in DECLARATIONS:
+        assert name in out
+    for wrong in (
+        {},
+        {"pilots": " ", "ethics_review": "TODO: ask the board", "population": "TBD."},
+    ):
+        declared = {**DECLARATIONS, **wrong} if wrong else {}
+        edit(tmp_path, declarations=declared)
+        code, _, err = study("freeze", "mine")
+        assert (code, err.count("\n")) == (2, 1), err
+        assert {name for name in DECLARATIONS if name in err.split(":")[1]} == set(
+            wrong or DECLARATIONS
+        )
+        assert "protocol.json" in err
+        assert "--declarations FILE" in err
+        assert Folder(tmp_path / "studies").status("mine") == "draft"
+    edit(tmp_path, declarations={**DECLARATIONS, "pilots": "none"})
+    assert study("freeze", "mine")[0] == 0
+
+
+def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
+    path = tmp_path / "declared.json"
+    path.write_text(json.dumps({"poplation": "adults"}))
+    code, _, err = study("new", "mine", *SHORT, "--declarations", path)
+    said = f"{path} declares 'poplation', which is none of population, sampling_frame, "
+    assert (code, said in err, err.count("\n")) == (2, True, 1), err
+    path.write_text(json.dumps({"population": 3}))
+    code, _, err = study("new", "mine", *SHORT, "--declarations", path)
+    assert (code, "population must be" in err) == (2, True), err
+    assert Folder(tmp_path / "studies").names() == []
+
+
+def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
+    ours, theirs = pty.openpty()
+    where = ["--studies", str(tmp_path / "studies")]
+    start = [sys.executable, "-c", "from app.cli.main import main; main()"]
+    run = [*start, "study", "new", "mine", *SHORT[:-2], *where]
+    with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
+        answers = ["adults of the town", "", *["none"] * (len(DECLARATIONS) - 2)]
+        os.write(ours, "".join(f"{each}\n" for each in answers).encode())
+        said, _ = process.communicate(timeout=60)
+    os.close(ours)
+    os.close(theirs)
+    assert process.returncode == 0
+    for name, field in Declarations.model_fields.items():
+        assert f"{name}: {field.description}" in said
+    found = Folder(tmp_path / "studies").draft("mine").declarations
+    assert list(found.model_dump().values()) == answers
+    assert found.unanswered() == ["sampling_frame"]
+
+
+def test_the_guide_lists_every_declaration_with_its_question():
+    guide = (Path(__file__).parents[4] / "docs" / "study.md").read_text(encoding="utf-8")
+    for name, field in Declarations.model_fields.items():
+        assert f"| `{name}` | {field.description} |" in guide
+
+
 def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     study("new", "mine", *SHORT)
     edit(tmp_path, recruitment="panel")
     code, draft, _ = study("preregister", "mine")
     assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
+    assert draft.count("TO BE STATED") == 1
     study("freeze", "mine")
     frozen = Folder(tmp_path / "studies").study("mine")
     code, out, _ = study("preregister", "mine", "--out", tmp_path / "mine.md")
@@ -102,6 +171,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
         "| `strict` | who finished every ranked episode", "two one-sided tests", "Holm's method",
         "rows of a balanced Latin square",
+        *DECLARATIONS.values(),
         "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
     ):  # fmt: skip
         assert said in text, said

@@ -2,22 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from app.db.reader import Reader
-from app.report.moves.likeness import human_likeness, mean_agreement
 from app.report.statistics.exclusion_sets import members, people_of
-from app.series.data import load
-from marsexplorer.evaluation.agreement import Agreement
+from app.series.data import load, trial_records
+from app.web.leaderboard.entries import human_likeness
+from marsexplorer.evaluation.agreement import agreement_with
+from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import freeze, play_study
-
-
-def test_the_mean_agreement_weighs_players():
-    agreements = {
-        "a": {"ppo": Agreement(100, 50)},
-        "b": {"ppo": Agreement(1000, 1000)},
-        "c": {"ppo": Agreement()},
-    }
-    assert mean_agreement(agreements, "ppo") == 0.75
-    assert mean_agreement(agreements, "planner") is None
 
 
 def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):
@@ -29,10 +23,15 @@ def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):
         update={"policies": ("random", "frontier-cost", "no-such.onnx")}
     )
     data, cohort = replace(data, protocol=gone), people_of(data)
-    assert (
-        human_likeness(reader, data, cohort, members(cohort, {"completed": True}))["frontier-cost"]
-        > 0.8
-    )
+    ids = members(cohort, {"completed": True})
+    policy, shares = load_policy("frontier-cost", data.protocol.env_config.sensor_radius), []
+    for person in ids:
+        first = [each for each in cohort.ranked[person] if each.terrain_index < 2]
+        both = [agreement_with(policy, record) for _, record in trial_records(reader, first)]
+        shares.append(sum(each.agreed for each in both) / sum(each.moves for each in both))
+    found = human_likeness(reader, data, cohort, ids)["frontier-cost"]
+    assert found > 0.8
+    assert found == pytest.approx(np.mean(shares))
     assert set(human_likeness(reader, data, cohort, members(cohort, {}))) == {"frontier-cost"}
     assert human_likeness(reader, data, cohort, []) == {}
     reader.close()
