@@ -41,6 +41,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load as load_policy
 from tests.support.beacons import OwnBeacon
+from tests.support.declared import DECLARATIONS
 from tests.support.servers import hasty_limits, running_server
 
 NAME, RULE, PANEL_ID = "campaign", "frontier-cost", "PROLIFIC_PID"
@@ -179,7 +180,8 @@ class Campaign:
             "players": len(self.honest_people),
         }
         protocol = default_protocol(
-            NAME, CONFIG, **rest, recruitment=recruitment, break_every=self.ranked, policies=(RULE,), debrief_policy=RULE
+            NAME, CONFIG, **rest, recruitment=recruitment, break_every=self.ranked, policies=(RULE,), debrief_policy=RULE,
+            declarations=DECLARATIONS,
         )  # fmt: skip
         folder.create(protocol)
         named = replace(beacon.after(now_ms()), round=ROUND) if beacon else None
