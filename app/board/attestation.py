@@ -194,7 +194,7 @@ def attest_stored(
     if found is None:
         found = attest(store.steps(episode_id), input_events(store, episode_id), conditions)
     if found.level != "unattested" and has_copied_timing(store, episode_id):
-        return Attested("unattested", COPIED)
+        return Attested("spoilt", COPIED)
     return found
 
 

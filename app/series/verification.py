@@ -403,11 +403,7 @@ def _derive_level(
 def _fits(stored: Level, found: Level, driver: str) -> bool:
     if driver != "human" and found[0] != "spoilt":
         return stored == (None, None)
-    return (
-        found[0] not in (None, "unattested")
-        if stored == ("unattested", COPIED)
-        else stored == found
-    )
+    return found[0] not in (None, "unattested") if stored == ("spoilt", COPIED) else stored == found
 
 
 def _in_words(level: Level) -> str:

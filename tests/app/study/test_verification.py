@@ -337,10 +337,10 @@ def test_what_comes_after_the_end_changes_no_level(copy):
     assert verify_database(path).findings == ()
 
 
-def test_an_episode_with_copied_timing_is_unattested_for_that_alone(copy):
+def test_an_episode_with_copied_timing_is_spoilt_for_that_alone(copy):
     conn, path = copy
     conn.execute(
-        f"UPDATE episodes SET attestation = 'unattested', attestation_reason = '{COPIED}' WHERE driver = 'human'"
+        f"UPDATE episodes SET attestation = 'spoilt', attestation_reason = '{COPIED}' WHERE driver = 'human'"
     )
     write_chain_anew(conn)
     assert verify_database(path).findings == ()
