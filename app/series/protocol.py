@@ -249,6 +249,10 @@ class Protocol(_Part):
             raise ValueError(
                 "recruitment by a panel needs outside_ids: the first one names the person, got none"
             )
+        if self.panel_links == "signed" and self.recruitment != "panel":
+            raise ValueError(
+                f"panel_links signed is for recruitment panel, got recruitment {self.recruitment}"
+            )
         return self
 
     @property

@@ -83,6 +83,10 @@ def study() -> None:
     "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
     help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
 )  # fmt: skip
+@option(
+    "--panel-links", type=click.Choice(["unsigned", "signed"]), default="unsigned",
+    help="Of a panel: signed lets in only whom `study invite --ids` made a link for.",
+)  # fmt: skip
 @option("--break-every", default=10, help="Ranked episodes after which a break is offered.")
 @option(
     "--outside-id", "outside_ids", multiple=True,
@@ -226,6 +230,10 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     if found.protocol.recruitment == "invitation":
         invite = f"marsexplorer study invite {name} {found.protocol.players}"
         click.echo(f"It is by invitation: `{invite}` makes the links")
+    if found.protocol.panel_links == "signed":
+        click.echo(
+            f"Its links are signed: `marsexplorer study invite {name} --ids FILE` makes them"
+        )
 
 
 def _hashes(found: Study) -> str:

@@ -272,6 +272,8 @@ def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp
 def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
     with pytest.raises(StudyError, match="needs outside_ids"):
         freeze(tmp_path / "studies", recruitment="panel", outside_ids=())
+    with pytest.raises(StudyError, match="signed is for recruitment panel, got recruitment open"):
+        freeze(tmp_path / "other", recruitment="open", panel_links="signed")
 
 
 def test_an_open_study_lets_everybody_in_and_flags_who_may_be_there_twice(serve, tmp_path):
