@@ -38,6 +38,7 @@ from app.report.moves.regret import (
     study_estimator,
 )
 from app.report.statistics.formatting import utc
+from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
 from app.series.files import now_ms
 from app.series.folder import Advance, Folder
@@ -193,6 +194,10 @@ def _new_header(
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
         closed = (closed_ms, secret.hex()) if closed_ms is not None else (None, None)
+        running = """SELECT 1 FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+            WHERE x.series = ? AND e.ended_ms IS NULL"""
+        if closed_ms is not None and rows(conn, running, request.study):
+            raise ReleaseError(UNNOTED.format(request.study, request.database))
     if closed[0] is None or closed[1] is None:
         raise ReleaseError(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "

@@ -17,6 +17,7 @@ from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
 from app.report.moves.regret import regret_cache
 from app.report.page import render
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
+from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
 from app.series.flow import with_invitations
 from app.series.folder import Folder
@@ -173,6 +174,8 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         arrivals = with_invitations(data.arrivals, Invitations(folder).of(name), opened)
         data = replace(data, arrivals=arrivals)
     if study.closed_ms is not None:
+        if data.closed_ms is None and any(each.ended_ms is None for each in data.trials):
+            raise StudyError(UNNOTED.format(name, reader.path))
         data = replace(data, closed_ms=study.closed_ms, secret=study.secret.hex())
     data = data.with_policies_in(policies)
     ranked = () if study.waits_for_beacon else range(study.protocol.ranked)

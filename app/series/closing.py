@@ -11,6 +11,10 @@ from app.series.flow import INTERRUPTED
 from app.series.folder import Folder, Study
 from app.series.protocol import StudyError
 
+UNNOTED = (
+    "the study {!r} is closed, but {} has not taken note, and holds episodes of it that are open: they count as abandoned "
+    "then. Wait until its server has, or start one on it"
+)
 ACTIVE_MS = 10 * 60_000
 """Who has moved within this time before the end is interrupted by it; who has not had left."""
 

@@ -18,6 +18,7 @@ from weakref import WeakValueDictionary
 
 from app.board.lobby import Lobby
 from app.board.session import RefusedError, Session
+from app.db.file import StoreError
 from app.db.series import StudyStore, add_series
 from app.db.study_rows import Participant, Stage
 from app.db.trial import Phase, Trial
@@ -95,6 +96,16 @@ class ParticipantProgress:
                 await self.note_if_closed(self.folder.study(name))
             except StudyError as error:
                 _log.warning("%s", error)
+
+    async def watch_closing(self, every_s: float = 2.0) -> None:
+        """Note in the database what was closed by the command, which leaves that to a server, until cancelled."""
+        while True:
+            await asyncio.sleep(every_s)
+            for name in await self.lobby.store.read(self.study_store.open_names):
+                # one that cannot be read is named at its next use; a refused write is tried again
+                with suppress(StudyError, StoreError):
+                    if self.folder.status(name) == "closed":
+                        await self.note_if_closed(self.folder.study(name))
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""

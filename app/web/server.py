@@ -119,6 +119,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
+                running.append(services.progress.watch_closing())
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]

@@ -6,7 +6,8 @@ import csv
 import io
 import math
 import sys
-from contextlib import ExitStack, closing
+import time
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 
 
 RELAY = "https://api.drand.sh"
+NOTED_S = 10
+"""Seconds that a server may take to note that a study was closed."""
 BEACON_DELAY_MS = 600_000
 """How long after freezing the round comes out that --beacon names, in milliseconds."""
 
@@ -311,8 +314,13 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
         has_file = database.exists()
         reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
         found = close_study(folder, reader, name, now_ms(), now)
-    _note_in_database(found, database)
+    is_noted = _note_in_database(found, database)
     click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+    if not is_noted:
+        click.echo(
+            f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and no "
+            "report or release is made while episodes of the study are open"
+        )
 
 
 def _confirm(question: str) -> None:
@@ -326,21 +334,24 @@ def _confirm(question: str) -> None:
         raise click.ClickException(why) from None
 
 
-def _note_in_database(found: Any, database: Path) -> None:
-    """Note the end in the database; where a server has it open, that server does so."""
+def _note_in_database(found: Study, database: Path) -> bool:
+    """Note the end in the database, and return whether it is there; a server that has it open is given some seconds."""
     if not database.exists():
-        return
+        return True
+    from app.db.reader import Reader
+    from app.db.series import find_study
     from app.db.store import Store, StoreError
     from app.series.closing import note_closed
 
-    try:
-        store = Store(database)
-    except StoreError:
-        return
-    try:
+    with suppress(StoreError), closing(Store(database)) as store:
         note_closed(store, found)
-    finally:
-        store.close()
+    for _ in range(NOTED_S * 10):
+        with closing(Reader.open(database)) as reader:
+            row = find_study(reader, found.name)
+        if row is None or row.closed_ms is not None or row.protocol_hash != found.protocol_hash:
+            return True
+        time.sleep(0.1)
+    return False
 
 
 @study.command(short_help="Show a study's protocol and state.")

@@ -7,12 +7,16 @@ import pytest
 
 from app.cli.main import main
 from app.db.erasure import forget
-from app.db.reader import now_ms
+from app.db.reader import Reader, now_ms
 from app.db.store import Store
+from app.release.build import build_release, request_of
+from app.release.errors import ReleaseError
 from app.report.build import build
+from app.report.making import load_with_folder
 from app.series.closing import note_closed
 from app.series.data import load
 from app.series.folder import Folder
+from app.series.protocol import StudyError
 from app.series.verification import verify_database
 from tests.support.command import command
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -166,3 +170,34 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     assert figures["intention to treat"]["players"] == 4
     assert group["attestation"]["episodes"]["spoilt"] == 1
     assert any("erased after closing" in each for each in group["cautions"])
+
+
+def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_database(
+    server, tmp_path, capsys
+):
+    """Nobody asks the server for the study: whoever has closed the tab counts as soon as the command has ended."""
+    from tests.support.study import Person
+    from tests.support.study import freeze as freeze_small
+
+    freeze_small(tmp_path / "studies")
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    path = server.services.store.path
+    where = ["--studies", str(tmp_path / "studies"), "--database", str(path)]
+    with pytest.raises(SystemExit) as left:
+        main(["study", "close", "small", "--yes", "--now", *where])
+    assert (left.value.code or 0, "has not taken note" in capsys.readouterr().out) == (0, False)
+    assert None not in outcomes_of(server)
+    assert load(path, "small").closed_ms is not None
+
+
+def test_no_report_and_no_release_is_made_while_the_end_is_not_noted(study, tmp_path):
+    """The episodes that are open then would be in no figure."""
+    path, folder = tmp_path / "play.db", Folder(tmp_path / "studies")
+    folder.close("dunes")
+    request = request_of("dunes", tmp_path / "out", path, folder)
+    with pytest.raises(ReleaseError, match="has not taken note"):
+        build_release(request)
+    with closing(Reader.open(path)) as reader, pytest.raises(StudyError, match="not taken note"):
+        load_with_folder(reader, folder, "dunes")
