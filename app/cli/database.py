@@ -396,7 +396,7 @@ def forget(participant: str, study: str | None, database: Path, yes: bool) -> No
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
     from app.db import erasure
-    from app.report.moves.regret import forget_regrets
+    from app.report.regret import forget_regrets
 
     with failures(f"cannot write {database}"):
         found = erasure.find_participant(database, participant, study)

@@ -28,13 +28,15 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.tables import QUERIES, released_episodes, write_tables
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
-from app.report.moves.analysis import ProgressBar, analyse_moves, no_bar
-from app.report.moves.regret import (
+from app.report.regret import (
     POLICY,
+    ProgressBar,
     RegretRow,
     has_regret,
+    no_bar,
     regret_cache,
     regret_rows,
+    regrets_of_groups,
     study_estimator,
 )
 from app.report.statistics.formatting import utc
@@ -163,8 +165,8 @@ def _write_report(
             episodes = play_compared(data, closed_seeds(data), names, bar)
         cache = regret_cache(request.database)
         for synthetic in (played or [False]) if request.with_report else ():
-            moves = analyse_moves(reader, data, synthetic, bar, cache) if played else {}
-            report = make_report(reader, data, episodes, synthetic, bar, moves)
+            found = regrets_of_groups(reader, data, synthetic, bar, cache) if played else {}
+            report = make_report(reader, data, episodes, synthetic, bar, found)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
         if request.with_report and played and has_regret(data.protocol):

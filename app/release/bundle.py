@@ -19,7 +19,7 @@ from app.db.releases import ReleaseRow, note_imported_release
 from app.db.resimulation import Finding
 from app.release.errors import ReleaseError
 from app.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
-from app.report.moves.regret import POLICY, RegretRow
+from app.report.regret import POLICY, RegretRow
 from app.series.data import load
 from app.series.folder import Advance
 from app.series.policy_episodes import PolicyEpisode

@@ -20,16 +20,23 @@ from app.release.manifest import check_files
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared
 from app.report.model import Report
-from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves, no_bar
-from app.report.moves.regret import POLICY, regret_rows, study_estimator
 from app.report.page import render
+from app.report.regret import (
+    POLICY,
+    ProgressBar,
+    RegretSummary,
+    no_bar,
+    regret_rows,
+    regrets_of_groups,
+    study_estimator,
+)
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.task import PolicyError
 
 NOT_COMPARED = ("made_at", "software_version")
 """Keys of a report that tell when and by what it was made."""
 
-MOVE_KEYS = ("moves", "cautions")
+MOVE_KEYS = ("regret", "cautions")
 """Keys of a group that cannot be derived without the policies that its moves are compared with."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
@@ -39,7 +46,7 @@ SECTIONS = [
     "comparisons",
     "players",
     "pictures",
-    "moves",
+    "regret",
     "flow",
     "labels",
     "outcomes",
@@ -158,10 +165,10 @@ class _Derivation:
         self, synthetic: bool, cache: Path | None, episodes: Sequence[PolicyEpisode]
     ) -> Report:
         reader = self._bundle.reader
-        moves: dict[str, MoveAnalysis] | None = None
+        regrets: dict[str, RegretSummary] | None = None
         if cache is not None:
-            moves = analyse_moves(reader, self._data, synthetic, self._bar, cache)
-        return make_report(reader, self._data, episodes, synthetic, self._bar, moves)
+            regrets = regrets_of_groups(reader, self._data, synthetic, self._bar, cache)
+        return make_report(reader, self._data, episodes, synthetic, self._bar, regrets)
 
     def _compare_regrets(self, cache: Path) -> bool:
         """Compare the regret of each move with the recorded one, and keep it in `cache`; return whether it could be derived.

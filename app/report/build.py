@@ -14,7 +14,7 @@ import numpy as np
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import checklist
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
-from app.report.moves.analysis import MoveAnalysis
+from app.report.regret import RegretSummary, renamed
 from app.report.statistics.attestation_summary import attestation_summary
 from app.report.statistics.comparisons import (
     PolicyComparison,
@@ -62,20 +62,20 @@ def build(
     runs: Sequence[PolicyRun] = (),
     synthetic: bool = False,
     pictures: Pictures | None = None,
-    moves: Mapping[str, MoveAnalysis] | None = None,
+    regrets: Mapping[str, RegretSummary] | None = None,
 ) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
     pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    moves     by group's name, what `app.report.moves.analysis.analyse_moves` gives; none: no regret
+    regrets   by group's name, what `app.report.regret.regrets_of_groups` gives; none: no regret
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = []
     for cohort in cohorts:
         group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
-        groups.append(_with_moves(data, cohort, group, moves or {}))
+        groups.append(_with_regret(data, cohort, group, regrets or {}))
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
@@ -152,12 +152,13 @@ def _group(
     )
 
 
-def _with_moves(
-    data: StudyData, cohort: Cohort, group: GroupReport, moves: Mapping[str, MoveAnalysis]
+def _with_regret(
+    data: StudyData, cohort: Cohort, group: GroupReport, regrets: Mapping[str, RegretSummary]
 ) -> GroupReport:
-    """Return a group's report with what its moves say, under the report's names, and with its cautions."""
+    """Return a group's report with its regret, under the report's names, and with its cautions."""
     names = {person: f"P{number:02d}" for number, person in enumerate(members(cohort, {}), 1)}
-    named = replace(group, moves=moves.get(cohort.name, MoveAnalysis()).renamed(names))
+    found = regrets.get(cohort.name)
+    named = replace(group, regret=None if found is None else renamed(found, names))
     return replace(named, cautions=cautions(data, named))
 
 

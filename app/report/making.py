@@ -13,9 +13,8 @@ from app.db.reader import Reader
 from app.db.series import find_study, participants
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
-from app.report.moves.analysis import MoveAnalysis, ProgressBar, analyse_moves
-from app.report.moves.regret import regret_cache
 from app.report.page import render
+from app.report.regret import ProgressBar, RegretSummary, regret_cache, regrets_of_groups
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
@@ -54,10 +53,10 @@ def make_study_report(
             pictures = _pictures(reader, data, synthetic, bar)
         is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
         episodes = play_compared(data, seeds, names, bar) if with_policies and is_played else ()
-        moves: Mapping[str, MoveAnalysis] = {}
+        regrets: Mapping[str, RegretSummary] = {}
         if with_moves and is_played and data.closed_ms is not None:
-            moves = analyse_moves(reader, data, synthetic, bar, regret_cache(database))
-    return _built(data, episodes, synthetic, pictures, moves)
+            regrets = regrets_of_groups(reader, data, synthetic, bar, regret_cache(database))
+    return _built(data, episodes, synthetic, pictures, regrets)
 
 
 def make_report(
@@ -66,13 +65,13 @@ def make_report(
     episodes: Sequence[PolicyEpisode],
     synthetic: bool,
     bar: ProgressBar,
-    moves: Mapping[str, MoveAnalysis] | None = None,
+    regrets: Mapping[str, RegretSummary] | None = None,
 ) -> Report:
     """Return the report of a study over its people or its scripts, compared with the policies' episodes.
 
-    moves  what single moves say, by group's name
+    regrets  by group's name
     """
-    return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), moves)
+    return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), regrets)
 
 
 def _pictures(reader: Reader, data: StudyData, synthetic: bool, bar: ProgressBar) -> Pictures:
@@ -85,10 +84,10 @@ def _built(
     episodes: Sequence[PolicyEpisode],
     synthetic: bool,
     pictures: Pictures,
-    moves: Mapping[str, MoveAnalysis] | None,
+    regrets: Mapping[str, RegretSummary] | None,
 ) -> Report:
     runs = runs_of(episodes, data.protocol) if has_played(data, synthetic) else ()
-    return build(data, runs, synthetic, pictures, moves)
+    return build(data, runs, synthetic, pictures, regrets)
 
 
 def report_files(report: Report) -> dict[str, bytes]:

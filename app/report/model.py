@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from app.report.moves.analysis import MoveAnalysis
+from app.report.regret import RegretSummary
 from app.report.statistics.attestation_summary import AttestationSummary
 from app.report.statistics.comparisons import PolicyComparison
 from app.report.statistics.first_attempts import FirstAttempts
@@ -87,7 +87,7 @@ class GroupReport:
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
     no_p        why the tail rule forbids p values, a sentence; None where it does not
-    moves       where players lose moves; empty where it was not worked out
+    regret      where players lose moves; None where it was not worked out
     first_attempts   as ARC-AGI-3 counts them; None for scripts
     leak        the trend over earlier finishers of a terrain; None for scripts
     flow        of the people through the study; None for scripts
@@ -121,7 +121,7 @@ class GroupReport:
     attestation: AttestationSummary | None = None
     excluded: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, int] = field(default_factory=dict)
-    moves: MoveAnalysis = field(default_factory=MoveAnalysis)
+    regret: RegretSummary | None = None
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from app.db.trial import Attestation
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.moves.regret import RegretPart, RegretSummary
+from app.report.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Estimate, Interval
@@ -84,7 +84,7 @@ COMPARISON = (
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
     """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None where there is nothing."""
-    regret = group.moves.regret
+    regret = group.regret
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),

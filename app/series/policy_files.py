@@ -22,7 +22,7 @@ FOLDER = "policies"
 """The folder of the kept files, in a study's folder and in a release."""
 
 REGRET_POLICY = "ppo"
-"""The policy that regrets are relative to (`app.report.moves.regret`), whether the protocol compares with it or not."""
+"""The policy that regrets are relative to (`app.report.regret`), whether the protocol compares with it or not."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from fastapi.responses import Response
 
 from app.db.export import write_own_table, write_table
 from app.db.reader import Reader
-from app.report.moves.regret import POLICY, regret_cache
+from app.report.regret import POLICY, regret_cache
 from app.report.statistics.personal import describe_own, personal_bests
 from app.task import Record
 from app.web.access import owner_of, player_of, services_of

@@ -15,7 +15,7 @@ from app.board.messages import Message
 from app.board.session import RefusedError
 from app.db.study_rows import Participant, participant_label
 from app.db.trial import Trial
-from app.report.moves.regret import POLICY
+from app.report.regret import POLICY
 from app.series.debrief import NoTerrainError, Shown, own_trial
 from app.series.folder import Study
 from app.series.progress import NotJoinedError, ParticipantProgress, StageError, break_due

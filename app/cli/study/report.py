@@ -24,7 +24,7 @@ from app.cli.console import (
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport, Report
-    from app.report.moves.regret import RegretSummary
+    from app.report.regret import RegretSummary
     from app.series.data import StudyData
     from app.series.folder import Folder
 
@@ -142,7 +142,7 @@ def _print_comparisons(mark: str, found: Report, group: GroupReport) -> None:
 
 def _print_regret(group: GroupReport) -> None:
     """Print where moves are lost; nothing where that was not worked out."""
-    if (found := group.moves.regret) is not None:
+    if (found := group.regret) is not None:
         _print_regret_table(found)
 
 
@@ -194,7 +194,7 @@ def regret(name: str, database: Path, folder: Folder, json_path: Path | None) ->
     """
     from app.db.reader import Reader
     from app.report.making import load_with_folder
-    from app.report.moves.regret import regret_of_study
+    from app.report.regret import regret_of_study
 
     try:
         with (

@@ -10,8 +10,14 @@ import scipy
 
 from app.cli.main import main
 from app.db.reader import Reader
-from app.report.moves.analysis import analyse_moves, no_bar
-from app.report.moves.regret import _part, regret_cache, regret_rows, summarize_regret
+from app.report.regret import (
+    _part,
+    no_bar,
+    regret_cache,
+    regret_rows,
+    regrets_of_groups,
+    summarize_regret,
+)
 from app.report.statistics.comparisons import new_terrains_interval
 from app.report.statistics.exclusion_sets import people_of
 from app.report.statistics.intervals import printed_interval
@@ -127,10 +133,10 @@ def test_the_analysis_is_kept_next_to_the_database(place):
     with closing(Reader.open(database)) as reader:
 
         def analyse(data):
-            return analyse_moves(reader, data, False, no_bar, regret_cache(database))
+            return regrets_of_groups(reader, data, False, no_bar, regret_cache(database))
 
         found = analyse(data)
-        assert found["people"].regret.total.mean > 0
+        assert found["people"].total.mean > 0
         assert len(list(regret_cache(database).iterdir())) >= 3
         assert analyse(data) == found
         assert analyse(replace(data, closed_ms=None)) == {}
@@ -159,8 +165,8 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
         json.loads((tmp_path / "r.json").read_text()),
     )
     assert "Where people lose moves" in page
-    moves = document["groups"][0]["moves"]
-    assert {each["player"] for each in moves["regret"]["by_player"]} == {"P01", "P02"}
+    regret = document["groups"][0]["regret"]
+    assert {each["player"] for each in regret["by_player"]} == {"P01", "P02"}
     assert not any(person in page or person in json.dumps(document) for person in people)
 
 

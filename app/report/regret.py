@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,9 @@ from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Progress
 from app.report.statistics.comparisons import new_terrains_interval, player_means
-from app.report.statistics.exclusion_sets import Cohort, members, people_of
+from app.report.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
 from app.report.statistics.intervals import Interval, printed_interval
+from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData, trial_records
 from app.series.policy_files import REGRET_POLICY
 from app.series.protocol import Protocol, StudyError
@@ -29,6 +31,14 @@ from marsexplorer.evaluation.intervals import Floats
 
 POLICY = REGRET_POLICY
 """The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""
+ProgressBar = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a progress bar of a name."""
+
+
+@contextmanager
+def no_bar(name: str) -> Iterator[Progress]:
+    """Show no progress."""
+    yield lambda done, total: None
 
 
 @dataclass(frozen=True)
@@ -274,3 +284,34 @@ def _policy_regrets(
         at: estimator.regret(players.play_terrain(policy, record).record())
         for at, record in terrains.items()
     }
+
+
+def regrets_of_groups(
+    reader: Reader,
+    data: StudyData,
+    synthetic: bool,
+    progress: ProgressBar,
+    cache: Path | None,
+) -> dict[str, RegretSummary]:
+    """Return the regret of a closed study's people under the primary set, or of each kind of script, by group's name.
+
+    Nothing where a study is open or its moves have no regret. cache: the folder in which regrets are kept; None keeps nothing
+    """
+    found: dict[str, RegretSummary] = {}
+    if data.closed_ms is None or not has_regret(data.protocol):
+        return found
+    primary = data.protocol.exclusion.get(primary_set(data), {})
+    estimator = study_estimator(data, cache)
+    for cohort in scripts_of(data) if synthetic else [people_of(data)]:
+        with progress("regret of each move") as advance:
+            ids = members(cohort, primary)
+            summary = summarize_regret(reader, data, cohort, ids, estimator, advance)
+        if summary is not None:
+            found[cohort.name] = summary
+    return found
+
+
+def renamed(summary: RegretSummary, names: Mapping[str, str]) -> RegretSummary:
+    """Return the same with the players' ids replaced by names."""
+    players = (replace(each, player=names[each.player]) for each in summary.by_player)
+    return replace(summary, by_player=tuple(sorted(players, key=lambda each: each.player)))
