@@ -85,7 +85,6 @@ from app.cli.console import PATH, check_more, settings_of, task_name
     metavar="DIR",
     help="Keep them there.  [default: backups, beside the database]",
 )
-@option("--backup-keep", type=click.IntRange(1), help="Keep the newest so many.  [default: 48]")
 @option(
     "--admin",
     is_flag=True,

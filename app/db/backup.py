@@ -10,10 +10,11 @@ import asyncio
 import logging
 import os
 import re
+import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +32,10 @@ PAGES = 256
 """Pages that are copied at a time: 1 MB."""
 INSTRUCTIONS = 200_000
 """Instructions of SQLite between two calls of `advance`: a few milliseconds."""
+KEPT = {"%Y%m%dT%H": 12, "%Y%m%d": 7, "%G-%V": 4}
+"""Of so many of the newest hours, days and weeks (UTC) with a backup, the last one stays."""
+SPARE_BYTES = 2**28
+"""Free space that a copy must leave on its disk."""
 PARTIAL = ".partial"
 """What follows the name of a copy that is not verified yet."""
 
@@ -38,7 +43,8 @@ PARTIAL = ".partial"
 def back_up(database: Path, target: Path, advance: Advance | None = None) -> int:
     """Copy a database that a server may be writing into a new file, verify the copy, and return its size in bytes.
 
-    StoreError when `target` exists, when the database cannot be read, when the disk is full, and when the copy is not whole.
+    StoreError when `target` exists, when the database cannot be read, when the disk has or comes to have too little room, and
+    when the copy is not whole.
     """
     if target.exists():
         raise StoreError(f"{target} exists already: give a new file's name for the backup")
@@ -91,12 +97,26 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
             conn.execute(
                 "SELECT count(*) FROM meta"
             ).fetchone()  # from here on `conn` sees one moment
+            _check_room(conn, target)
             conn.backup(copy, pages=PAGES, progress=progress)
             copy.execute(
                 "PRAGMA journal_mode = DELETE"
             )  # one file, which can be read where nothing can be written
     except sqlite3.Error as error:
         raise StoreError(f"cannot copy {database} to {target}: {error}") from error
+
+
+def _check_room(conn: sqlite3.Connection, target: Path) -> None:
+    """Check that the disk has room for a copy of a database; StoreError otherwise."""
+    pages, page = (
+        conn.execute(f"PRAGMA {what}").fetchone()[0] for what in ("page_count", "page_size")
+    )
+    needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(target.parent).free
+    if free < needed:
+        raise StoreError(
+            f"a copy in {target.parent} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: "
+            "make room there, or give another place"
+        )
 
 
 def sync_folder(folder: Path) -> None:
@@ -163,6 +183,19 @@ def _set_aside(database: Path, stamp: str) -> Path | None:
     return kept if was_there else None
 
 
+def _kept(backups: Sequence[Path]) -> set[Path]:
+    """Return which of the backups, oldest first, stay by `KEPT`."""
+    kept = set()
+    for period, count in KEPT.items():
+        last_of = {_made_at(path).strftime(period): path for path in backups}
+        kept |= set(list(last_of.values())[-count:])
+    return kept
+
+
+def _made_at(backup: Path) -> datetime:
+    return datetime.strptime(backup.stem[-16:], "%Y%m%dT%H%M%S%z")
+
+
 class StoppedError(Exception):
     """The server ends: the backup that was being made is given up."""
 
@@ -171,11 +204,12 @@ class Backups:
     """The backups of one database in a folder, `NAME-YYYYMMDDTHHMMSSZ.db`.
 
     every_s  seconds between them; the first one is made at once when the newest in the folder is older than that
-    keep     how many stay; older ones are deleted after a new one was verified. Other files in the folder stay as they are
+
+    After a new one was verified, those beyond `KEPT` are deleted: at most 21 stay. Other files in the folder stay as they are.
     """
 
-    def __init__(self, database: Path, folder: Path, every_s: float, keep: int) -> None:
-        self._database, self._folder, self._every_s, self._keep = database, folder, every_s, keep
+    def __init__(self, database: Path, folder: Path, every_s: float) -> None:
+        self._database, self._folder, self._every_s = database, folder, every_s
         self._pattern = re.compile(re.escape(database.stem) + r"-\d{8}T\d{6}Z\.db")
         self._stopped = threading.Event()
         self.failures = 0
@@ -192,11 +226,12 @@ class Backups:
         return time.time() - newest[0].stat().st_mtime if newest else -1.0
 
     def make(self) -> Path:
-        """Make a backup now, delete the oldest beyond `keep`, and return its path; StoreError when it cannot be made."""
+        """Make a backup now, delete those beyond `KEPT`, and return its path; StoreError when it cannot be made."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         target = self._folder / f"{self._database.stem}-{stamp}.db"
         back_up(self._database, target, self._check_going_on)
-        for path in self.existing()[: -self._keep]:
+        existing = self.existing()
+        for path in set(existing) - _kept(existing):
             path.unlink(missing_ok=True)
         return target
 

@@ -271,7 +271,7 @@ def _backups(settings: Settings, store: Store) -> Backups | None:
     backups = None
     if settings.backup_every is not None:
         folder = settings.backup_to or store.path.with_name("backups")
-        backups = Backups(store.path, folder, 60 * settings.backup_every, settings.backup_keep)
+        backups = Backups(store.path, folder, 60 * settings.backup_every)
     metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
     metrics.add_gauge(
         "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()

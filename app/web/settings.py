@@ -131,7 +131,6 @@ class Settings(BaseSettings):
     accept_loss  True starts with a database whose log is gone after a crash, without the moves that were in it
     backup_every  minutes between backups that the server makes by itself; None: it makes none
     backup_to    the folder that they are kept in; None: `backups`, beside the database
-    backup_keep  how many of them stay
     idle_s       seconds after which a session that nobody subscribes to or asks for leaves memory (access resumes it)
     abandon_after_s  seconds without a move after which a ranked episode on the playground counts as abandoned
     limits       what one client may ask of the server
@@ -161,7 +160,6 @@ class Settings(BaseSettings):
     accept_loss: bool = False
     backup_every: float | None = Field(default=None, gt=0)
     backup_to: Path | None = None
-    backup_keep: int = Field(default=48, ge=1)
     idle_s: float = Field(default=600.0, gt=0)
     abandon_after_s: float = Field(default=1800.0, gt=0)
     limits: Limits = Limits()

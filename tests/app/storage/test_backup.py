@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -9,7 +10,7 @@ import sys
 import threading
 import time
 from contextlib import closing
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -127,25 +128,45 @@ def test_a_full_disk_ends_a_backup_in_one_sentence(database, tmp_path):
     assert not list(tmp_path.glob("copy*"))
 
 
-def test_the_newest_backups_stay_and_other_files_are_left_alone(database, tmp_path):
+def test_the_last_backups_of_hours_days_and_weeks_stay_and_other_files_are_left_alone(
+    database, tmp_path
+):
+    """Of one every half hour for three months there stay 12 hours', 7 days' and 4 weeks', some of which are the same."""
     folder = tmp_path / "backups"
     folder.mkdir()
     others = ["play-notes.db", "other-20200101T000000Z.db", "play-20200101T000000Z.db.partial"]
-    for name in [*others, *(f"play-2020010{day}T000000Z.db" for day in range(1, 6))]:
+    last = datetime(2020, 4, 1, 23, 40, tzinfo=UTC)  # a Wednesday
+    times = [last - timedelta(minutes=30 * number) for number in range(24 * 2 * 90)]
+    names = [f"play-{each:%Y%m%dT%H%M%S}Z.db" for each in times]
+    for name in [*others, *names]:
         (folder / name).write_bytes(b"")
-    backups = Backups(database, folder, 60, 3)
+    backups = Backups(database, folder, 60)
     made = backups.make()
-    assert backups.existing() == [
-        folder / "play-20200104T000000Z.db",
-        folder / "play-20200105T000000Z.db",
-        made,
-    ]
+    hours = [f"play-20200401T{hour:02}4000Z.db" for hour in range(13, 24)]
+    days = [f"play-202003{day}T234000Z.db" for day in range(27, 32)]
+    weeks = ["play-20200322T234000Z.db", "play-20200329T234000Z.db"]  # Sundays
+    assert [each.name for each in backups.existing()] == sorted({*hours, *days, *weeks, made.name})
     assert all((folder / name).exists() for name in others)
     assert 0 <= backups.age_s() < 60
 
 
+def test_a_backup_that_does_not_fit_is_refused_with_both_sizes_and_leaves_nothing(
+    serve, database, tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setattr(backup, "SPARE_BYTES", 2**60)
+    said = r"needs 1,152,\d{3},\d{3},\d{3},\d{3},\d{3} bytes .*, [\d,]+ are available: make room"
+    with pytest.raises(StoreError, match=said):
+        back_up(database, tmp_path / "copy.db")
+    assert not list(tmp_path.glob("copy*"))
+    server = serve(backup_every=60, backup_to=tmp_path / "kept")
+    eventually(lambda: re.search("no backup was made: .*" + said, caplog.text))
+    metrics = server.services.store.metrics.registry
+    assert metrics.get_sample_value("marsexplorer_backup_failures") == 1
+    assert list((tmp_path / "kept").iterdir()) == []
+
+
 def test_a_backup_under_way_is_given_up_when_the_server_ends(database, tmp_path):
-    backups = Backups(database, tmp_path / "backups", 60, 3)
+    backups = Backups(database, tmp_path / "backups", 60)
     backups._stopped.set()
     with pytest.raises(StoppedError):
         backups.make()
@@ -153,7 +174,7 @@ def test_a_backup_under_way_is_given_up_when_the_server_ends(database, tmp_path)
 
 
 def test_a_server_makes_backups_by_itself_and_says_how_old_the_newest_is(serve, tmp_path):
-    server = serve(backup_every=0.002, backup_to=tmp_path / "kept", backup_keep=2)
+    server = serve(backup_every=0.002, backup_to=tmp_path / "kept")
     client = server.client()
     begun = client.post("/api/sessions", json={"size": [9, 13], "seed": 5}).json()
     act = {"kind": "act", "episode": begun["frame"]["episode"], "step": 0, "action": "south"}
@@ -330,7 +351,7 @@ def test_the_commands_say_what_they_did(database, tmp_path, capsys):
 def test_a_restore_drill(spawn, tmp_path):
     """Play, back up while playing, kill, lose the database, restore the newest backup, go on, and verify everything."""
     path, folder = tmp_path / "playground.db", tmp_path / "kept"
-    server = spawn(backup_every=0.02, backup_to=str(folder), backup_keep=3)
+    server = spawn(backup_every=0.02, backup_to=str(folder))
     client, stop, acknowledged = server.client(), threading.Event(), []
 
     def keep_playing():
