@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from string import ascii_uppercase
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -25,6 +26,27 @@ MAX_MESSAGE_BYTES = 64 * 1024
 """Longest message or body that is accepted."""
 MAX_EVENTS_PER_MESSAGE = 200
 """Most input events in one message."""
+KEY_CODES = frozenset(
+    """
+    Backquote Backslash BracketLeft BracketRight Comma Equal IntlBackslash IntlRo IntlYen Minus Period Quote Semicolon Slash
+    AltLeft AltRight Backspace CapsLock ContextMenu ControlLeft ControlRight Enter MetaLeft MetaRight ShiftLeft ShiftRight
+    Space Tab Convert KanaMode Lang1 Lang2 Lang3 Lang4 Lang5 NonConvert Delete End Help Home Insert PageDown PageUp
+    ArrowDown ArrowLeft ArrowRight ArrowUp NumLock NumpadAdd NumpadBackspace NumpadClear NumpadClearEntry NumpadComma
+    NumpadDecimal NumpadDivide NumpadEnter NumpadEqual NumpadHash NumpadMemoryAdd NumpadMemoryClear NumpadMemoryRecall
+    NumpadMemoryStore NumpadMemorySubtract NumpadMultiply NumpadParenLeft NumpadParenRight NumpadStar NumpadSubtract Escape
+    Fn FnLock PrintScreen ScrollLock Pause BrowserBack BrowserFavorites BrowserForward BrowserHome BrowserRefresh
+    BrowserSearch BrowserStop Eject LaunchApp1 LaunchApp2 LaunchMail MediaPlayPause MediaSelect MediaStop MediaTrackNext
+    MediaTrackPrevious Power Sleep AudioVolumeDown AudioVolumeMute AudioVolumeUp WakeUp Hyper Super Turbo Abort Resume
+    Suspend Again Copy Cut Find Open Paste Props Select Undo Hiragana Katakana
+    """.split()  # noqa: SIM905
+).union(
+    (f"Key{letter}" for letter in ascii_uppercase),
+    (f"{name}{digit}" for name in ("Digit", "Numpad") for digit in range(10)),
+    (f"F{number}" for number in range(1, 25)),
+)
+"""The keys of the standard (UI Events KeyboardEvent code Values, section 3)."""
+UNIDENTIFIED = "Unidentified"
+"""The standard's code of a key that is none of these."""
 PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 

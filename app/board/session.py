@@ -30,7 +30,7 @@ from app.board.attestation import (
     level_reaches,
     prepare_end,
 )
-from app.board.messages import Events, Pace
+from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
 from app.task import Run, Task, View
@@ -501,11 +501,29 @@ class Session:
             raise RefusedError(
                 f"episode {events.episode!r} is none of this board's: no input events were kept"
             )
-        rows = [InputEventRow(**event.model_dump()) for event in events.events]
+        unknown = self._unknown_codes(events)
+        rows = [
+            InputEventRow(**{**event.model_dump(), "code": UNIDENTIFIED})
+            if event.code in unknown
+            else InputEventRow(**event.model_dump())
+            for event in events.events
+        ]
         if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
             raise RefusedError(
                 "this episode has more input events than are kept; the rest is dropped"
             )
+
+    def _unknown_codes(self, events: Events) -> set[str]:
+        """Return the codes of events that are neither a key of the standard, nor one that can have driven a move here.
+
+        Where they are kept as UNIDENTIFIED, no honest episode loses its attestation, and nobody chooses what is stored.
+        """
+        told = {event.code for event in events.events if event.code is not None}
+        unknown = told - KEY_CODES - {*self.task.actions}
+        if unknown and self.participation is not None:
+            key_map = key_map_of(self.task.keys, self.participation.settings())
+            unknown -= {code for _, code in key_map}
+        return unknown
 
     def pair_with(self, second: Session) -> None:
         """Show `second`, a rival's board or a replay's, with this one from now on."""

@@ -93,7 +93,7 @@ class ParticipantSettings(Message):
 
     modality: Literal["keyboard", "touch"] | None = None
     palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
-    keys: dict[str, list[Annotated[str, Field(max_length=64)]]] | None = None
+    keys: dict[str, list[Annotated[str, Field(max_length=32)]]] | None = None
 
     @field_validator("keys")
     @classmethod

@@ -83,6 +83,19 @@ def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
         assert all(at > 0 for (at,) in db.execute("SELECT server_ms FROM input_events"))
 
 
+def test_a_key_that_neither_the_standard_nor_the_participant_names_is_kept_as_unidentified(
+    person, tmp_path
+):
+    person.call("settings", {"keys": {"north": ["Odd1"], "south": ["KeyS"]}})
+    codes = ["x" * 60, "Odd1", "F24", "NumpadHash", "", "west", "OSLeft"]
+    with person.socket() as socket:
+        send_events(socket, person.frame["episode"], [{**PRESS, "code": code} for code in codes])
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
+        found = [code for (code,) in db.execute("SELECT code FROM input_events ORDER BY number")]
+    odd = "Unidentified"
+    assert found == [odd, "Odd1", "F24", "NumpadHash", odd, "west", odd]
+
+
 def test_a_batch_sent_again_is_kept_once_whatever_came_between(person, tmp_path):
     episode = person.frame["episode"]
     with person.socket() as socket, person.socket() as other_tab:
