@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 
 RELAY = "https://api.drand.sh"
+"""Where the rounds of drand's beacons are told; any other relay will do, since a signature is checked."""
 NOTED_S = 10
 """Seconds that a server may take to note that a study was closed."""
 BEACON_DELAY_MS = 600_000
