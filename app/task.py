@@ -247,6 +247,10 @@ class Rules(Protocol):
         """Return what a page calls it."""
 
     @property
+    def instructions(self) -> str:
+        """Return what players are told to do where the pages of `assets` do not say it; "" otherwise."""
+
+    @property
     def assets(self) -> str:
         """Return the folder of `static/task` that draws it."""
 
@@ -286,8 +290,8 @@ class Rules(Protocol):
     def words(self) -> Words:
         """Return what reports call its figures."""
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
-        """Return the score that an ended episode would have come to by giving up instead; `total` is its return."""
+    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+        """Return the score that an ended episode would have come to by giving up; `total` is its return, `own` its score."""
 
     @property
     def courses(self) -> Any | None:
@@ -344,7 +348,7 @@ class Rules(Protocol):
     def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
         """Return the cause of a finished episode, ready to be replayed.
 
-        came_to  outcome, total, steps, discovered, trajectory_hash and core_version as they are stored
+        came_to  outcome, total, score, steps, discovered, trajectory_hash and core_version as they are stored
         """
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> Run:
@@ -365,6 +369,7 @@ def describe(rules: Rules) -> dict[str, Any]:
     return {
         "name": rules.name.partition(":")[0],
         "title": rules.title,
+        "instructions": rules.instructions,
         "assets": rules.assets,
         "actions": list(rules.actions),
         "keys": {action: list(keys) for action, keys in rules.keys.items()},

@@ -181,8 +181,19 @@ def pins_file() -> Path:
 
 
 def task_name(given: str) -> str:
-    """Return the name of a task as it is recorded: an id of Gymnasium's needs no prefix."""
-    return given if given == "mars" or ":" in given else f"gymnasium:{given}"
+    """Return the name of a task as it is recorded, of an id of Gymnasium's or a TOML file; BadParameter where it is none."""
+    from app.tasks.gymnasium.description import read_description
+
+    if given == "mars" or given.startswith("gymnasium:"):
+        return given
+    try:
+        return (
+            f"gymnasium:{read_description(Path(given)).told if given.endswith('.toml') else given}"
+        )
+    except OSError as error:
+        raise click.BadParameter(f"cannot read {given}: {reason(error)}") from error
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
 
 
 def default_config(task: str) -> Configuration:

@@ -26,9 +26,10 @@ from app.cli.console import PATH, check_more, settings_of, task_name
     help="SQLite file to record in; made when absent.  [default: see below]",
 )
 @option(
-    "--task",
-    metavar="ID",
-    help="Play another environment, like FrozenLake-v1.  [default: MarsExplorer]",
+    "--env",
+    "task",
+    metavar="ENV",
+    help="Play another environment: Gymnasium's id, or a TOML file.  [default: MarsExplorer]",
 )
 @option(
     "--studies",
@@ -122,8 +123,9 @@ def serve(
 
     A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
 
-    --task ID serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
-    picture. It comes with: pip install 'marsexplorer-playground[gymnasium]'
+    --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
+    picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
+    with: pip install 'marsexplorer-playground[gymnasium]'
 
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
@@ -146,7 +148,7 @@ def serve(
       marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
       marsexplorer serve --host 0.0.0.0 --policy mine.onnx
       marsexplorer serve --paper                          ppo-paper, ppo-works, a2c-works, rainbow-works, sac-works too
-      marsexplorer serve --task FrozenLake-v1 --database lake.db
+      marsexplorer serve --env FrozenLake-v1 --database lake.db
       marsexplorer serve --map office.yaml --map garage.yaml
     """
     from app.tasks.mars.players import of_paper

@@ -158,14 +158,22 @@ class Trial:
 
     def forfeited(self) -> Trial:
         """Return it as it counts where it is spoilt: given up at its last move, so that spoiling is worth what leaving is."""
-        if self.outcome is None or self.total is None:
+        if self.outcome is None or self.total is None or self.score is None:
             return self
-        score = self.rules.forfeited_score(self, self.outcome, self.total)
+        score = self.rules.forfeited_score(self, self.outcome, self.total, self.score)
         return replace(self, outcome="abandoned", score=score)
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
-        names = ("outcome", "total", "steps", "discovered", "trajectory_hash", "core_version")
+        names = (
+            "outcome",
+            "total",
+            "score",
+            "steps",
+            "discovered",
+            "trajectory_hash",
+            "core_version",
+        )
         actions = bytes(step["action"] for step in steps)
         return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
 

@@ -119,8 +119,8 @@ class ParticipantProgress:
             )
         if study.protocol.task != self.lobby.task.name:
             raise StageError(
-                f"the study {name!r} is of {study.protocol.task}, and this server plays {self.lobby.task.name}: "
-                "whoever invited you must start it with --task"
+                f"the study {name!r} is of {study.protocol.rules.title}, and this server plays {self.lobby.task.title}: "
+                "whoever invited you must start it with --env"
             )
         if study.protocol.core_version != study.protocol.rules.version:
             _log.warning(

@@ -241,11 +241,11 @@ def _services(
 
 def _task(name: str, policies: PolicyCatalogue, maps: MapCatalogue) -> Task:
     """Return the task with a name; ValueError where there is none."""
-    if (rules := rules_of(name)).name == Mars.name:
+    if rules_of(name).name == Mars.name:
         return Mars(policies, maps)
     from app.tasks.gymnasium.task import GymnasiumTask
 
-    return GymnasiumTask(rules.title)
+    return GymnasiumTask(name.partition(":")[2])
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:

@@ -83,7 +83,7 @@ export function paintPages(before) {
 /** Paint the keys as they drive now, wherever the page shows them.
  * @param {Action[]} order @param {Keys} keys @param {Study.Layout} [layout] */
 export function paintKeys(order, keys, layout) {
-  const slots = [...(keys[order[0]] ?? []).keys()];
+  const slots = [...Array(Math.min(2, ...order.map((action) => keys[action]?.length ?? 0))).keys()];
   for (const line of document.querySelectorAll("[data-keys]")) {
     line.replaceChildren(...slots.flatMap((slot) =>
       [...(slot ? [" or "] : []), ...order.map((action) => create("kbd", keyName(keys[action][slot] ?? "", layout)))]), ` drive ${order.join(", ")}`);

@@ -8,7 +8,7 @@ type Metric = {
 /** What the server says. Keys: codes of event.code for each action, the first the one that is named; metrics: the
  * headline first. */
 type TaskAbout = {
-  name: string, title: string, assets: "mars" | "picture", actions: Action[], keys: Keys, metrics: Metric[],
+  name: string, title: string, instructions: string, assets: "mars" | "picture", actions: Action[], keys: Keys, metrics: Metric[],
 };
 /** Codes of event.code for each action. */
 type Keys = Record<Action, string[]>;

@@ -9,6 +9,7 @@ from app.series.folder import Folder
 from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from app.task import rules_of
+from app.tasks.gymnasium.description import Description
 from tests.support.browser import AS_A_PERSON, NO_3D, violations
 from tests.support.declared import DECLARATIONS
 
@@ -91,3 +92,32 @@ def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
     ranked = [each for each in found if each[0] == "ranked"]
     assert ranked == [("ranked", "attested", LAKE)] * 2
     assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_one_shown_as_text_is_played_by_the_keys_of_its_file(serve, tmp_path, player):
+    given = {
+        "id": "tests.support.environments:Path-v0",
+        "title": "Home",
+        "instructions": "Walk home.",
+    }
+    given |= {
+        "keys": {"ArrowUp": "forward", "ArrowDown": "back"},
+        "success": "info.home",
+        "score": "info.coins",
+    }
+    me = player(serve(task=f"gymnasium:{Description(**given).told}"), [*NO_3D, *AS_A_PERSON]).goto()
+    page = me.page
+    shown = page.locator("pre.picture").first
+    assert (page.get_by_test_id("goal").inner_text(), "@" in shown.inner_text()) == (
+        "Walk home.",
+        True,
+    )
+    assert [each.inner_text() for each in page.locator(".pad button").all()] == [
+        "",
+        "",
+    ]  # arrows: waving has no key
+    before = shown.inner_text()
+    me.hand.press(page.keyboard, "ArrowUp")
+    me.wait(f"document.querySelector('pre.picture').innerText !== {before!r}")
+    assert page.get_by_test_id("coverage-player").inner_text() == "2"
+    assert (violations(page), me.errors) == ([], [])

@@ -74,9 +74,10 @@ def study() -> None:
 @argument("name")
 @option("--title", help="What participants read at the top.")
 @option(
-    "--task",
-    metavar="ID",
-    help="Another environment, like FrozenLake-v1; the server needs --task too.  [default: MarsExplorer]",
+    "--env",
+    "task",
+    metavar="ENV",
+    help="Another environment, as serve has it, which needs --env too.  [default: MarsExplorer]",
 )
 @option("--level", default="random", help="random, or t-m-b from 1-1-1 to 3-2-2.")
 @option("--size", type=SizeType(), default="21", help="21 for a square, 42x84 for rows x columns.")
@@ -133,7 +134,7 @@ def new(
     Examples:
       marsexplorer study new pilot
       marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
-      marsexplorer study new lake --task FrozenLake-v1
+      marsexplorer study new lake --env FrozenLake-v1
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
     from app.series.files import read_object

@@ -10,12 +10,11 @@ import hashlib
 import io
 import json
 import math
-import os
+import re
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.metadata import version as version_of
-from itertools import accumulate
 from typing import Any, ClassVar, Literal
 
 import gymnasium
@@ -24,41 +23,41 @@ from pydantic import BaseModel, Field
 
 from app.board.messages import NewBoard, NewEpisode
 from app.task import Cause, Messages, Metric, Words
-
-CHOICES: Mapping[str, tuple[str, ...]] = {
-    "FrozenLake-v1": ("left", "down", "right", "up"),
-    "FrozenLake8x8-v1": ("left", "down", "right", "up"),
-}
-"""The names of an environment's actions, by their codes; those of others are numbers."""
-KEYS: Mapping[str, tuple[str, ...]] = {
-    "left": ("ArrowLeft", "KeyA"),
-    "down": ("ArrowDown", "KeyS"),
-    "right": ("ArrowRight", "KeyD"),
-    "up": ("ArrowUp", "KeyW"),
-}
-WORDS = Words(
-    score="return",
-    steps="moves to success",
-    reached="succeeded",
-    short="short of success",
-    definition="An episode that does not succeed counts max_steps. The score is the return, the sum of all rewards.",
+from app.tasks.gymnasium.description import (
+    DEFAULT_LIMIT,
+    MAX_LIMIT,
+    Description,
+    actions_of,
+    canonical,
+    completed,
+    described,
+    keys_of,
+    spec_of,
 )
-DEFAULT_LIMIT = 1000
-"""Moves after which an episode times out where the environment sets no limit."""
 
 
 @dataclass(frozen=True)
 class GymnasiumConfig:
     """What `gymnasium.make` is given.
 
-    level      the environment's id
+    told       what describes the environment (`Description.told`)
     arguments  further ones, as canonical JSON
     limit      moves after which an episode times out
     """
 
-    level: str
+    told: str
     arguments: str
     limit: int
+
+    @property
+    def description(self) -> Description:
+        """What is known of the environment."""
+        return completed(described(self.told))
+
+    @property
+    def level(self) -> str:
+        """The environment's id."""
+        return described(self.told).id
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that `GymnasiumRules.configuration` takes."""
@@ -67,19 +66,15 @@ class GymnasiumConfig:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 (hex) of the canonical JSON."""
-        return hashlib.sha256(_canonical(self.to_dict()).encode()).hexdigest()
+        """SHA-256 (hex) of the canonical JSON, with what describes the environment."""
+        return hashlib.sha256(canonical([self.told, self.to_dict()]).encode()).hexdigest()
 
-    def make(self) -> gymnasium.Env[Any, Any]:
+    def make(self, seed: int | None = None) -> gymnasium.Env[Any, Any]:
         """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
-        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # pygame would look for a screen
-        try:
-            given = json.loads(self.arguments)
-            return gymnasium.make(
-                self.level, max_episode_steps=self.limit, render_mode="rgb_array", **given
-            )
-        except (gymnasium.error.Error, TypeError, ImportError) as error:
-            raise ValueError(f"{self.level} cannot be made: {error}") from error
+        made: gymnasium.Env[Any, Any] = self.description.make(
+            json.loads(self.arguments), self.limit, seed
+        )
+        return made
 
 
 @dataclass(frozen=True)
@@ -91,6 +86,7 @@ class GymnasiumRecord:
     actions: bytes
     outcome: str
     total: float
+    score: float
     steps: int
     discovered: int
     trajectory_hash: str
@@ -98,26 +94,23 @@ class GymnasiumRecord:
     terrain: bytes = b""
     start: tuple[int, int] = (0, 0)
 
-    @property
-    def score(self) -> float:
-        """The return."""
-        return self.total
-
 
 class GymnasiumRun:
-    """One running episode (`app.task.Run`).
+    """One running episode (`app.task.Run`) of an environment that is made for it and reset once.
 
-    It has succeeded when it ends by itself with a reward above 0 and above all before: a pole that falls pays no more.
+    It has succeeded when it ends by the rule of its description; where there is none, one that ends by itself has `ended`.
     """
 
     def __init__(self, config: GymnasiumConfig, seed: int) -> None:
         self.config, self.seed = config, seed
-        self._env = config.make()
-        self._observation, _ = self._env.reset(seed=seed)
+        self._described = config.description
+        self._env = config.make(seed)
+        self._observation, self._info = self._env.reset(seed=seed)
         self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
         self._hash.update(_bytes(self._observation))
-        self.actions, self._rewards = bytearray(), list[float]()
-        self.outcome, self.total, self._most = "running", 0.0, 0.0
+        self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
+        self.outcome, self.total = "running", 0.0
+        self._scores.append(self._score(0.0))
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
@@ -125,37 +118,60 @@ class GymnasiumRun:
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
         if not self._env.action_space.contains(np.int64(action)):
             raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
-        self._observation, given, terminated, truncated, _ = self._env.step(action)
+        self._observation, given, terminated, truncated, self._info = self._env.step(action)
         reward = float(given)
         self.actions.append(action)
         self._rewards.append(reward)
         self.total += reward
-        if terminated:
-            self.outcome = "succeeded" if reward > self._most else "failed"
-        elif truncated:
-            self.outcome = "timed_out"
-        self._most = max(self._most, reward)
+        self._scores.append(self._score(self._scores[-1]))
+        if terminated or truncated or len(self.actions) >= self.config.limit:
+            self.outcome = self._ending(bool(terminated))
         self._hash.update(f"|{action},{reward!r},{self.outcome}|".encode())
         self._hash.update(_bytes(self._observation))
         return reward
 
+    def _ending(self, terminated: bool) -> str:
+        rule = self._described.success
+        if rule.startswith("info."):
+            is_success = bool(self._info.get(rule[5:]))
+        elif rule:
+            _, sign, bound = rule.split()
+            is_success = self.total > float(bound) or (sign == ">=" and self.total == float(bound))
+        else:
+            is_success = False
+        if is_success:
+            return "succeeded"
+        return ("failed" if rule else "ended") if terminated else "timed_out"
+
+    def _score(self, before: float) -> float:
+        """Return the headline so far: of a value in `info` the last that was told, 0 before the first."""
+        name = self._described.score
+        return self.total if name == "return" else float(self._info.get(name[5:], before))
+
+    def scores(self) -> Sequence[float]:
+        """Return the headline metric after 0, 1, 2, ... moves."""
+        return self._scores
+
     def abandon(self) -> None:
-        """Give up: the episode ends as one that was left, with the return so far."""
+        """Give up: the episode ends as one that was left, with the score so far."""
         self.outcome = "abandoned"
 
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""
-        return np.copy(self._observation)
+        return deepcopy(self._observation)
 
     def view(self) -> GymnasiumView:
         """Return what may be seen of the run as it stands."""
-        return GymnasiumView(self, _picture(self._env.render()))
+        shown = self._env.render()
+        if isinstance(shown, str):
+            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
+        return GymnasiumView(self, _picture(shown), None)
 
     def record(self) -> GymnasiumRecord:
         """Return the cause, with what it came to."""
         return GymnasiumRecord(
-            self.config, self.seed, bytes(self.actions), self.outcome, self.total, len(self.actions),
-            0, self._hash.hexdigest(), version(),
+            self.config, self.seed, bytes(self.actions), self.outcome, self.total, self._scores[-1], len(self.actions),
+            0, self._hash.hexdigest(), self._described.versions,
         )  # fmt: skip
 
     def rewards(self) -> Sequence[float]:
@@ -174,38 +190,38 @@ class GymnasiumRun:
 class GymnasiumView:
     """What is seen of a run after some of its moves (`app.task.View`): its picture as it was then."""
 
-    def __init__(self, run: GymnasiumRun, picture: str) -> None:
+    def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
         rewards = run.rewards()
         self.steps, self.outcome, self.discovered = len(run.actions), run.outcome, 0
         self.ended, self.actions = run.outcome != "running", bytes(run.actions)
         self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
-        self._observation, self._picture = run.observation(), picture
-        self._totals = [0.0, *accumulate(rewards)]
+        self._observation, self._picture, self._text = run.observation(), picture, text
+        self._scores = list(run.scores())
 
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""
-        return np.copy(self._observation)
+        return deepcopy(self._observation)
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
-        total = None if hides_scores else self._total
+        score = None if hides_scores else self._scores[-1]
         frame = {
             "kind": "frame",
             "episode": episode_id,
             "step": self.steps,
             "picture": self._picture,
-            "text": None,
+            "text": self._text,
             "reward": None if hides_scores else self._reward,
-            "return": total,
-            "score": total,
-            "headline": total,
+            "return": None if hides_scores else self._total,
+            "score": score,
+            "headline": score,
             "outcome": self.outcome if self.ended else None,
         }
         return json.dumps(frame, separators=(",", ":"))
 
     def history(self, episode_id: str) -> str:
-        """Return the return after 0, 1, 2, ... moves, as JSON text: a picture has no path."""
-        history = {"kind": "history", "episode": episode_id, "headlines": self._totals}
+        """Return the headline after 0, 1, 2, ... moves, as JSON text: a picture has no path."""
+        history = {"kind": "history", "episode": episode_id, "headlines": self._scores}
         return json.dumps(history, separators=(",", ":"))
 
     def expected(self, episode_id: str) -> str:
@@ -220,17 +236,21 @@ class Frame(BaseModel):
     kind: Literal["frame"]
     episode: str
     step: int
-    picture: str = Field(description="a PNG as a data URL")
+    picture: str | None = Field(
+        description="a PNG as a data URL; null for an environment that is shown as text"
+    )
     text: str | None
     reward: float | None = Field(description="of the last move")
     return_: float | None = Field(alias="return", description="sum of the rewards")
-    score: float | None
+    score: float | None = Field(
+        description="what the description calls it: the return, or a value of info"
+    )
     headline: float | None
-    outcome: Literal["succeeded", "failed", "timed_out", "abandoned"] | None
+    outcome: Literal["succeeded", "failed", "ended", "timed_out", "abandoned"] | None
 
 
 class History(BaseModel):
-    """The return after 0, 1, 2, ... moves."""
+    """The headline metric after 0, 1, 2, ... moves."""
 
     kind: Literal["history"]
     episode: str
@@ -238,56 +258,80 @@ class History(BaseModel):
 
 
 class GymnasiumRules:
-    """The rules of the environment with an id (`app.task.Rules`)."""
+    """The rules of the environment that a description tells of (`app.task.Rules`)."""
 
-    successes: ClassVar[frozenset[str]] = frozenset({"succeeded"})
     assets: ClassVar[str] = "picture"
     messages: ClassVar[Messages] = Messages(NewBoard, NewEpisode, Frame, History)
 
-    def __init__(self, level: str) -> None:
-        try:
-            spec = gymnasium.spec(level)
-        except (gymnasium.error.Error, ImportError) as error:
-            raise ValueError(f"Gymnasium knows no environment {level!r}: {error}") from error
-        self.level, self._limit = level, spec.max_episode_steps or DEFAULT_LIMIT
-        low, high = self.returns(self.default) or (None, None)
-        self.metrics = (Metric("return", "", low, high, "higher"),)
-        self.name, self.title, self.version = f"gymnasium:{level}", level, version()
-
-    @cached_property
-    def actions(self) -> tuple[str, ...]:
-        """The names of the actions, by their codes; ValueError where they are not at most 10 from 0 on."""
-        if self.level in CHOICES:
-            return CHOICES[self.level]
-        space = self.default.make().action_space
-        if not isinstance(space, gymnasium.spaces.Discrete) or space.start != 0 or space.n > 10:
-            raise ValueError(
-                f"expected an environment with at most 10 discrete actions from 0 on, {self.level} has {space}: "
-                "name another one as --task"
-            )
-        return tuple(str(code) for code in range(int(space.n)))
+    def __init__(self, told: str) -> None:
+        self.description = completed(described(told))
+        self.level, self._told = self.description.id, described(told).told
+        spec_of(self.level)
+        self.name, self.title = f"gymnasium:{self._told}", self.description.title or self.level
+        self.instructions = self.description.instructions
 
     @property
+    def version(self) -> str:
+        """The version that an episode replays with: those of the packages."""
+        return self.description.versions
+
+    @property
+    def successes(self) -> frozenset[str]:
+        """The outcomes after which the moves count: successes, and where none is named, the ends that came by themselves."""
+        return frozenset({"succeeded" if self.description.success else "ended"})
+
+    @cached_property
+    def metrics(self) -> tuple[Metric, ...]:
+        """The headline metric."""
+        low, high = self.description.bounds
+        return (Metric(self.description.score.removeprefix("info."), "", low, high, "higher"),)
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """The names of the actions, by their codes; ValueError where they are not discrete."""
+        return tuple(self.keys)
+
+    @cached_property
     def keys(self) -> Mapping[str, tuple[str, ...]]:
-        """The default keys: arrows for directions, digits for numbers."""
-        return {name: KEYS.get(name, (f"Digit{name}",)) for name in self.actions}
+        """The default keys: each action's, none for one that cannot be chosen."""
+        env = self.default.make(0)
+        try:
+            return keys_of(self.description, env, actions_of(self.description, env))
+        finally:
+            env.close()
+
+    @cached_property
+    def _limit(self) -> int:
+        """Moves after which an episode times out: the description's, the environment's own, else a thousand."""
+        if said := self.description.max_steps or spec_of(self.level).max_episode_steps:
+            return int(said)
+        env = self.description.make(self.description.kwargs, MAX_LIMIT, 0)
+        own = getattr(env.unwrapped, "max_steps", None)
+        env.close()
+        return own if isinstance(own, int) and 0 < own <= MAX_LIMIT else DEFAULT_LIMIT
 
     @property
     def default(self) -> GymnasiumConfig:
         """What is played where nothing else is asked for."""
-        return GymnasiumConfig(self.level, "{}", self._limit)
+        return GymnasiumConfig(self._told, canonical(self.description.kwargs), self._limit)
 
     def configuration(self, values: Mapping[str, Any]) -> GymnasiumConfig:
         """Return the configuration of `level`, `kwargs` and `max_steps`; ValueError or TypeError where they are none."""
-        given = {"level": self.level, "kwargs": {}, "max_steps": self._limit, **values}
-        if given["level"] != self.level or len(given) > 3 or not isinstance(given["kwargs"], dict):
+        given = {"level": self.level, "kwargs": self.description.kwargs, **values}
+        if (
+            given["level"] != self.level
+            or given.keys() - {"level", "kwargs", "max_steps"}
+            or not isinstance(given["kwargs"], dict)
+        ):
             raise ValueError(
-                f"expected level {self.level!r}, kwargs and max_steps, got {_canonical(dict(values))}"
+                f"expected level {self.level!r}, kwargs and max_steps, got {canonical(dict(values))}"
             )
-        limit = given["max_steps"]
-        if not isinstance(limit, int) or not 0 < limit <= 100_000:
-            raise ValueError(f"max_steps must be a whole number from 1 to 100000, got {limit!r}")
-        return GymnasiumConfig(self.level, _canonical(given["kwargs"]), limit)
+        limit = given.get("max_steps", self._limit)
+        if not isinstance(limit, int) or not 0 < limit <= MAX_LIMIT:
+            raise ValueError(
+                f"max_steps must be a whole number from 1 to {MAX_LIMIT}, got {limit!r}"
+            )
+        return GymnasiumConfig(self._told, canonical(given["kwargs"]), limit)
 
     def environment(self, config: GymnasiumConfig) -> Any:
         """Return a new environment."""
@@ -303,10 +347,39 @@ class GymnasiumRules:
         return found
 
     def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
-        """Return 0 and 1 where the environment pays a success alone, else None."""
-        return (0.0, 1.0) if self.level in CHOICES else None
+        """Return the bounds of the score, where both are known and it is the return; else None."""
+        low, high = self.description.bounds
+        known = low is not None and high is not None and self.description.score == "return"
+        return (low, high) if known and low is not None and high is not None else None
 
-    words: ClassVar[Words] = WORDS
+    @property
+    def words(self) -> Words:
+        """What reports call its figures."""
+        score = self.metrics[0].name
+        what = (
+            "the sum of all rewards"
+            if score == "return"
+            else f"the last {score!r} that the environment told"
+        )
+        if self.description.success:
+            steps, reached, short, counts = (
+                "moves to success",
+                "succeeded",
+                "short of success",
+                "does not succeed",
+            )
+        else:
+            steps, reached, short, counts = (
+                "moves to the end",
+                "ended by itself",
+                "without an end",
+                "does not end by itself",
+            )
+        definition = f"An episode that {counts} counts max_steps. The score is the {score}, {what}."
+        if self.description.success:
+            definition += f" A success is {self.description.success}."
+        return Words(score, steps, reached, short, definition)
+
     courses: ClassVar[None] = None
     players: ClassVar[None] = None
     spread: ClassVar[str] = "a tenth and a fifth of the limit of moves, for want of anything better"
@@ -334,20 +407,28 @@ class GymnasiumRules:
         return config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
 
     def design(self, config: GymnasiumConfig) -> str:
-        """Return id, arguments and limit."""
-        return f"`{self.where(config)}` of {self.version}, at most {config.limit} moves an episode."
+        """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
+        seen, given = self.description.people_see, self.description.agents_see
+        sees = (
+            f" People see {seen or 'its picture'}; agents are given {given or 'its observation'}."
+            if seen or given
+            else ""
+        )
+        described = "" if self._told == self.level else f" It is described by `{self._told}`."
+        return f"`{self.where(config)}` with {self.version}, at most {config.limit} moves an episode.{sees}{described}"
 
     def minutes(self, config: GymnasiumConfig) -> float:
         """Return how long a person takes for an episode: half a second a move, and never more than two minutes."""
         return min(2.0, config.limit / 120)
 
     def bounds(self, config: GymnasiumConfig) -> tuple[float, float]:
-        """Return the bounds of a mean return: 0 and 1 where the environment pays a success alone, else none."""
-        return (0.0, 1.0) if self.level in CHOICES else (-math.inf, math.inf)
+        """Return the bounds of a mean score, infinite where none are known."""
+        low, high = self.description.bounds
+        return (-math.inf if low is None else low, math.inf if high is None else high)
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
-        """Return the lowest return that there is where that is known, else the return: giving up costs nothing more."""
-        return min(total, lowest) if math.isfinite(lowest := self.bounds(was.config)[0]) else total
+    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
+        """Return the lowest score that there is where that is known, else its own: giving up costs nothing more."""
+        return min(own, lowest) if math.isfinite(lowest := self.bounds(was.config)[0]) else own
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return nothing: what no effort looks like is not known."""
@@ -418,18 +499,9 @@ class GymnasiumRules:
         return [json.loads(view.frame(episode_id)) for view in views]
 
 
-def rules(level: str) -> GymnasiumRules:
-    """Return the rules of the environment with an id; ValueError where Gymnasium knows none."""
-    return GymnasiumRules(level)
-
-
-def version() -> str:
-    """Return the version under which an episode replays: Gymnasium's."""
-    return f"gymnasium {version_of('gymnasium')}"
-
-
-def _canonical(value: Any) -> str:
-    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+def rules(told: str) -> GymnasiumRules:
+    """Return the rules of an environment by what describes it; ValueError where there is none."""
+    return GymnasiumRules(told)
 
 
 def _bytes(observation: Any) -> bytes:

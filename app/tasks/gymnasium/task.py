@@ -44,10 +44,10 @@ class NoPolicies:
 
 
 class GymnasiumTask(GymnasiumRules):
-    """The environment with an id, as a server offers it (`app.task.Task`)."""
+    """The environment that a description tells of, as a server offers it (`app.task.Task`)."""
 
-    def __init__(self, level: str) -> None:
-        super().__init__(level)
+    def __init__(self, told: str) -> None:
+        super().__init__(told)
         self.policies = self.decides = NoPolicies()
 
     def levels(self) -> list[dict[str, Any]]:

@@ -58,6 +58,7 @@ class MarsRules:
 
     name: ClassVar[str] = "mars"
     title: ClassVar[str] = "MarsExplorer"
+    instructions: ClassVar[str] = ""
     assets: ClassVar[str] = "mars"
     version: ClassVar[str] = CORE_VERSION
     messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History)
@@ -165,7 +166,7 @@ class MarsRules:
         cells = 1 if config.discoverable_only else config.n
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
-    def forfeited_score(self, was: Cause, outcome: str, total: float) -> float:
+    def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
         """Return the score without the bonus, and with the penalty of leaving where none was paid."""
         total -= was.config.r_bonus if outcome == "explored" else 0
         total -= was.config.r_invalid if outcome in ("explored", "timed_out") else 0
@@ -207,7 +208,8 @@ class MarsRules:
 
     def record(self, was: Cause, actions: bytes, came_to: Mapping[str, Any]) -> Record:
         """Return the cause of a finished episode, ready to be replayed."""
-        return Record(was.config, was.seed, was.terrain, was.start, actions=actions, **came_to)
+        derived = {name: value for name, value in came_to.items() if name != "score"}
+        return Record(was.config, was.seed, was.terrain, was.start, actions=actions, **derived)
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""

@@ -9,11 +9,20 @@ const SMALL = 256;
 /** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
 const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 
+/** @param {TaskAbout} about @returns the actions that have a key */
+const reached = ({ actions, keys }) => actions.filter((action) => keys[action]?.length);
+
 /** Show a picture as large as its place, in whole multiples where that makes it larger.
  * @param {HTMLElement} place @param {{frame: Picture.Frame}} board @param {Look} look */
 function paint(place, { frame }, { name, width_px, height_px, dpr }) {
   const canvas = place.querySelector("canvas");
   if (canvas) canvas.hidden = true;
+  const shown = frame.picture;
+  if (shown === null) {
+    const pre = place.querySelector("pre.picture") ?? place.appendChild(create("pre", [], { class: "picture", "data-testid": "picture" }));
+    pre.textContent = frame.text;
+    return;
+  }
   const img = /** @type {HTMLImageElement} */ (place.querySelector("img.picture") ?? place.appendChild(create("img", [], { class: "picture", "data-testid": "picture" })));
   img.alt = `${name}: ${inWords(frame).line}`;
   const fit = () => {
@@ -24,7 +33,7 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }) {
     Object.assign(img.style, { width: `${width * whole}px`, height: `${height * whole}px`, imageRendering: Math.min(width, height) <= SMALL ? "pixelated" : "auto" });
   };
   img.onload = fit;
-  if (img.src !== frame.picture) img.src = frame.picture;
+  if (img.src !== shown) img.src = shown;
   if (img.complete) fit();
 }
 
@@ -47,7 +56,7 @@ export function taskOf(about) {
   /** @param {Picture.Frame} frame */
   const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${many(step, "move")}`, line: "" });
   return {
-    ...about, order: about.actions, round: "round", target: "the end", standing: "",
+    ...about, order: reached(about), round: "round", target: "the end", standing: "",
     chart: {
       title: metric.name, say: shown,
       axis(_, values) {
@@ -64,7 +73,7 @@ export function taskOf(about) {
       const [low, high] = [metric.lowest ?? 0, metric.highest ?? 1];
       return { value: tickText(progress(frame)), unit: metric.unit || metric.name, share: Math.min(1, Math.max(0, (progress(frame) - low) / (high - low))) };
     },
-    goal: () => about.title,
+    goal: () => about.instructions || about.title,
     outcome: words,
     status: (outcome) => words(outcome) || "running",
     trialEnding(frame) {
@@ -81,7 +90,7 @@ export function taskOf(about) {
       return after.outcome && !before.outcome ? `${ending(after).title}.` : after.text ?? "";
     },
     hint: () => null,
-    coach: (_, keyOf) => ["Try the keys", `${about.actions.map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`],
+    coach: (_, keyOf) => ["Try the keys", `${about.instructions} ${reached(about).map((action) => `${keyOf(action)}: ${words(action)}`).join(", ")}.`.trim()],
     ahead: () => "free",
     sound: (_, after) => (after.outcome ? { kind: "over" } : null),
     courseOf(name, frames) {

@@ -44,7 +44,7 @@ def played(serve, tmp_path):
     """The database and the folder of studies, once two people have played and the study is closed."""
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
-    assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
+    assert run("study", "new", "lake", "--env", "FrozenLake-v1", *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
     server = serve(task=LAKE)
     for number in range(2):
@@ -86,7 +86,7 @@ def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
     for name, task, spread in (
-        ("lake", ("--task", "FrozenLake-v1"), "a tenth and a fifth of the limit"),
+        ("lake", ("--env", "FrozenLake-v1"), "a tenth and a fifth of the limit"),
         ("mars", (), "those of synthetic players"),
     ):
         assert run("study", "new", name, *task, *sizes, *studies) == 0
@@ -97,13 +97,14 @@ def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
         answer = server.page().post(f"/api/studies/{name}/join")
         server.stop()
         assert answer.status_code == 409
-        assert f"is of {of}, and this server plays {plays}" in answer.json()["detail"]
+        titles = rules_of(of).title, rules_of(plays).title
+        assert "is of {}, and this server plays {}".format(*titles) in answer.json()["detail"]
 
 
 def test_keys_are_chosen_for_the_actions_of_the_task(serve, tmp_path):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
-    assert run("study", "new", "lake", "--task", "FrozenLake-v1", *sizes, *studies) == 0
+    assert run("study", "new", "lake", "--env", "FrozenLake-v1", *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
     server = serve(task=LAKE)
     person = Participant(server.page(), "lake", Wanderer(0), server.clock)

@@ -1,0 +1,341 @@
+"""What a researcher says of an environment: an id, or a TOML file; and what is known or derived where it says nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache, lru_cache
+from importlib import import_module
+from importlib.metadata import packages_distributions
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import gymnasium
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from app.board.messages import KEY_CODES
+
+DEFAULT_LIMIT = 1000
+"""Moves after which an episode times out where neither the environment nor its description sets a limit."""
+MAX_LIMIT = 100_000
+MAX_ACTIONS = 64
+"""Most actions: each has a button on a phone."""
+SPECIAL = {
+    32: "Space", 273: "ArrowUp", 274: "ArrowDown", 275: "ArrowRight", 276: "ArrowLeft", 1073741906: "ArrowUp",
+    1073741905: "ArrowDown", 1073741903: "ArrowRight", 1073741904: "ArrowLeft",
+}  # fmt: skip
+"""pygame's codes (before and since 2.0) of the keys that print no letter."""
+
+
+class Description(BaseModel):
+    """An environment as people are to play it; nothing but `id` is needed.
+
+    Rules: a success is `return > NUMBER`, `return >= NUMBER` or `info.NAME` (true in the last step's info). Without one nothing
+    is guessed: an episode that ends by itself has ended, no more.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    id: str = Field(
+        pattern=r"^(\w[\w.]*:)?[\w./-]{1,100}$",
+        description="Gymnasium's id; before a colon the module that registers it",
+    )
+    kwargs: dict[str, Any] = Field({}, description="what gymnasium.make is given besides")
+    wrappers: tuple[str, ...] = Field(
+        (), description='put around it, the innermost first: "module:Class", called with the environment alone'
+    )  # fmt: skip
+    title: str = Field("", max_length=100, description="what pages call it; the id otherwise")
+    instructions: str = Field("", max_length=2000, description="what players are told to do")
+    actions: tuple[str, ...] = Field((), description="names of the actions, by their codes")
+    keys: dict[str, str | int] = Field(
+        {}, description="event.code -> an action's name or code; an action without a key cannot be chosen"
+    )  # fmt: skip
+    max_steps: int | None = Field(
+        None, gt=0, le=MAX_LIMIT, description="moves after which an episode times out"
+    )
+    success: str = Field(
+        "", pattern=r"^(return >=? -?\d+(\.\d+)?|info\.\w+)?$", description="which ending is a success"
+    )  # fmt: skip
+    score: str = Field(
+        "return", pattern=r"^(return|info\.\w+)$", description="the headline metric: the return, or the last info.NAME"
+    )  # fmt: skip
+    bounds: tuple[float | None, float | None] = Field(
+        (None, None), description="the lowest and the highest score that there can be, where they are known"
+    )  # fmt: skip
+    seeding: Literal["reset", "kwarg"] = Field(
+        "reset", description="kwarg: it is made with seed= and ignores the seed of reset"
+    )
+    people_see: str = Field(
+        "", max_length=200, description="what the picture shows; printed in the preregistration"
+    )
+    agents_see: str = Field(
+        "", max_length=200, description="what its observation holds; printed in the preregistration"
+    )
+
+    @field_validator("actions")
+    @classmethod
+    def _are_names(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        if bad := [name for name in given if not re.fullmatch(r"\w{1,40}", name)]:
+            raise ValueError(f"expected names of letters, digits and _, got {bad[0]!r}")
+        if len(set(given)) < len(given):
+            raise ValueError("expected names that differ")
+        return given
+
+    @field_validator("keys")
+    @classmethod
+    def _are_codes(cls, given: dict[str, str | int]) -> dict[str, str | int]:
+        if bad := [code for code in given if code not in KEY_CODES]:
+            raise ValueError(
+                f"expected codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code), got {bad[0]!r}"
+            )
+        return given
+
+    @property
+    def told(self) -> str:
+        """What describes it in the name of a task: the id alone, or canonical JSON of what was said."""
+        said = self.model_dump(mode="json", exclude_unset=True)
+        return self.id if said == {"id": self.id} else canonical(said)
+
+    def make(self, kwargs: Mapping[str, Any], limit: int, seed: int | None = None) -> Any:
+        """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
+        for driver in ("SDL_VIDEODRIVER", "SDL_AUDIODRIVER"):
+            os.environ.setdefault(driver, "dummy")  # pygame would look for a screen and for sound
+        given = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
+        try:
+            spec_of(self.id)
+            env = gymnasium.make(
+                self.id,
+                max_episode_steps=limit,
+                disable_env_checker=True,
+                render_mode=self.render_mode,
+                **given,
+            )
+            for wrapper in self.wrappers:
+                module, _, name = wrapper.partition(":")
+                env = getattr(import_module(module), name)(env)
+        except (gymnasium.error.Error, TypeError, ImportError, AttributeError) as error:
+            raise ValueError(f"{self.id} cannot be made: {error}") from error
+        return env
+
+    @property
+    def render_mode(self) -> str:
+        """How it is shown: `rgb_array`, else `ansi`; ValueError where it draws neither."""
+        entry = spec_of(self.id).entry_point
+        made = (
+            gymnasium.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
+        )
+        modes = getattr(made, "metadata", {}).get("render_modes", ["rgb_array"])
+        for mode in ("rgb_array", "ansi"):
+            if mode in modes:
+                return mode
+        raise ValueError(
+            f"{self.id} draws no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}: "
+            "name a wrapper that does"
+        )
+
+    @property
+    def versions(self) -> str:
+        """What an episode replays with: the versions of Gymnasium, NumPy and the package of the environment."""
+        entry = spec_of(self.id).entry_point
+        module = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
+        modules = (re.split("[.:]", module)[0], *(name.split(".")[0] for name in self.wrappers))
+        owners = _owners()
+        owned = [
+            dist
+            for part, dist in (("box2d", "Box2D"), ("mujoco", "mujoco"))
+            if module.startswith(f"gymnasium.envs.{part}")
+        ]
+        needed = sorted(
+            {
+                "gymnasium",
+                "numpy",
+                *owned,
+                *(each for name in modules for each in owners.get(name, ())),
+            }
+        )
+        return ", ".join(f"{name} {version_of(name)}" for name in needed)
+
+
+@cache
+def _owners() -> Mapping[str, list[str]]:
+    return packages_distributions()
+
+
+@cache
+def _catalogue() -> dict[str, Any]:
+    return tomllib.loads((Path(__file__).parent / "catalogue.toml").read_text("utf-8"))
+
+
+def canonical(value: Any) -> str:
+    """Return JSON that is the same for equal values."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+
+
+def spec_of(env_id: str) -> Any:
+    """Return Gymnasium's own description; ValueError, saying why, where there is none."""
+    module, _, name = env_id.rpartition(":")
+    try:
+        if module:
+            import_module(module)
+        return gymnasium.spec(name)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"Gymnasium knows no environment {env_id!r}: {error}; install its package: pip install {error.name}"
+        ) from error
+    except (gymnasium.error.Error, ImportError) as error:
+        way = (
+            ""
+            if module
+            else "; where another package brings it, write the module's name before it, like minigrid:ID"
+        )
+        raise ValueError(f"Gymnasium knows no environment {env_id!r}: {error}{way}") from error
+
+
+@lru_cache(maxsize=64)
+def described(told: str) -> Description:
+    """Return a description as it was told, with what the catalogue knows where it says nothing; ValueError where it is none."""
+    said = json.loads(told) if told.startswith("{") else {"id": told}
+    try:
+        given = Description.model_validate(said)
+    except ValidationError as error:
+        raise ValueError(_first(error)) from error
+    return given
+
+
+def completed(given: Description) -> Description:
+    """Return a description with what the catalogue knows of its environment where it says nothing."""
+    fits = [name for name in _catalogue()["known"] if given.id.startswith(name)]
+    known = _catalogue()["known"][max(fits, key=len)] if fits else {}
+    if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
+        known = {name: value for name, value in known.items() if name != "keys"}
+    return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})
+
+
+def read_description(path: Path) -> Description:
+    """Return the description in a TOML file; ValueError with the line of what is wrong, OSError where it cannot be read."""
+    text = path.read_text("utf-8")
+    try:
+        return Description.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+    except ValidationError as error:
+        field = str(error.errors()[0]["loc"][0]) if error.errors()[0]["loc"] else ""
+        lines = [
+            number
+            for number, line in enumerate(text.splitlines(), 1)
+            if re.match(rf"\[?{field}\b", line)
+        ]
+        where = f"{path}, line {lines[0]}" if field and lines else str(path)
+        raise ValueError(f"{where}: {_first(error)}") from error
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    field = ".".join(map(str, first["loc"]))
+    if first["type"] == "extra_forbidden":
+        return f"there is no field {field!r}; the fields are {', '.join(Description.model_fields)}"
+    said = first["msg"].removeprefix("Value error, ")
+    return f"{field}: {said}" + ("" if first["type"] == "missing" else f", got {first['input']!r}")
+
+
+def actions_of(described: Description, env: Any) -> tuple[str, ...]:
+    """Return the names of the actions of an environment, by their codes; ValueError where they are not discrete.
+
+    They come from the description, else from `get_action_meanings` or an enumeration `actions`, else they are numbers.
+    """
+    space, inner = env.action_space, env.unwrapped
+    if (
+        not isinstance(space, gymnasium.spaces.Discrete)
+        or space.start != 0
+        or space.n > MAX_ACTIONS
+    ):
+        raise ValueError(
+            f"expected up to {MAX_ACTIONS} discrete actions from 0 on, {described.id} has {space}; a wrapper can choose some, "
+            'such as wrappers = ["mypackage:FewActions"] in its file'
+        )
+    count = int(space.n)
+    named: Iterable[Any] = described.actions
+    if not described.actions:
+        meanings = getattr(inner, "get_action_meanings", None)
+        named = meanings() if meanings is not None else getattr(inner, "actions", ())
+    try:
+        names = [re.sub(r"\W+", "_", str(getattr(each, "name", each))).lower() for each in named]
+    except TypeError:
+        names = []
+    if described.actions and len(names) != count:
+        raise ValueError(f"actions: {described.id} has {count}, got {len(names)} names")
+    return tuple(names) if len(set(names)) == len(names) == count else tuple(map(str, range(count)))
+
+
+def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Return the keys (`event.code`) of each action, none for one that cannot be chosen; ValueError where no action has one.
+
+    They come from the description, else from `get_keys_to_action`, else from the words of the names, else they are digits.
+    """
+    found: dict[str, list[str]] = {name: [] for name in names}
+    for code, wanted in described.keys.items():
+        name = (
+            str(wanted)
+            if isinstance(wanted, str)
+            else names[wanted]
+            if 0 <= wanted < len(names)
+            else ""
+        )
+        if name not in found:
+            raise ValueError(
+                f"keys: {code} = {wanted!r} is no action of {described.id}: {', '.join(names)}"
+            )
+        found[name].append(code)
+    if not described.keys:
+        words, taken = _catalogue()["words"], set[str]()
+        for name in names:
+            fits = next((codes for word, codes in words.items() if word in name.split("_")), None)
+            fits = fits or next(
+                (codes for word, codes in words.items() if word in name and len(word) > 2), ()
+            )
+            found[name] = [code for code in fits if code not in taken]
+            taken.update(found[name])
+        for code, action in _own_keys(env.unwrapped):
+            if action < len(names) and not found[names[action]] and code not in taken:
+                found[names[action]].append(code)
+                taken.add(code)
+        free = [f"Digit{number}" for number in (*range(1, 10), 0)] + [
+            f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"
+        ]
+        if len(names) <= len(free):
+            for number, name in enumerate(names):
+                like = f"Digit{number}" if name == str(number) and number < 10 else ""
+                if not found[name]:
+                    code = (
+                        like
+                        if like and like not in taken
+                        else next(each for each in free if each not in taken)
+                    )
+                    found[name] = [code]
+                    taken.add(code)
+    if not any(found.values()):
+        raise ValueError(
+            f"no key is known for the {len(names)} actions of {described.id}; name them in its file, such as "
+            "keys = { ArrowLeft = 0, ArrowRight = 1 }"
+        )
+    return {name: tuple(codes) for name, codes in found.items()}
+
+
+def _own_keys(inner: Any) -> list[tuple[str, int]]:
+    """Return the single keys of `get_keys_to_action`, as codes of browsers."""
+    found = []
+    for keys, action in getattr(inner, "get_keys_to_action", dict)().items():
+        held = [keys] if isinstance(keys, str | int) else list(keys)
+        if len(held) == 1 and isinstance(action, int):
+            key = ord(held[0]) if isinstance(held[0], str) and len(held[0]) == 1 else held[0]
+            letter = chr(key).upper() if isinstance(key, int) and key < 128 else ""
+            code = SPECIAL.get(
+                cast("int", key), f"Key{letter}" if letter.isalpha() else f"Digit{letter}"
+            )
+            if code in KEY_CODES:
+                found.append((code, action))
+    return found

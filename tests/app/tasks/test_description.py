@@ -1,0 +1,166 @@
+"""What is derived of an environment, what its file may say, and what is said of one that cannot be played."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.series.verification import verify_database
+from app.task import Choice, rules_of
+from app.tasks.gymnasium.description import Description, read_description
+from app.tasks.gymnasium.task import GymnasiumTask
+
+OURS = "tests.support.environments"
+PATH = f"{OURS}:Path-v0"
+FILE = f"""
+id = "{PATH}"
+title = "Home"
+instructions = "Walk home."
+kwargs = {{ length = 3 }}
+keys = {{ ArrowUp = "forward", KeyB = 0 }}
+success = "info.home"
+score = "info.coins"
+max_steps = 6
+"""
+
+
+@pytest.mark.parametrize(
+    ("told", "keys"),
+    [
+        ("CliffWalking-v1", {"up": "ArrowUp", "right": "ArrowRight", "down": "ArrowDown", "left": "ArrowLeft"}),
+        ("LunarLander-v3", None),
+        (PATH, {"back": "ArrowDown", "forward": "ArrowUp", "wave": "Digit1"}),
+        (f"{OURS}:Meanings-v0", {"noop": "KeyN", "right": "ArrowRight", "rightfire": "Digit1"}),
+        (f"{OURS}:OwnKeys-v0", {"0": "ArrowLeft", "1": "KeyJ", "2": "Digit2"}),
+        (f"{OURS}:Seeded-v0", {"noop": "KeyN", "right": "ArrowRight", "rightfire": "Digit1"}),
+    ],
+)  # fmt: skip
+def test_names_and_keys_are_derived(told, keys):
+    if keys is None:
+        pytest.importorskip("Box2D")
+        keys = {
+            "nothing": "KeyN",
+            "left_engine": "ArrowRight",
+            "main_engine": "ArrowUp",
+            "right_engine": "ArrowLeft",
+        }
+    rules = rules_of(f"gymnasium:{told}")
+    assert {name: codes[0] for name, codes in rules.keys.items()} == keys
+    assert rules.actions == tuple(keys)
+
+
+@pytest.fixture
+def home(tmp_path):
+    """The file of an environment."""
+    path = tmp_path / "home.toml"
+    path.write_text(FILE)
+    return path
+
+
+def test_a_file_is_all_of_the_task_s_name(home):
+    told = read_description(home).told
+    rules = rules_of(f"gymnasium:{told}")
+    assert Description(**json.loads(told)) == read_description(home)
+    assert rules.name == f"gymnasium:{told}"
+    assert (rules.title, rules.instructions) == ("Home", "Walk home.")
+    assert rules.keys == {"back": ("KeyB",), "forward": ("ArrowUp",), "wave": ()}
+    assert (rules.metrics[0].name, rules.successes) == ("coins", {"succeeded"})
+    assert rules.default.to_dict() == {"level": PATH, "kwargs": {"length": 3}, "max_steps": 6}
+    assert (
+        rules.default.hash
+        != rules_of(f"gymnasium:{PATH}").configuration(rules.default.to_dict()).hash
+    )
+    assert "`info.home`" in rules.design(rules.default) or "info.home" in rules.words.definition
+
+
+@pytest.mark.parametrize(
+    ("success", "moves", "outcome"),
+    [
+        ("info.home", [1, 1, 1], "succeeded"),
+        ("return > -3", [1, 1, 1], "failed"),
+        ("return >= -3", [1, 1, 1], "succeeded"),
+        ("return > -9", [0] * 6, "succeeded"),
+        ("", [1, 1, 1], "ended"),
+        ("info.home", [0] * 6, "timed_out"),
+    ],
+)
+def test_a_success_is_what_the_file_says(home, success, moves, outcome):
+    given = {**read_description(home).model_dump(exclude_unset=True), "success": success}
+    task = GymnasiumTask(Description(**given).told)
+    run = task.begin(Choice(task.default, 1))  # it starts in cell 0
+    for move in moves:
+        if run.outcome == "running":
+            run.step(move)
+    record = run.record()
+    assert (record.outcome, record.score) == (outcome, 2 * sum(moves))
+    assert (record.outcome in task.successes) == (outcome in ("succeeded", "ended"))
+    assert task.replay_record(record).record() == record
+
+
+def test_two_seeds_are_two_episodes_where_only_the_making_heeds_them():
+    given = {"id": f"{OURS}:Seeded-v0", "seeding": "kwarg"}
+    task = GymnasiumTask(Description(**given).told)
+    assert len({task.begin(Choice(task.default, seed)).observation() for seed in range(8)}) == 2
+
+
+def test_a_wrapper_makes_actions_of_a_wheel():
+    given = {"id": f"{OURS}:Wheel-v0", "wrappers": [f"{OURS}:Steered"]}
+    assert GymnasiumTask(Description(**given).told).actions == ("0", "1")
+
+
+def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_path):
+    server = serve(task=f"gymnasium:{read_description(home).told}")
+    client = server.page()
+    begun = client.post("/api/sessions", json={}).json()
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        assert (frame["picture"], "@" in frame["text"]) == (None, True)
+        while frame["outcome"] is None:
+            socket.act(frame, "forward")
+            frame = socket.frame_after(frame["step"])
+    assert (frame["outcome"], frame["headline"], frame["return"]) == (
+        "succeeded",
+        2.0 * frame["step"],
+        -frame["step"],
+    )
+    server.stop()
+    database = tmp_path / "playground.db"
+    assert verify_database(database).findings == ()
+    with closing(sqlite3.connect(database, isolation_level=None)) as conn:
+        assert conn.execute("SELECT score, outcome FROM episodes").fetchone() == (
+            frame["score"],
+            "succeeded",
+        )
+        conn.execute("UPDATE episodes SET score = score + 1")
+    assert any("score" in each.what for each in verify_database(database).findings)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('id = "X-v0"\nkeys = = 1', "(at line 2"),
+        (f'id = "{PATH}"\n\nkyes = {{}}', "line 3: there is no field 'kyes'; the fields are id, kwargs"),
+        ('title = "x"', "id: Field required"),
+        (f'id = "{PATH}"\n[keys]\nArrowUpp = 1', "line 2: keys: expected codes like ArrowUp"),
+        (f'id = "{PATH}"\nkeys = {{ ArrowUp = "jump" }}', "keys: ArrowUp = 'jump' is no action of"),
+        (f'id = "{PATH}"\nactions = ["a", "b"]', f"actions: {PATH} has 3, got 2 names"),
+        (f'id = "{PATH}"\nsuccess = "always"', "line 2: success: "),
+        (f'id = "{PATH}"\nkwargs = {{ width = 1 }}', "cannot be made: "),
+        (f'id = "{PATH}"\nwrappers = ["nosuch:Wrapper"]', "cannot be made: No module named 'nosuch'"),
+        ('id = "nosuch:X-v0"', "install its package: pip install nosuch"),
+        ('id = "NoSuch-v0"', "write the module's name before it"),
+        (f'id = "{OURS}:Wheel-v0"', 'such as wrappers = ["mypackage:FewActions"]'),
+        (f'id = "{OURS}:Blind-v0"', "draws no picture (rgb_array) and no text (ansi), only human"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_played_is_said_at_the_start(text, said, tmp_path, capsys):
+    path = tmp_path / "env.toml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as left:
+        main(["serve", "--env", str(path), "--database", str(tmp_path / "play.db"), "--port", "0"])
+    err = " ".join(capsys.readouterr().err.split())
+    assert (left.value.code in (1, 2), said in err) == (True, True), err
+    assert "Traceback" not in err
+    assert not (tmp_path / "play.db").exists()

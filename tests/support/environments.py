@@ -1,0 +1,94 @@
+"""Small environments of the tests' own, each unlike Gymnasium's in one way."""
+
+import enum
+from typing import ClassVar
+
+import gymnasium
+import numpy as np
+
+
+class Path(gymnasium.Env):
+    """A walk from cell 0 to cell `length`, shown as text; its coins are told in `info` alone."""
+
+    metadata: ClassVar = {"render_modes": ["ansi"]}
+    observation_space = gymnasium.spaces.Discrete(100)
+    action_space = gymnasium.spaces.Discrete(3)
+
+    class actions(enum.IntEnum):  # noqa: N801
+        back = 0
+        forward = 1
+        wave = 2
+
+    def __init__(self, length=5, render_mode=None):
+        self.length, self.render_mode = length, render_mode
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at, self.coins = int(self.np_random.integers(2)), 0
+        return self.at, {}
+
+    def step(self, action):
+        self.at = max(0, self.at + (-1, 1, 0)[action])
+        self.coins += 2 * (action == 1)
+        home = self.at >= self.length
+        return self.at, -1.0, home, False, {"coins": self.coins, "home": home}
+
+    def render(self):
+        return "." * self.at + "@" + "." * max(0, self.length - self.at)
+
+
+class Meanings(Path):
+    """Names its actions as ALE does, and draws."""
+
+    metadata: ClassVar = {"render_modes": ["rgb_array"]}
+    actions = None
+
+    def get_action_meanings(self):
+        return ["NOOP", "RIGHT", "RIGHTFIRE"]
+
+    def render(self):
+        return np.full((8, 8, 3), self.at, np.uint8)
+
+
+class OwnKeys(Meanings):
+    """Tells its keys as pygame has them."""
+
+    get_action_meanings = None
+
+    def get_keys_to_action(self):
+        return {(): 0, (276,): 0, (ord("j"),): 1, (275, 276): 2}
+
+
+class Blind(Path):
+    metadata: ClassVar = {"render_modes": ["human"]}
+
+
+class Wheel(Meanings):
+    action_space = gymnasium.spaces.Box(-1, 1, (1,))
+
+
+class Steered(gymnasium.ActionWrapper):
+    """Two actions of a wheel."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.action_space = gymnasium.spaces.Discrete(2)
+
+    def action(self, action):
+        return action
+
+
+class Seeded(Meanings):
+    """Heeds the seed that it is made with, and no other."""
+
+    def __init__(self, seed=0, render_mode=None):
+        super().__init__(render_mode=render_mode)
+        self.seed = seed
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=self.seed)
+        return self.at, {}
+
+
+for each in (Path, Meanings, OwnKeys, Blind, Wheel, Seeded):
+    gymnasium.register(f"{each.__name__}-v0", each)
