@@ -7,7 +7,7 @@ import { words } from "./words.js";
 /** What a server says that has this task alone.
  * @type {TaskAbout} */
 const ABOUT = {
-  name: "mars", title: "MarsExplorer", assets: "mars", actions: ["north", "east", "south", "west"], metrics: [],
+  name: "mars", title: "MarsExplorer", instructions: "", assets: "mars", actions: ["north", "east", "south", "west"], metrics: [],
   keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
 };
 
