@@ -162,7 +162,10 @@ def test_connections_of_one_address_are_limited(proxied):
         sockets = list(pool.map(watch, range(8)))
     refused = [each for each in sockets if isinstance(each, Exception)]
     assert len(refused) == 4
-    assert [str(each) for each in refused if "429" not in str(each)] == []
+    # nginx closes at once, so that the reset can overtake its answer
+    said = [str(each) for each in refused]
+    assert any("429" in each for each in said)
+    assert [each for each in said if "429" not in each and "valid HTTP response" not in each] == []
     for each in sockets:
         if not isinstance(each, Exception):
             each.close()
