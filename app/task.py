@@ -336,6 +336,9 @@ class Rules(Protocol):
     def check_study(self, config: Configuration) -> None:
         """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
 
+    def examine(self, config: Configuration) -> None:
+        """Raise ValueError, saying what differs and why, where episodes do not follow from seed and actions."""
+
     def drawn(self, config: Configuration, seed: int) -> tuple[bytes, tuple[int, int]]:
         """Return the packed instance that a seed draws, and where an episode starts on it."""
 

@@ -41,6 +41,7 @@ COMMANDS = {
     "serve": ("serve", "play", "Play and watch in a browser; every move is recorded."),
     "export": ("database", "play", "Write the recorded episodes as CSV."),
     "replay": ("replay", "play", "Write an episode as a page in one file, a GIF or an MP4."),
+    "doctor": ("doctor", "gymnasium", "Say whether an environment follows from seed and actions."),
     "evaluate": ("training.evaluate", "play", "Score policies on the same terrains."),
     "leaderboard": ("training.leaderboard", "play", "Make the leaderboard's figures of the shipped policies."),
     "train": ("training.train", "train", "Train a policy on this machine."),

@@ -231,6 +231,10 @@ class Folder:
                 f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
                 "write the new one into protocol.json, or install the release that has the old one"
             )
+        try:
+            rules.examine(protocol.env_config)
+        except ValueError as error:
+            raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
         protocol = protocol.model_copy(
             update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
         )

@@ -438,6 +438,16 @@ class GymnasiumRules:
         """Raise ValueError where the environment cannot be made."""
         config.make().close()
 
+    def examine(self, config: GymnasiumConfig) -> None:
+        """Raise ValueError where fresh processes play episodes of 2,000 moves in all differently."""
+        from app.tasks.gymnasium.doctor import examine
+
+        found = examine(self.name, steps=400, config=config.to_dict())
+        if found.differences:
+            raise ValueError(
+                f"{found.verdict}; mend the environment or name a wrapper that does; `marsexplorer doctor` says more"
+            )
+
     def prepare(self) -> None:
         """Make the environment and draw it once; ValueError where it has other actions, or what it needs is not installed."""
         _ = self.actions

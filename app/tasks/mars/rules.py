@@ -176,6 +176,9 @@ class MarsRules:
         """Return `no effort` or nothing; counts are the cells known after each move."""
         return ("no effort",) if makes_no_effort(was.config, counts, self.cells(was)) else ()
 
+    def examine(self, config: EnvConfig) -> None:
+        """Do nothing: the tests have examined it."""
+
     def check_study(self, config: EnvConfig) -> None:
         """Raise ValueError unless all cells count and the board fits the page."""
         if config.discoverable_only:

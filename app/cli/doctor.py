@@ -1,0 +1,63 @@
+"""`marsexplorer doctor`: whether an environment of Gymnasium follows from its seed and its actions."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from app.cli.console import progress, task_name
+
+
+@click.command(short_help="Say whether an environment follows from seed and actions.")
+@click.argument("env")
+@click.option(
+    "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="How many seeds."
+)
+@click.option(
+    "--steps", type=click.IntRange(1, 1_000_000), default=2000, show_default=True,
+    help="Moves for each seed; where an episode ends, another begins.",
+)  # fmt: skip
+@click.option(
+    "--rule",
+    metavar="MODULE:FUNCTION",
+    help="Choose every third seed's actions by its observations.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool) -> int:
+    """Play ENV, an id of Gymnasium's or a TOML file, in fresh processes, and compare its episodes step by step.
+
+    They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
+    in a used environment. Exit code 0 says that no difference was found, 1 that there was one, 2 that ENV cannot be played.
+
+    \b
+    Examples:
+      marsexplorer doctor FrozenLake-v1
+      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
+      marsexplorer doctor rooms.toml --json
+    """
+    from app.tasks.gymnasium.doctor import examine
+
+    if (task := task_name(env)) == "mars":
+        raise click.UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
+    try:
+        with progress("playing in fresh processes") as advance:
+            found = examine(task, seeds, steps, advance, rule=rule)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    if as_json:
+        click.echo(json.dumps(found.to_dict(), indent=2))
+        return int(bool(found.differences))
+    click.echo(found.verdict)
+    for difference in found.differences[1:]:
+        click.echo(f"also: {difference}")
+    if found.used:
+        click.echo(f"no fault here, where each episode has a fresh environment: {found.used}")
+    rows, columns = found.picture
+    click.echo(
+        f"a step takes {found.step_ms:.3g} ms, a picture {found.picture_ms:.3g} ms; it has {columns} x {rows} pixels, "
+        f"{found.picture_bytes} bytes as PNG"
+    )
+    for action, keys in found.keys.items():
+        click.echo(f"  {action}: {', '.join(keys) or 'no key'}")
+    return int(bool(found.differences))

@@ -1,0 +1,80 @@
+"""The examination of an environment: what is odd is found and named, its even twin passes, and so do Gymnasium's own."""
+
+import json
+
+import pytest
+
+from app.tasks.gymnasium.doctor import examine
+from tests.support.command import command
+from tests.support.declared import DECLARATIONS_FILE
+
+ODD = "tests.support.odd_environments"
+EXPECTED = {
+    "python": ("fresh process", "observation", "random numbers"),
+    "numpy": ("fresh process", "observation", "random numbers"),
+    "clock": ("fresh process", "observation", "clock"),
+    "sets": ("hash seed", "observation", "sets"),
+    "module": ("after other episodes", "observation", "module"),
+    "counter": ("after other episodes", "observation", "counter"),
+    "file": ("fresh process", "observation", "files"),
+    "render": ("without rendering", "observation", "render"),
+    "picture": ("fresh process", "picture", "clock"),
+    "late": ("fresh process", "observation", "clock"),
+}
+"""Reason -> the variant that is named first, the part that differs, a word of the cause."""
+
+
+def examined(kind, reason):
+    steps = 1100 if reason == "late" else 40
+    return examine(f"gymnasium:{ODD}:{kind}-{reason}-v0", seeds=1, steps=steps)
+
+
+@pytest.mark.parametrize("reason", EXPECTED)
+def test_what_is_odd_is_named_and_its_twin_passes(reason):
+    found = examined("Odd", reason)
+    first = found.differences[0]
+    variant, part, cause = EXPECTED[reason]
+    assert (first.variant, first.part) == (variant, part)
+    assert cause in found.verdict
+    assert (first.step > 1000) == (reason == "late")
+    even = examined("Even", reason)
+    assert (even.differences, even.used) == ((), None)
+    assert f"no difference in {even.steps} steps" in even.verdict
+
+
+def test_a_state_that_reset_leaves_is_reported_and_does_not_count():
+    found = examined("Odd", "reset")
+    assert found.differences == ()
+    assert (found.used.variant, found.used.step) == ("used environment", 0)
+
+
+@pytest.mark.parametrize("env", ["FrozenLake-v1", "CartPole-v1"])
+def test_gymnasiums_own_pass_with_their_costs(env, capsys):
+    code, said, _ = command(capsys, "doctor", env, "--seeds", 2, "--steps", 30, "--json")
+    found = json.loads(said)
+    assert (code, found["exact"], found["steps"]) == (0, True, 60)
+    assert min(found["step_ms"], found["picture_ms"], *found["picture"]) > 0
+    assert found["picture_bytes"] > 100
+    assert all(found["keys"].values())
+
+
+def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
+    code, said, _ = command(capsys, "doctor", f"{ODD}:Odd-sets-v0", "--seeds", 1, "--steps", 3)
+    assert code == 1
+    assert "does not follow from seed and actions" in said
+    for env, words in {"Nothing-v0": "knows no environment", "Pendulum-v1": "discrete"}.items():
+        code, said, why = command(capsys, "doctor", env)
+        assert (code, said) == (2, "")
+        assert words in why
+
+
+def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path):
+    studies = ("--studies", tmp_path)
+    env = ("--env", f"{ODD}:Odd-counter-v0", "--declarations", DECLARATIONS_FILE)
+    assert command(capsys, "study", "new", "odd", *env, *studies)[0] == 0
+    code, _, why = command(capsys, "study", "freeze", "odd", "--underpowered", *studies)
+    assert code == 2
+    assert "does not follow from seed and actions" in why
+    assert "a counter kept on the class" in why
+    assert "marsexplorer doctor" in why
+    assert not (tmp_path / "odd" / "secret").exists()
