@@ -91,9 +91,10 @@ class Examination:
     @property
     def verdict(self) -> str:
         """Return the verdict in a sentence."""
+        title = rules_of(self.task).title
         if self.differences:
-            return f"{self.task} does not follow from seed and actions: {self.differences[0]}"
-        return f"{self.task}: no difference in {self.steps} steps"
+            return f"{title} does not follow from seed and actions: {self.differences[0]}"
+        return f"{title}: no difference in {self.steps} steps"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON values."""
