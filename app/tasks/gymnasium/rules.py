@@ -439,10 +439,10 @@ class GymnasiumRules:
         config.make().close()
 
     def examine(self, config: GymnasiumConfig) -> None:
-        """Raise ValueError where fresh processes play episodes of 2,000 moves in all differently."""
+        """Raise ValueError where fresh processes play episodes of 1,000 moves in all differently."""
         from app.tasks.gymnasium.doctor import examine
 
-        found = examine(self.name, steps=400, config=config.to_dict())
+        found = examine(self.name, steps=200, config=config.to_dict())
         if found.differences:
             raise ValueError(
                 f"{found.verdict}; mend the environment or name a wrapper that does; `marsexplorer doctor` says more"
