@@ -4,7 +4,7 @@ import re
 import ssl
 import subprocess
 import time
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
@@ -82,8 +82,11 @@ def browser(server):
 
 
 def trusting():
-    """What takes the certificate of these tests for good."""
+    """What takes the certificate of these tests for good. TLS 1.2, because the client reads and writes in two threads: a session
+    ticket of TLS 1.3 that is read while the request is written can keep OpenSSL from ever sending the request.
+    """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.maximum_version = ssl.TLSVersion.TLSv1_2
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     return context
 
@@ -147,28 +150,23 @@ def test_a_flood_from_one_address_is_limited(proxied):
 
 def test_connections_of_one_address_are_limited(proxied):
     server = proxied(("mars_connections 800", "mars_connections 4"))
-
-    def watch(_):
-        address = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
-        try:
-            return connect(address, ssl=trusting(), proxy=None, open_timeout=60)
-        except Exception as error:
-            return error
-
     with browser(server) as client:
         del client.headers["Origin"]
         session = client.post("/api/sessions", json={"size": [7, 9]}).json()["session"]
-    with ThreadPoolExecutor(8) as pool:
-        sockets = list(pool.map(watch, range(8)))
-    refused = [each for each in sockets if isinstance(each, Exception)]
-    assert len(refused) == 4
-    # nginx closes at once, so that the reset can overtake its answer
-    said = [str(each) for each in refused]
-    assert any("429" in each for each in said)
-    assert [each for each in said if "429" not in each and "valid HTTP response" not in each] == []
-    for each in sockets:
-        if not isinstance(each, Exception):
-            each.close()
+    address = f"{server.public.replace('https', 'wss')}/ws/sessions/{session}"
+
+    def asked():
+        with browser(server) as client:
+            return client.get("/healthz").status_code
+
+    with ExitStack() as held:
+        sockets = [
+            held.enter_context(connect(address, ssl=trusting(), proxy=None, open_timeout=60))
+            for _ in range(4)
+        ]
+        assert [asked() for _ in range(4)] == [429] * 4
+        sockets[0].close()
+        eventually(lambda: asked() == 200)
 
 
 MISBEHAVING = """
