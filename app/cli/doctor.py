@@ -54,9 +54,9 @@ def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool) ->
     if found.used:
         click.echo(f"no fault here, where each episode has a fresh environment: {found.used}")
     rows, columns = found.picture
+    size = f"pixels, {found.picture_bytes} bytes as PNG" if found.picture_bytes else "characters"
     click.echo(
-        f"a step takes {found.step_ms:.3g} ms, a picture {found.picture_ms:.3g} ms; it has {columns} x {rows} pixels, "
-        f"{found.picture_bytes} bytes as PNG"
+        f"a step takes {found.step_ms:.3g} ms, a picture {found.picture_ms:.3g} ms; it has {columns} x {rows} {size}"
     )
     for action, keys in found.keys.items():
         click.echo(f"  {action}: {', '.join(keys) or 'no key'}")

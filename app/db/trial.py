@@ -165,7 +165,7 @@ class Trial:
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
-        names = (
+        names = [
             "outcome",
             "total",
             "score",
@@ -173,7 +173,7 @@ class Trial:
             "discovered",
             "trajectory_hash",
             "core_version",
-        )
+        ]
         actions = bytes(step["action"] for step in steps)
         return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
 

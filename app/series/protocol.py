@@ -150,7 +150,7 @@ class Declarations(_Part):
 class Protocol(_Part):
     """A study's protocol.
 
-    task                 what is played: mars, or gymnasium:ID
+    task                 what is played: mars, or gymnasium: with an id or a description as JSON
     config               of every episode, as the task's configuration says it
     core_version         of the rules it was made for
     warm_up, ranked      episodes a participant plays that do not count, and that do

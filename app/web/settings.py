@@ -113,7 +113,7 @@ class Settings(BaseSettings):
 
     host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
     database     the SQLite file; made on first start
-    task         what is played: mars, or gymnasium:ID for an environment that Gymnasium makes (`serve --env ID`)
+    task         what is played: mars, or gymnasium: with an id or a description as JSON (`serve --env ENV`)
     studies      the folder of studies; need not exist
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)

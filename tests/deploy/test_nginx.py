@@ -82,8 +82,10 @@ def browser(server):
 
 
 def trusting():
-    """What takes the certificate of these tests for good. TLS 1.2, because the client reads and writes in two threads: a session
-    ticket of TLS 1.3 that is read while the request is written can keep OpenSSL from ever sending the request.
+    """What takes the certificate of these tests for good.
+
+    TLS 1.2, because the client reads and writes in two threads: a session ticket of TLS 1.3 that is read while the request is
+    written can keep OpenSSL from ever sending the request.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.maximum_version = ssl.TLSVersion.TLSv1_2

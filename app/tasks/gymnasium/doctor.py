@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from app.task import rules_of
-from app.tasks.gymnasium.rules import _bytes
+from app.tasks.gymnasium.rules import bytes_of
 
 Progress = Callable[[int, int], None]
 
@@ -109,7 +109,6 @@ def examine(
     *,
     config: Mapping[str, Any] | None = None,
     rule: str | None = None,
-    limit_s: float | None = None,
 ) -> Examination:
     """Play the same episodes in seven processes and compare hashes; ValueError for what cannot be made, played or drawn.
 
@@ -117,7 +116,6 @@ def examine(
     progress  called with (processes done, of how many)
     config    what `GymnasiumRules.configuration` takes
     rule      module:function, which returns an action for an observation; uniform and sticky actions take turns with it
-    limit_s   so many seconds it may take, roughly: more steps than fit are left out
     """
     rules = rules_of(task)
     settings = rules.configuration(config or {}).to_dict()
@@ -129,17 +127,9 @@ def examine(
         "actions": len(rules.actions),
         "seeds": seeds,
         "rule": rule,
+        "steps": steps,
     }
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
-        if limit_s is not None:
-            begun = time.monotonic()
-            _play({**request, "seeds": 1, "steps": 0, "variant": "first"}, here)
-            idle = time.monotonic() - begun
-            _play({**request, "seeds": 1, "steps": min(steps, 100), "variant": "first"}, here)
-            step_s = max(1e-5, (time.monotonic() - begun - 2 * idle) / min(steps, 100))
-            rounds = 1 + -(-len(variants) // workers)
-            steps = max(100, min(steps, int((limit_s / rounds - idle) / step_s / seeds)))
-        request["steps"] = steps
         first = _play({**request, "variant": "first"}, here)
         advance(1, total)
         with ThreadPoolExecutor(workers) as threads:
@@ -281,7 +271,7 @@ def _episode(
                 if len(hashes) % 100 == 0:
                     costs["bytes"].append(_png_size(drawn))
         end = _digest(repr(ends).encode())
-        seen, paid = _digest(_bytes(observation)), _digest(repr(float(reward)).encode())
+        seen, paid = _digest(bytes_of(observation)), _digest(repr(float(reward)).encode())
         hashes.append([str(action), seen, paid, end, picture])
         if any(ends) or len(hashes) > steps:
             return {"hashes": hashes, "costs": costs, "picture": shape}
@@ -298,7 +288,7 @@ def _checked_picture(drawn: Any) -> str:
         raise ValueError(
             f"render returned no picture (uint8, rows x columns x 3) but {pixels.dtype}{pixels.shape}"
         )
-    return _digest(_bytes(pixels))
+    return _digest(bytes_of(pixels))
 
 
 def _digest(content: bytes) -> str:

@@ -107,7 +107,7 @@ class GymnasiumRun:
         self._env = config.make(seed)
         self._observation, self._info = self._env.reset(seed=seed)
         self._hash = hashlib.sha256(f"{config.hash}|{seed}|".encode())
-        self._hash.update(_bytes(self._observation))
+        self._hash.update(bytes_of(self._observation))
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self.outcome, self.total = "running", 0.0
         self._scores.append(self._score(0.0))
@@ -127,7 +127,7 @@ class GymnasiumRun:
         if terminated or truncated or len(self.actions) >= self.config.limit:
             self.outcome = self._ending(bool(terminated))
         self._hash.update(f"|{action},{reward!r},{self.outcome}|".encode())
-        self._hash.update(_bytes(self._observation))
+        self._hash.update(bytes_of(self._observation))
         return reward
 
     def _ending(self, terminated: bool) -> str:
@@ -514,12 +514,14 @@ def rules(told: str) -> GymnasiumRules:
     return GymnasiumRules(told)
 
 
-def _bytes(observation: Any) -> bytes:
+def bytes_of(observation: Any) -> bytes:
     """Return an observation as bytes that say its type and shape too."""
     if isinstance(observation, Mapping):
-        return b"".join(str(key).encode() + _bytes(observation[key]) for key in sorted(observation))
+        return b"".join(
+            str(key).encode() + bytes_of(observation[key]) for key in sorted(observation)
+        )
     if isinstance(observation, tuple):
-        return b"".join(map(_bytes, observation))
+        return b"".join(map(bytes_of, observation))
     if isinstance(observation, str):
         return observation.encode()
     array = np.asarray(observation)
