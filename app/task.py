@@ -10,6 +10,7 @@ configuration, instance and actions, so that an episode is stored as its cause a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import import_module
@@ -52,6 +53,14 @@ class GhostError(ValueError):
 
 class PolicyError(ValueError):
     """No policy goes by this name or path, or the file is there and cannot be played; the text says which."""
+
+
+class TaskFullError(RuntimeError):
+    """No further run can begin at the moment; the text says why."""
+
+
+class RunEndedError(Exception):
+    """The environment failed at a move, and the run has ended with the moves before it; the text says so to the player."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,10 @@ class Run(Protocol):
     """One running episode."""
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
+        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
+
+        RunEndedError where the environment fails at this move, and the run has ended with the moves before it.
+        """
 
     def abandon(self) -> None:
         """Give up: the episode ends as one that was left."""
@@ -457,6 +469,10 @@ class Task(Rules, Protocol):
     """An environment on the playground. What is wanted of it (`wanted`) is in its own words: a message of its own."""
 
     @property
+    def steps_on(self) -> Executor | None:
+        """Return the threads on which its runs step; None where a step takes microseconds."""
+
+    @property
     def daily(self) -> Configuration:
         """Return what the daily instance is played on."""
 
@@ -490,4 +506,10 @@ class Task(Rules, Protocol):
         """Return what a page is told of the configuration."""
 
     def begin(self, choice: Choice) -> Run:
-        """Return a run at its start; ValueError before a seed is drawn."""
+        """Return a run at its start; ValueError before a seed is drawn, or where it cannot be made.
+
+        TaskFullError where no further run can begin at the moment.
+        """
+
+    def close(self) -> None:
+        """End what runs beside the server for it."""

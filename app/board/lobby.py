@@ -223,9 +223,10 @@ class Lobby:
                 self._unload(group)
 
     def close(self) -> None:
-        """Unload everything and end the policies' thread."""
+        """Unload everything, end the policies' thread and what runs for the task."""
         for group in list(self._groups.values()):
             self._unload(group)
+        self.task.close()
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _session_rows(

@@ -33,7 +33,7 @@ from app.board.attestation import (
 from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
-from app.task import Run, Task, View
+from app.task import Run, RunEndedError, Task, View
 
 
 class Channel:
@@ -320,8 +320,11 @@ class Session:
             if is_deviation:
                 current = dataclasses.replace(current, driver=SCRIPT)
             run = await self._take_run()
-            reward = run.step(move.action)
-            held = run.view()
+            try:
+                reward, held = await self._stepped(run, move.action)
+            except RunEndedError as failure:
+                await self._end_here(run)
+                raise RefusedError(str(failure)) from failure
             row = self._step_row(move, reward, held.discovered)
             ending = await self.prepare_end(current, row) if held.ended else None
 
@@ -357,19 +360,33 @@ class Session:
         """
         async with self.changing:
             self._check_current(episode, self.shown.steps if step is None else step)
-            current, run, at_ms = self.current, await self.take_abandoned(), self._clock()
-            ending = await self.prepare_end(current)
+            await self._end_here(await self.take_abandoned(), note)
 
-            def record() -> tuple[Attested | None, bool]:
-                with self._store.transaction():
-                    if note is not None:
-                        note()
-                    attested = self._close(current, run, at_ms, ending)
-                return attested, self.hides_scores(current.id)
+    async def _stepped(self, run: Run, action: int) -> tuple[float, View]:
+        """Make a move of a run that was taken off the board, and return its reward with what may be seen then."""
 
-            await self._store.write(
-                record, then=lambda found: self.go_on(current, run, run.view(), *found)
-            )
+        def step() -> tuple[float, View]:
+            return run.step(action), run.view()
+
+        if self.task.steps_on is None:
+            return step()
+        return await asyncio.get_running_loop().run_in_executor(self.task.steps_on, step)
+
+    async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
+        """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
+        current, at_ms = self.current, self._clock()
+        ending = await self.prepare_end(current)
+
+        def record() -> tuple[Attested | None, bool]:
+            with self._store.transaction():
+                if note is not None:
+                    note()
+                attested = self._close(current, run, at_ms, ending)
+            return attested, self.hides_scores(current.id)
+
+        await self._store.write(
+            record, then=lambda found: self.go_on(current, run, run.view(), *found)
+        )
 
     def begin(self, row: Trial, run: Run, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""

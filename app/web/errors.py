@@ -17,6 +17,7 @@ from app.board.messages import NO_BODY, describe_errors
 from app.board.spectators import UnwatchableError
 from app.db.store import StoreError
 from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
+from app.task import TaskFullError
 from app.web.protection.headers import headers_of
 from app.web.replays.episodes import UnknownReplayError
 from app.web.replays.files import VideoMissingError
@@ -24,7 +25,8 @@ from app.web.templates import environment, path_of, root_of
 
 STATUSES: dict[type[Exception], int] = {
     UnknownSessionError: 404, UnwatchableError: 404, UnknownReplayError: 404, VideoMissingError: 404,
-    RequestValidationError: 422, StoreError: 503, JobError: 503, JobsFullError: 503, sqlite3.DatabaseError: 503,
+    RequestValidationError: 422, StoreError: 503, JobError: 503, JobsFullError: 503, TaskFullError: 503,
+    sqlite3.DatabaseError: 503,
 }  # fmt: skip
 """Errors that may leave a handler as they are. A study's are none of them: their text may name files of the server."""
 

@@ -1,6 +1,10 @@
 """Small environments of the tests' own, each unlike Gymnasium's in one way."""
 
+import ctypes
 import enum
+import os
+import pathlib
+import time
 from typing import ClassVar
 
 import gymnasium
@@ -90,5 +94,38 @@ class Seeded(Meanings):
         return self.at, {}
 
 
-for each in (Path, Meanings, OwnKeys, Blind, Wheel, Seeded):
+class Failing(Path):
+    """Fails at the action `wave` as `how` says: at every one, or, where there is a file `once`, at the first alone."""
+
+    def __init__(self, how, once="", render_mode=None):
+        super().__init__(30, render_mode)
+        self.how, self.once = how, once
+
+    def step(self, action):
+        if action == 2 and not (self.once and pathlib.Path(self.once).exists()):
+            if self.once:
+                pathlib.Path(self.once).touch()
+            self.fail()
+        return super().step(action)
+
+    def fail(self):
+        match self.how:
+            case "crash":
+                ctypes.string_at(0)
+            case "exit":
+                os._exit(0)
+            case "raise":
+                raise KeyError("no such room")
+            case "loop":
+                while True:
+                    pass
+            case "sleep":
+                time.sleep(1e9)
+            case "memory":
+                eaten = []
+                while True:
+                    eaten.append(bytearray(2**23))
+
+
+for each in (Path, Failing, Meanings, OwnKeys, Blind, Wheel, Seeded):
     gymnasium.register(f"{each.__name__}-v0", each)

@@ -69,6 +69,9 @@ class Description(BaseModel):
     seeding: Literal["reset", "kwarg"] = Field(
         "reset", description="kwarg: it is made with seed= and ignores the seed of reset"
     )
+    memory_mb: int = Field(
+        512, ge=16, le=2**20, description="resident memory that a board may take beyond its package's, MB"
+    )  # fmt: skip
     people_see: str = Field(
         "", max_length=200, description="what the picture shows; printed in the preregistration"
     )

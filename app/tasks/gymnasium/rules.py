@@ -35,6 +35,9 @@ from app.tasks.gymnasium.description import (
     spec_of,
 )
 
+FAILED = "environment_failed"
+"""The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
+
 
 @dataclass(frozen=True)
 class GymnasiumConfig:
@@ -163,15 +166,21 @@ class GymnasiumRun:
     def view(self) -> GymnasiumView:
         """Return what may be seen of the run as it stands."""
         shown = self._env.render()
+        seen = self.observation()
         if isinstance(shown, str):
-            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
-        return GymnasiumView(self, _picture(shown), None)
+            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown), seen)
+        return GymnasiumView(self, _picture(shown), None, seen)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) over configuration, seed, moves, rewards and observations."""
+        return self._hash.hexdigest()
 
     def record(self) -> GymnasiumRecord:
         """Return the cause, with what it came to."""
         return GymnasiumRecord(
             self.config, self.seed, bytes(self.actions), self.outcome, self.total, self._scores[-1], len(self.actions),
-            0, self._hash.hexdigest(), self._described.versions,
+            0, self.digest, self._described.versions,
         )  # fmt: skip
 
     def rewards(self) -> Sequence[float]:
@@ -188,14 +197,19 @@ class GymnasiumRun:
 
 
 class GymnasiumView:
-    """What is seen of a run after some of its moves (`app.task.View`): its picture as it was then."""
+    """What is seen of a run after some of its moves (`app.task.View`): its picture as it was then.
 
-    def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
+    picture  a PNG as a data URL, None for an environment that is shown as text
+    """
+
+    def __init__(
+        self, run: GymnasiumRun, picture: str | None, text: str | None, seen: Any = None
+    ) -> None:
         rewards = run.rewards()
         self.steps, self.outcome, self.discovered = len(run.actions), run.outcome, 0
         self.ended, self.actions = run.outcome != "running", bytes(run.actions)
         self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
-        self._observation, self._picture, self._text = run.observation(), picture, text
+        self._observation, self.picture, self.text = seen, picture, text
         self._scores = list(run.scores())
 
     def observation(self) -> Any:
@@ -209,8 +223,8 @@ class GymnasiumView:
             "kind": "frame",
             "episode": episode_id,
             "step": self.steps,
-            "picture": self._picture,
-            "text": self._text,
+            "picture": self.picture,
+            "text": self.text,
             "reward": None if hides_scores else self._reward,
             "return": None if hides_scores else self._total,
             "score": score,
@@ -246,7 +260,10 @@ class Frame(BaseModel):
         description="what the description calls it: the return, or a value of info"
     )
     headline: float | None
-    outcome: Literal["succeeded", "failed", "ended", "timed_out", "abandoned"] | None
+    outcome: (
+        Literal["succeeded", "failed", "ended", "timed_out", "abandoned", "environment_failed"]
+        | None
+    )
 
 
 class History(BaseModel):
@@ -376,6 +393,9 @@ class GymnasiumRules:
                 "does not end by itself",
             )
         definition = f"An episode that {counts} counts max_steps. The score is the {score}, {what}."
+        definition += (
+            " Where the environment itself failed, the episode counts as left at that move."
+        )
         if self.description.success:
             definition += f" A success is {self.description.success}."
         return Words(score, steps, reached, short, definition)
@@ -481,11 +501,22 @@ class GymnasiumRules:
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> GymnasiumRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        run = GymnasiumRun(was.config, self._seed_of(was))
+        run = self.run(was.config, self._seed_of(was), actions)
+        return self._given_up(was, run) if ended else run
+
+    def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
+        """Return a run after some actions."""
+        run = GymnasiumRun(config, seed)
         for action in actions:
             run.step(action)
-        if ended and run.outcome == "running":
+        return run
+
+    def _given_up(self, was: Cause, run: GymnasiumRun) -> GymnasiumRun:
+        """Return the run of an episode that is over, ended as the episode was where no move ended it."""
+        if run.outcome == "running":
             run.abandon()
+            if getattr(was, "outcome", None) == FAILED:
+                run.outcome = FAILED
         return run
 
     def replay_record(self, record: GymnasiumRecord) -> GymnasiumRun:
@@ -494,18 +525,17 @@ class GymnasiumRules:
             raise ValueError(
                 f"the episode was played under {record.core_version}, this is {self.version}"
             )
-        return self.replay(record, record.actions, record.outcome == "abandoned")
+        return self.replay(record, record.actions, True)
 
     def frames(self, record: GymnasiumRecord, episode_id: str) -> list[dict[str, Any]]:
         """Return the frames of a finished episode from its start to its end."""
-        run = GymnasiumRun(record.config, record.seed)
+        run = self.run(record.config, record.seed)
         views = [run.view()]
         for action in record.actions:
             run.step(action)
             views.append(run.view())
-        if record.outcome == "abandoned":
-            run.abandon()
-            views.append(run.view())
+        if run.outcome == "running":
+            views.append(self._given_up(record, run).view())
         return [json.loads(view.frame(episode_id)) for view in views]
 
 

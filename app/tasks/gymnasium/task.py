@@ -7,6 +7,7 @@ from typing import Any
 
 from app.board.messages import NewBoard, NewEpisode
 from app.task import Cause, Choice, Configuration, Policy
+from app.tasks.gymnasium.boards import BoardRun, Boards
 from app.tasks.gymnasium.rules import GymnasiumConfig, GymnasiumRules, GymnasiumRun
 
 
@@ -49,6 +50,8 @@ class GymnasiumTask(GymnasiumRules):
     def __init__(self, told: str) -> None:
         super().__init__(told)
         self.policies = self.decides = NoPolicies()
+        self._boards = Boards(self.name)
+        self.steps_on = self._boards.steps_on
 
     def levels(self) -> list[dict[str, Any]]:
         """Return nothing: the environment is one."""
@@ -82,7 +85,15 @@ class GymnasiumTask(GymnasiumRules):
         return {"level": self.level, "map": None, "size": None}
 
     def begin(self, choice: Choice) -> GymnasiumRun:
-        """Return a run at its start; ValueError before a seed is drawn."""
+        """Return a run at its start, in a process of its own; ValueError before a seed is drawn."""
         if choice.seed is None:
             raise ValueError("an episode begins on a seed")
-        return GymnasiumRun(choice.config, choice.seed)
+        return self.run(choice.config, choice.seed)
+
+    def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
+        """Return a run after some actions, in a process of its own."""
+        return BoardRun(self._boards, config, seed, actions)
+
+    def close(self) -> None:
+        """End the processes of the boards."""
+        self._boards.close()

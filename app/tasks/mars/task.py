@@ -25,6 +25,10 @@ class Mars(MarsRules):
 
     daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
     decides: ClassVar[Decides] = batch
+    steps_on: ClassVar[None] = None
+
+    def close(self) -> None:
+        """Do nothing: all of it runs in the server."""
 
     def levels(self) -> list[dict[str, Any]]:
         """Return the levels whose terrains seeds draw."""

@@ -102,7 +102,7 @@ def test_a_success_is_what_the_file_says(home, success, moves, outcome):
 def test_two_seeds_are_two_episodes_where_only_the_making_heeds_them():
     given = {"id": f"{OURS}:Seeded-v0", "seeding": "kwarg"}
     task = GymnasiumTask(Description(**given).told)
-    assert len({task.begin(Choice(task.default, seed)).observation() for seed in range(8)}) == 2
+    assert len({task.begin(Choice(task.default, seed)).view().picture for seed in range(8)}) == 2
 
 
 def test_a_wrapper_makes_actions_of_a_wheel():

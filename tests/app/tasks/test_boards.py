@@ -1,0 +1,206 @@
+"""A board's environment in a process of its own: what fails there ends that board alone, and is said."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from app.series.verification import verify_database
+from app.task import Choice, RunEndedError
+from app.tasks.gymnasium import boards
+from app.tasks.gymnasium.description import Description
+from app.tasks.gymnasium.rules import GymnasiumRules
+from app.tasks.gymnasium.task import GymnasiumTask
+from tests.support.servers import eventually
+
+FAILING = "tests.support.environments:Failing-v0"
+WAYS = {
+    "crash": "its process ended by itself",
+    "exit": "its process ended by itself",
+    "raise": "KeyError: 'no such room'",
+    "loop": "after 2 s of processor",
+    "sleep": "it gave no answer in 1 s",
+    "memory": "MB of memory, of at most",
+}
+BACK, FORWARD, WAVE = 0, 1, 2
+
+
+def failing(how, once=""):
+    return Description(id=FAILING, kwargs={"how": how, "once": str(once)}, max_steps=5000).told
+
+
+@pytest.fixture
+def made():
+    tasks = []
+
+    def make(told):
+        tasks.append(GymnasiumTask(told))
+        return tasks[-1]
+
+    yield make
+    for task in tasks:
+        task.close()
+
+
+def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(made):
+    task = made("FrozenLake-v1")
+    here = GymnasiumRules("FrozenLake-v1").run(task.default, 7)
+    there = task.begin(Choice(task.default, 7))
+    while here.outcome == "running":
+        assert there.view().frame("e") == here.view().frame("e")
+        action = len(here.actions) % 3
+        assert there.step(action) == here.step(action)
+    assert there.record() == here.record()
+    assert there.view().history("e") == here.view().history("e")
+    again = task.run(task.default, 7, bytes(here.actions))
+    assert (again.record(), again.rewards()) == (here.record(), here.rewards())
+
+
+@pytest.mark.parametrize("how", WAYS)
+def test_what_fails_once_is_made_again_and_what_fails_twice_ends_the_episode(
+    made, how, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(boards, "WAIT_S", 1 if how == "sleep" else 30)
+    once = tmp_path / "failed"
+    task = made(failing(how, once))
+    run = task.begin(Choice(task.default, 1))
+    for action in (FORWARD, FORWARD, WAVE, FORWARD):
+        run.step(action)
+    assert once.exists()
+    assert (run.outcome, bytes(run.actions)) == ("running", bytes([1, 1, 2, 1]))
+    task = made(failing(how))
+    run = task.begin(Choice(task.default, 1))
+    run.step(FORWARD)
+    before = run.view().frame("e")
+    with pytest.raises(RunEndedError, match=WAYS[how]):
+        run.step(WAVE)
+    assert (run.outcome, bytes(run.actions), len(run.rewards())) == ("environment_failed", b"\1", 1)
+    shown = json.loads(run.view().frame("e"))
+    assert shown == json.loads(before) | {"outcome": "environment_failed"}
+
+
+def test_a_board_ends_with_its_run_and_all_end_with_the_server():
+    code = (
+        "import sys, time; from app.task import Choice; from app.tasks.gymnasium.task import GymnasiumTask\n"
+        "task = GymnasiumTask('FrozenLake-v1'); runs = [task.begin(Choice(task.default, 1)) for _ in range(2)]\n"
+        "print(*(run._board.pid for run in runs), flush=True); sys.stdin.readline(); runs.pop()\n"
+        "print('dropped', flush=True); time.sleep(1e6)"
+    )
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as server:
+        kept, dropped = map(int, server.stdout.readline().split())
+        try:
+            assert alive(kept)
+            assert alive(dropped)
+            server.stdin.write("\n")
+            server.stdin.flush()
+            assert server.stdout.readline() == "dropped\n"
+            eventually(lambda: not alive(dropped))
+            assert alive(kept)
+        finally:
+            server.kill()
+        eventually(lambda: not alive(kept))
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_its_process_holds_nothing_of_the_server_s(made, monkeypatch, tmp_path):
+    monkeypatch.setenv("MARS_ADMIN_PASSWORD", "red-planet-4")
+    secret = (tmp_path / "secret").open("w")
+    os.set_inheritable(secret.fileno(), True)
+    task = made("FrozenLake-v1")
+    run = task.begin(Choice(task.default, 1))
+    process = Path(f"/proc/{run._board.pid}")
+    assert b"MARS_ADMIN_PASSWORD" not in (process / "environ").read_bytes()
+    opened = [str(each.readlink()) for each in (process / "fd").iterdir()]
+    assert [each for each in opened if "secret" in each or ".db" in each] == []
+    assert len(list((process / "task").iterdir())) == 1, "it has started no threads"
+    loaded = (process / "maps").read_text()
+    assert [name for name in ("torch", "numba", "llvmlite") if name in loaded] == []
+    secret.close()
+
+
+def test_a_task_s_process_that_is_gone_is_started_again(made):
+    task = made("FrozenLake-v1")
+    first = task.begin(Choice(task.default, 1))
+    task._boards._process.send_signal(signal.SIGKILL)
+    eventually(lambda: not alive(first._board.pid))
+    second = task.begin(Choice(task.default, 1))
+    assert second.view().frame("e") == first.view().frame("e")
+    assert first.step(0) == second.step(0), "its board is made again"
+
+
+def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
+    server = serve(task="gymnasium:FrozenLake-v1")
+    client = server.page()
+    assert client.post("/api/sessions", json={}).status_code == 201
+    server.app.state.services.lobby.task._boards._most = -1
+    answer = server.page().post("/api/sessions", json={})
+    assert (answer.status_code, "MB of memory" in answer.text) == (503, True)
+
+
+def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve, tmp_path):
+    server = serve(task=f"gymnasium:{failing('crash')}")
+    client = server.page()
+    begun = client.post("/api/sessions", json={}).json()
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        socket.act(frame, "forward")
+        frame = socket.frame_after(frame["step"])
+        socket.act(frame, "wave")
+        assert "failed at this move, and again" in socket.receive("refused")["reason"]
+    ended = client.get(f"/api/sessions/{begun['session']}").json()
+    assert (ended["step"], ended["outcome"]) == (1, "environment_failed")
+    found = client.get(f"/api/episodes/{ended['episode']}").json()
+    assert (found["outcome"], found["score"]) == ("environment_failed", -1.0)
+    assert (
+        client.get(f"/api/watch/{ended['episode']}").json()["frames"][-1]["outcome"]
+        == "environment_failed"
+    )
+    again = client.post(f"/api/sessions/{begun['session']}/episodes", json={})
+    assert again.status_code == 201, again.text
+    server.stop()
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_others_play_on_while_a_board_fails(serve):
+    """None of their moves waits for the failing one, which takes up to 2 s twice; the machine may be busy with other tests."""
+    server = serve(task=f"gymnasium:{failing('loop')}")
+    other, failed = server.page(), threading.Event()
+
+    def fail():
+        client = server.page()
+        begun = client.post("/api/sessions", json={}).json()
+        with server.socket(begun["session"], client) as socket:
+            socket.act(socket.receive("frame"), "wave")
+            socket.receive("refused")
+        failed.set()
+
+    begun = other.post("/api/sessions", json={}).json()
+    thread = threading.Thread(target=fail)
+    thread.start()
+    taken = []
+    with server.socket(begun["session"], other) as socket:
+        frame = socket.receive("frame")
+        while not failed.is_set() or len(taken) < 50:
+            began = time.perf_counter()
+            socket.act(frame, ("back", "forward")[frame["step"] % 2])
+            frame = socket.frame_after(frame["step"])
+            taken.append(time.perf_counter() - began)
+            time.sleep(0.005)
+    thread.join()
+    assert max(taken) < 1
