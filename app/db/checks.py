@@ -11,15 +11,14 @@ import hashlib
 import json
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from app.db.chain import OWNERS, Head, Kind, Thing, combine, compute, head, link, marks, select
 from app.db.database import StoreError, reading, rows, writing
-from app.db.reader import Reader, now_ms
+from app.db.reader import now_ms
 from app.db.resimulation import Finding, simulate
 from app.db.study_rows import ORDER_EVENT, SeriesRow
 
@@ -160,14 +159,22 @@ def _within(study: str | None, column: str = "id") -> str:
     return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
 
 
-def quick_check(database: Path) -> str:
-    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes."""
+def quick_check(
+    database: Path, begins: Callable[[sqlite3.Connection], None] = lambda _: None
+) -> str:
+    """Return "ok", or what is damaged; reads the whole file, which takes milliseconds to minutes.
+
+    begins  is called with the connection, on which another thread may interrupt the check
+    """
     try:
-        with closing(Reader.open(database)) as reader:
-            rows = reader.query("PRAGMA quick_check(5)")
-    except (StoreError, sqlite3.DatabaseError) as error:
+        with reading(database) as conn:
+            begins(conn)
+            try:
+                return "; ".join(text for (text,) in conn.execute("PRAGMA quick_check(5)"))
+            except sqlite3.DatabaseError as error:
+                return str(error)
+    except StoreError as error:
         return str(error)
-    return "; ".join(str(next(iter(row.values()))) for row in rows)
 
 
 def try_write(database: Path, timeout_s: float = 1.0) -> None:

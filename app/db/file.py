@@ -34,7 +34,7 @@ GONE = (
     "until it is put back; else stop the server and restore a backup (marsexplorer restore)"
 )
 _NOTE_BYTES = 256
-_ENDED = "-"
+_ENDED, _RUNS = "-", "runs"
 
 Identity = tuple[int, int]
 """Device and inode."""
@@ -169,6 +169,13 @@ class DatabaseLock:
     def note_step(self, episode: str, step: int) -> None:
         """Note the last step that was committed; takes about 2 microseconds. A disk that is full keeps the former note."""
         self._note(f"{episode} {step}")
+
+    def note_begin(self) -> bool:
+        """Note that a server runs, and return whether the one before it ended by itself; a noted step stays."""
+        if self._lock_file is None or os.pread(self._lock_file, 2, 0) != f"{_ENDED}\n".encode():
+            return False
+        self._note(_RUNS)
+        return True
 
     def clear_step(self) -> None:
         """Note that the server ended by itself, or that somebody changed the database on purpose: no step is expected."""

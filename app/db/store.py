@@ -442,6 +442,7 @@ class Store(Reader):
     """The one writer of a database; `path` is its file, and `metrics` counts its commits and the moves of its sessions.
 
     accept_loss  open the database also when the log of a server that was killed is gone, with steps that were acknowledged
+    ended_well   whether the server before this one ended by itself
     notice       one sentence when the last step that was committed before a crash is not there, else None
     """
 
@@ -467,6 +468,7 @@ class Store(Reader):
         try:
             self._lock.lock_database()  # of a file that was made just now
             self._place = FilePlace(path)
+            self.ended_well = self._lock.note_begin()
         except BaseException:
             self.close()
             raise

@@ -98,8 +98,11 @@ async def healthz() -> dict[str, str]:
     responses={503: {"description": "no: `detail` says why"}},
 )
 async def readyz(request: Request) -> dict[str, str]:
-    """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second."""
+    """Commit a row to the database and answer 200; 503 with the reason when that fails or takes more than a second, and where
+    the check beside play has found damage.
+    """
     services_of(request).store.check_recording()
+    services_of(request).health.check_whole()
     await asyncio.to_thread(services_of(request).health.try_write)
     return {"status": "ok"}
 

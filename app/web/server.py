@@ -122,6 +122,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                 running.append(services.progress.watch_closing())
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
+                if store.ended_well:
+                    running.append(asyncio.to_thread(services.health.check))
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
                 t_quantile(
                     1
@@ -352,7 +354,8 @@ def run(settings: Settings) -> None:
         with closing(
             Store(settings.database, settings.durable, metrics, settings.accept_loss)
         ) as store:
-            if (found := quick_check(store.path)) != "ok":
+            # after a clean stop it is checked beside play
+            if not store.ended_well and (found := quick_check(store.path)) != "ok":
                 raise StoreError(damaged(store.path, found))
             if store.notice is not None:
                 print(

@@ -62,6 +62,7 @@ class Services:
     async def aclose(self) -> None:
         """End everything but the store, which whoever opened it closes."""
         self.daily_policies.close()
+        await asyncio.to_thread(self.health.stop)
         await asyncio.to_thread(self.jobs.close)
         if self.admin is not None:
             await asyncio.to_thread(self.admin.exports.close)

@@ -67,7 +67,7 @@ export function paintHealth(list, health, now_ms) {
     ["Disk", `${size(disk.free)} free of ${size(disk.total)}`, disk.is_low ? "warn" : ""],
     ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
     ["Last write", ago(now_ms - health.last_write_ms), ""],
-    ["Integrity", check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, check.is_whole ? "good" : "warn"],
+    ["Integrity", !check ? "is being checked" : check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, !check ? "" : check.is_whole ? "good" : "warn"],
     ["Chain", chain ? `${many(chain.entries, "entry", "entries")}${chain.head && `, head ${chain.head}`}` : "cannot be read", chain ? "" : "warn"],
     ["Server", `${many(health.sessions, "board")} in memory, up for ${ago(1000 * health.up_s + 10000).replace(" ago", "")}`, ""],
   ];

@@ -42,7 +42,7 @@ declare namespace Admin {
   };
   type Health = {
     disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number},
-    last_write_ms: number, check: {result: string, is_whole: boolean, at_ms: number},
+    last_write_ms: number, check: {result: string, is_whole: boolean, at_ms: number} | null,
     chain: {entries: number, head: string} | null, sessions: number, up_s: number,
   };
 }

@@ -50,7 +50,7 @@ export function attention({ participants, labels }, health) {
   const found = [];
   const people = participants.filter(({ kind }) => kind === "human");
   const named = (/** @type {Admin.Participant[]} */ list) => list.slice(0, 6).map(({ label }) => label).join(", ") + (list.length > 6 ? " \u2026" : "");
-  if (health && !health.check.is_whole) found.push({ text: "The database is damaged", detail: health.check.result, isWarning: true });
+  if (health?.check && !health.check.is_whole) found.push({ text: "The database is damaged", detail: health.check.result, isWarning: true });
   if (health?.disk.is_low) found.push({ text: "The disk is nearly full", detail: `${size(health.disk.free)} left`, isWarning: true });
   const left = people.filter(({ stage }) => stage === "withdrawn");
   if (left.length) {

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
@@ -67,7 +68,11 @@ def serve_and_wait(answers, request):
     if pid == 0:
         answers.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        serve(*request)
+        try:
+            serve(*request)
+        except BaseException:  # it ends here, and not as the process from which it was forked
+            traceback.print_exc()
+            os._exit(1)
         os._exit(0)
     with suppress(ConnectionError):  # a test that failed asks no more
         answers.send(pid)

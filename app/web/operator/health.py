@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
+import sqlite3
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from app.db.checks import chain_head, quick_check, try_write
+from app.db.database import StoreError, damaged
+
+_log = logging.getLogger(__name__)
 
 LOW_BYTES = 1_000_000_000
 """Less free space on the disk than this is called low."""
@@ -19,11 +26,42 @@ class Health:
     def __init__(self, database: Path) -> None:
         self._database, self._log = database, database.with_name(database.name + "-wal")
         self._check: dict[str, Any] | None = None
+        self._checking, self._is_ending = threading.Lock(), False
+        self._conn: sqlite3.Connection | None = None
 
     def check(self) -> None:
-        """Check the database; it takes milliseconds to minutes, so call it in a thread."""
-        result, now_ms = quick_check(self._database), time.time_ns() // 1_000_000
+        """Check the database, and log what is damaged; it takes milliseconds to minutes, so call it in a thread."""
+        with self._checking:
+            self._check_now()
+
+    def _check_now(self) -> None:
+        if self._is_ending:
+            return
+        result, now_ms = quick_check(self._database, self._begin), time.time_ns() // 1_000_000
+        if self._is_ending:
+            return
         self._check = {"result": result, "is_whole": result == "ok", "at_ms": now_ms}
+        if result != "ok":
+            _log.error("%s", damaged(self._database, result))
+
+    def _begin(self, conn: sqlite3.Connection) -> None:
+        self._conn = conn
+
+    def stop(self) -> None:
+        """Give up a check under way, and make no further one."""
+        self._is_ending = True
+        while not self._checking.acquire(timeout=0.01):
+            with suppress(sqlite3.ProgrammingError):  # it is closed already
+                if self._conn is not None:
+                    self._conn.interrupt()
+        self._checking.release()
+
+    def check_whole(self) -> None:
+        """Raise StoreError where the last check has found damage."""
+        if self._check is not None and not self._check["is_whole"]:
+            raise StoreError(
+                f"the database {self._database.name} is damaged: the server's log says what to do"
+            )
 
     def try_write(self) -> None:
         """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""
@@ -42,9 +80,15 @@ class Health:
         return _size(self._database)
 
     def state(self) -> dict[str, Any]:
-        """Return everything that is shown, sizes in bytes; the first time the database is checked as well."""
-        if self._check is None:
-            self.check()
+        """Return everything that is shown, sizes in bytes; the first time the database is checked as well.
+
+        `check` is None while the first check is under way.
+        """
+        if self._check is None and self._checking.acquire(blocking=False):
+            try:
+                self._check_now()
+            finally:
+                self._checking.release()
         space, chain = shutil.disk_usage(self._database.parent), chain_head(self._database)
         files = [path for path in (self._database, self._log) if path.exists()]
         written = max((path.stat().st_mtime for path in files), default=0.0)

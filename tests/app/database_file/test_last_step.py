@@ -4,6 +4,8 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import threading
+import time
 from contextlib import closing
 
 import pytest
@@ -11,7 +13,9 @@ import pytest
 from app.cli.main import main
 from app.db.database import StoreError
 from app.db.store import Store
+from app.web.operator.health import Health
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
+from tests.support.servers import eventually
 
 
 @pytest.fixture
@@ -111,26 +115,80 @@ def test_a_database_that_is_gone_after_a_crash_is_not_begun_anew(crashed):
     assert not path.exists()
 
 
-def test_a_damaged_page_is_one_sentence_at_the_start_and_one_answer_while_running(
-    tmp_path, serve, capsys
+@pytest.fixture
+def root_of_steps(tmp_path):
+    """Make a database with moves, and return where in its file the table of moves begins."""
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for seed in range(40):
+            play(store, seed=seed)
+        sql = "SELECT rootpage FROM sqlite_master WHERE name = 'steps'"
+        return 4096 * (store.connection.execute(sql).fetchone()[0] - 1)
+
+
+def damage(path, at):
+    """Overwrite a page; from another process, since closing a handle here would drop SQLite's locks."""
+    code = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
+    subprocess.run([sys.executable, "-c", code, str(path), str(at)], check=True)
+
+
+def test_after_a_clean_stop_the_file_is_checked_beside_play_and_damage_is_said_and_logged(
+    spawn, tmp_path, root_of_steps
 ):
-    server = serve()
-    store, path = server.services.store, tmp_path / "playground.db"
-    server.on_loop(store.write(lambda: [play(store, seed=seed) for seed in range(40)]))
-    server.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    (root,) = store.connection.execute(
-        "SELECT rootpage FROM sqlite_master WHERE name = 'steps'"
-    ).fetchone()
-    damage = "import os, sys; f = os.open(sys.argv[1], os.O_WRONLY); os.pwrite(f, bytes([119]) * 4096, int(sys.argv[2]))"
-    subprocess.run([sys.executable, "-c", damage, str(path), str(4096 * (root - 1))], check=True)
-    answer = server.client().get("/api/episodes")
+    path = tmp_path / "playground.db"
+    server = spawn()
+    assert server.client().get("/readyz").status_code == 200
+    server.process.terminate()
+    assert server.process.wait() == 0
+    server.close()
+    damage(path, root_of_steps)
+    server = spawn()
+    client = server.client()
+    ready = eventually(lambda: (got := client.get("/readyz")).status_code == 503 and got)
+    assert "playground.db is damaged" in ready.json()["detail"]
+    answer = client.get("/api/episodes")
     assert answer.status_code == 503
     assert "`marsexplorer verify`" in answer.json()["detail"]
-    server.stop()
+    server.process.terminate()
+    assert server.process.wait() == 0
+    said = "".join(server.said) + server.process.stdout.read()
+    server.close()
+    assert said.count(f"the database {path} is damaged") == 1
+    assert "Traceback" not in said
+
+
+def test_after_a_kill_a_damaged_file_is_one_sentence_before_anything_is_answered(
+    spawn, tmp_path, root_of_steps, capsys
+):
+    """Also where nobody had moved, so that no step was noted."""
+    path = tmp_path / "playground.db"
+    spawn().kill()
+    damage(path, root_of_steps)
     with pytest.raises(SystemExit) as left:
         main(["serve", "--port", "0", "--database", str(path)])
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
     assert left.value.code == 1
-    assert f"the database {path} is damaged" in said
-    assert f"sqlite3 {path} .recover | sqlite3 NEW" in said
+    assert said.err.count(f"the database {path} is damaged") == 1
+    assert f"sqlite3 {path} .recover | sqlite3 NEW" in said.err
+    assert "is open at" not in said.out
+
+
+def test_a_check_under_way_is_given_up_when_the_server_ends(tmp_path):
+    path = tmp_path / "play.db"
+    Store(path).close()
+    many = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 3000000) SELECT i, 'row' FROM n"
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("CREATE TABLE theirs (a INTEGER PRIMARY KEY, b)")
+        db.execute(f"INSERT INTO theirs {many}")
+        db.commit()
+    health = Health(path)
+    whole_s, spent_s = [], []
+    for spent in (whole_s, spent_s):
+        thread = threading.Thread(target=health.check)
+        began = time.monotonic()
+        thread.start()
+        if spent is spent_s:
+            health.stop()
+        thread.join()
+        spent.append(time.monotonic() - began)
+    assert spent_s[0] < whole_s[0] / 2

@@ -24,6 +24,7 @@ test("people and scripts are counted apart", () => {
 
 test("what needs attention: damage and silence first, labels after, nothing of scripts", () => {
   assert.deepEqual(attention(study(), well), []);
+  assert.deepEqual(attention(study(), { ...well, check: null }), [], "the first check is under way");
   const participants = [person("A", { stage: "withdrawn", left_at: "warm_up" }), person("B", { is_quiet: true }), person("C", { deviations: 1 }),
     person("S", { kind: "script", is_quiet: true, deviations: 3, stage: "withdrawn" })];
   const labels = [{ label: "no key-up", episodes: 2, participants: ["C"] }];
