@@ -58,7 +58,7 @@ def report(
 
     The unit is the player: the figure is the mean of the players' means with an interval that is right for few and
     skewed players; docs/report.md says how that was measured. Scripts never enter a human figure.
-    An open study shows how many have finished, and no figure before it is closed.
+    An open study shows how many have finished, and no figure and no page before it is closed.
 
     \b
     Examples:
@@ -78,6 +78,11 @@ def report(
         raise click.ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
         ) from error
+    if html is not None and found.status == "open" and not synthetic:
+        raise click.UsageError(
+            f"the study {name!r} is open and has no figures to put on a page: close it (`marsexplorer study close {name}`), "
+            "or leave --html out to see how many have finished"
+        )
     if html is not None:
         write_file(html, render(found).encode())
     if json_path is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shlex
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -127,14 +128,21 @@ def train(
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
         refining = f" --refine {rounds}" if rounds else ""
-        options = f"{' '.join(given)} --steps {steps}{refining} --seed {seed} --out {folder.name}"
-        command = f"marsexplorer train --recipe {recipe} {options}"
-        click.echo(f"{command}{'' if device == 'cpu' else f' --device {device}'}", err=True)
+        command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps}{refining} --seed {seed} --out "
+        here = f"{'' if device == 'cpu' else f' --device {device}'}{f' --workers {workers}' if workers else ''}"
+        again = f"{command}{shlex.quote(str(folder))}{here}"
+        command += folder.name
+        click.echo(again, err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
         with written(f"to {folder}"):
-            trained = _train(run, steps, folder, resume, command, suffix="-ppo" if rounds else "")
-            if rounds:
-                _refine(run, trained, rounds, workers, command)
+            try:
+                trained = _train(run, steps, folder, resume, command, "-ppo" if rounds else "")
+                if rounds:
+                    _refine(run, trained, rounds, workers, command)
+            except KeyboardInterrupt:
+                kept = " --resume" if (folder / "checkpoint.pt").exists() else ""
+                click.echo(f"go on with: {again}{kept}", err=True)
+                raise
     except ValueError as error:
         raise click.UsageError(str(error)) from error
 
@@ -170,10 +178,7 @@ def _train(
         except KeyboardInterrupt:
             if run.is_between_updates:
                 run_folder.save()
-            click.echo(
-                f"stopped after {run.global_step:,} of {steps:,} moves; go on with: {command} --resume",
-                err=True,
-            )
+            click.echo(f"stopped after {run.global_step:,} of {steps:,} moves", err=True)
             raise
     policy = run_folder.policy
     click.echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
@@ -201,10 +206,8 @@ def _refine(
     try:
         refine_policy(output, processes)
     except KeyboardInterrupt:
-        done = refine_run.rounds_done
         click.echo(
-            f"stopped after {done} of {rounds} rounds of refining; go on with: {command} --resume",
-            err=True,
+            f"stopped after {refine_run.rounds_done} of {rounds} rounds of refining", err=True
         )
         raise
     click.echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")

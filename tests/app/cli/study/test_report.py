@@ -100,7 +100,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing_half_done(report, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["kept.html"]
 
 
-def test_an_open_study_shows_no_figure(tmp_path, capsys):
+def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
     play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
 
     where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
@@ -108,6 +108,11 @@ def test_an_open_study_shows_no_figure(tmp_path, capsys):
     code, out, _ = run()
     assert (code, "mean score" in out) == (0, False)
     assert "No figure is shown until the study is closed: 2 of 3 have finished." in out
+    page = tmp_path / "r.html"
+    code, out, err = run("--html", page)
+    assert (code, out, page.exists()) == (2, "", False)
+    assert "close it (`marsexplorer study close dunes`), or leave --html out" in err
+    assert run("--html", page, "--synthetic")[0] == 0
     assert "SYNTHETIC" in run("--synthetic")[1]
     Folder(tmp_path / "studies").close("dunes")
     code, out, _ = run()

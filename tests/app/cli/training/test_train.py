@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shlex
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -81,7 +83,7 @@ def interrupted_once(monkeypatch):
 def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     quick, in_a_thread, interrupted_once, tmp_path
 ):
-    folder = tmp_path / "mine"
+    folder = tmp_path / "of one" / "mine"
     unrefined = [*OPTIONS, "--out", str(folder)]
     command = [*unrefined, "--refine", "2"]
     interrupted_once(folder / "refine.pt")
@@ -90,7 +92,8 @@ def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     assert "pairs" in torch.load(folder / "refine.pt", weights_only=True)["run"]
     refused = CliRunner().invoke(cli, [*unrefined, "--resume"])
     assert refused.exit_code == 2
-    done = CliRunner().invoke(cli, [*command, "--resume"])
+    printed = re.search(r"go on with: marsexplorer (.*)", stopped.output)[1]
+    done = CliRunner().invoke(cli, shlex.split(printed))
     assert done.exit_code == 0, done.output
 
     card = read_card(folder / "mine.onnx")
