@@ -17,7 +17,7 @@ from functools import partial
 from app.board.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
 from app.board.attestation import Attested
 from app.board.messages import ChangePace, Pace, PaceMode
-from app.board.session import HUMAN, Participation, Session
+from app.board.session import EPISODE_BYTES, HUMAN, Participation, Session
 from app.board.sources import Sources, WatchIds
 from app.db.store import Control, Resumable, SessionRow, Store, Trial
 from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode
@@ -330,6 +330,8 @@ class Lobby:
                         board.go_on(current, run, run.view(), level, hides_scores=False)
 
             await self.store.write(record, then=publish)
+        for board, row in zip(boards, rows, strict=True):
+            board.count_written(EPISODE_BYTES + 2 * len(row.terrain))
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:
         """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""

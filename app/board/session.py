@@ -15,6 +15,7 @@ import asyncio
 import dataclasses
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
@@ -145,6 +146,15 @@ HUMAN, SCRIPT = "human", "script"
 UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
 
 
+STEP_BYTES, EVENT_BYTES, BATCH_BYTES, EPISODE_BYTES = 85, 80, 90, 1000
+"""Bytes of the database's file that a move, an input event, a batch of them, and a board with its episode take. The batch's id
+(in two trees) comes on top, and the terrain twice (a row of a 128x128 board fills a page)."""
+WRITTEN: ContextVar[Callable[[str, int], None]] = ContextVar(
+    "written", default=lambda study, size: None
+)
+"""Told after each write for which study (or "") and how many bytes; who asked for it is known to whoever sets it."""
+
+
 class RefusedError(Exception):
     """The move does not answer the current frame, or is not this sender's to make; nothing has changed."""
 
@@ -170,13 +180,17 @@ class Move:
 class Participation(Protocol):
     """A participant's part in a study, as far as their board must ask for it; `app.series` implements it.
 
-    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `hides_figures` and
-    `check_open` asks the database: call it in `Store.write` or `Store.read`.
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study`, `hides_figures`
+    and `check_open` asks the database: call it in `Store.write` or `Store.read`.
     """
 
     @property
     def driver(self) -> str:
         """Return who drives an episode at its start: "human" or "script"."""
+
+    @property
+    def study(self) -> str:
+        """Return the name of the study."""
 
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of the episode leave out reward, return and score."""
@@ -350,6 +364,7 @@ class Session:
                 metrics.step.observe(time.perf_counter() - began)
 
             await self._store.write(record, notice, publish)
+        self.count_written(STEP_BYTES)
 
     async def abandon(
         self, episode: str, step: int | None, note: Callable[[], None] | None = None
@@ -494,6 +509,11 @@ class Session:
             self._lacks_events = True
             self._keeping = self._store.put_write(partial(self._keep_events, events, self._clock()))
         await asyncio.shield(self._keeping)
+        self.count_written(len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch))
+
+    def count_written(self, size: int) -> None:
+        """Tell on whose behalf so many bytes were written."""
+        WRITTEN.get()("" if self.participation is None else self.participation.study, size)
 
     def _keep_events(self, events: Events, came_ms: int) -> None:
         try:

@@ -26,7 +26,7 @@ class StudyParticipation:
     ) -> None:
         self._participant, self._folder, self._study_store = participant, folder, study_store
         self._clock, self._completion_code = sources.clock_ms, sources.completion_code
-        self.driver = participant.kind
+        self.driver, self.study = participant.kind, participant.study
 
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether the episode is ranked and the participant has not come to the debrief."""

@@ -104,7 +104,7 @@ def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
 
 def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | None) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
-    protection = Protection(settings.limits, metrics.count_refusal)
+    protection = Protection(settings.limits, settings.database, metrics.count_refusal)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -85,6 +85,10 @@ class Limits(BaseModel):
     episodes_per_address, episodes_per_player  next episodes
     decision_s       seconds that one decision of a policy may take; a board that is slower pauses
     unplayed_h       hours after which a board on which nobody has moved is deleted
+    stored_address_percent, stored_player_percent, stored_study_percent
+                     bytes, in percent of the disk, that are stored for each on a day (UTC) before no
+                     board or episode is begun for it any more; a study's are not its addresses'
+    free_mb          free space of the disk, in megabytes, below which none is begun for anybody
     token            whoever sends it in the header X-Mars-Token is not limited in what they ask
     """
 
@@ -105,6 +109,10 @@ class Limits(BaseModel):
     episodes_per_player: Bucket = "120+2/s"
     decision_s: float = Field(default=10.0, gt=0)
     unplayed_h: float = Field(default=24.0, gt=0)
+    stored_address_percent: float = Field(default=0.5, gt=0)
+    stored_player_percent: float = Field(default=0.1, gt=0)
+    stored_study_percent: float = Field(default=5.0, gt=0)
+    free_mb: float = Field(default=500.0, ge=0)
     token: SecretStr | None = Field(default=None, min_length=16)
 
 

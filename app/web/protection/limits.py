@@ -13,16 +13,19 @@ import hashlib
 import hmac
 import math
 import re
+import shutil
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from pathlib import Path
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.board.session import WRITTEN
 from app.web.protection.gate import RefusedRequestError
 from app.web.protection.hosts import client_address
 from app.web.settings import Limits, read_bucket
@@ -49,7 +52,10 @@ WHAT = {
     "sessions": "new boards",
     "episodes": "new episodes",
 }
-WHERE = {"address": "this network", "player": "this browser"}
+WHERE = {"address": "this network", "player": "this browser", "study": "this study"}
+DAY_S = 86_400
+NEXT = re.compile(r".*/api/studies/([^/]+)/next")
+"""What begins an episode of a study: it counts against the study, not against the address."""
 
 POLICY_VIOLATION = 1008
 """The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
@@ -125,15 +131,62 @@ class Buckets:
         return len(self._buckets)
 
 
+class StoredBytes:
+    """What was written today (UTC) for each address, player and study, by the sizes of its rows; in memory alone.
+
+    A budget refuses what begins, and never what is written of an episode that has begun.
+    """
+
+    def __init__(self, limits: Limits, database: Path) -> None:
+        self._limits, self._folder = limits, database.parent
+        self._day, self._of = 0, Counter[tuple[str, str]]()
+
+    def add(self, owners: Iterable[tuple[str, str]], size: int) -> None:
+        """Count bytes for several (kind, name) at once."""
+        of = self.today()
+        for owner in owners:
+            of[owner] += size
+
+    def today(self) -> Counter[tuple[str, str]]:
+        """Return the bytes by (kind, name), kinds being "address", "player" and "study"."""
+        if (day := int(time.time() // DAY_S)) != self._day:
+            self._day, self._of = day, Counter()
+        return self._of
+
+    def check(self, owners: Iterable[tuple[str, str]]) -> None:
+        """Check that something may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
+        disk, free = shutil.disk_usage(self._folder), self._limits.free_mb
+        if disk.free < free * 1e6:
+            raise RefusedRequestError(
+                507,
+                f"the server's disk has less than {free:g} MB left: what is open goes on, and new boards begin once its "
+                "operator has made room",
+            )
+        for kind, name in owners:
+            most = disk.total * getattr(self._limits, f"stored_{kind}_percent") / 100
+            if self.today()[kind, name] >= most:
+                wait_s = DAY_S - int(time.time()) % DAY_S
+                raise RefusedRequestError(
+                    429,
+                    f"{WHERE[kind]} has stored {most / 1e6:.3g} MB today, all that it may: what is open goes on, and new "
+                    "boards begin after midnight (UTC)",
+                    wait_s,
+                )
+
+
 class Protection:
     """What one server counts of its clients; it lives as long as its app.
 
     refusals    how often something was refused, by reason; `count` is called with each reason too
     sockets     how many are open, but for those that came with the operator's token
+    stored      what was written for whom
     """
 
-    def __init__(self, limits: Limits, count: Callable[[str], None] = lambda reason: None) -> None:
+    def __init__(
+        self, limits: Limits, database: Path, count: Callable[[str], None] = lambda reason: None
+    ) -> None:
         self.limits, self._count = limits, count
+        self.stored = StoredBytes(limits, database)
         self.refusals: Counter[str] = Counter()
         self.sockets = 0
         self._sockets_of: Counter[str] = Counter()
@@ -162,6 +215,13 @@ class Protection:
             self._take(action, address)
             if (player := _player_of(scope)) is not None:
                 self._take(action, player, "player")
+            if action != "joins":
+                study = NEXT.fullmatch(scope["path"].rstrip("/"))
+                try:
+                    self.stored.check(owners_of(scope, study[1] if study else ""))
+                except RefusedRequestError:
+                    self.count_refusal("stored")
+                    raise
 
     def open_socket(self, address: str) -> None:
         """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
@@ -209,6 +269,13 @@ def _player_of(scope: Scope) -> str | None:
     return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
 
+def owners_of(scope: Scope, study: str) -> list[tuple[str, str]]:
+    """Return against whom what a connection writes is counted, on a board of a study or ("") on another."""
+    player = _player_of(scope)
+    place = ("study", study) if study else ("address", client_address(HTTPConnection(scope)))
+    return [place, *([] if player is None else [("player", player)])]
+
+
 class _SlowReaderError(Exception):
     """A client did not take what was sent to it."""
 
@@ -223,6 +290,9 @@ class LimitedClients:
         self._app, self._protection, self._most_bytes = app, protection, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket"):
+            stored = self._protection.stored
+            WRITTEN.set(lambda study, size: stored.add(owners_of(scope, study), size))
         if scope["type"] == "http":
             if not self._protection.has_token(scope):
                 self._protection.admit(scope)
