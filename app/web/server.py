@@ -6,12 +6,12 @@ Nothing here is global: each app has a store, a lobby and a viewer of its own, a
 from __future__ import annotations
 
 import asyncio
+import logging
 import signal
 import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 from fastapi import FastAPI
 
@@ -64,7 +64,7 @@ from app.web.listening import (
     raise_file_limit,
     uvicorn_config,
 )
-from app.web.logs import log_as_json
+from app.web.logs import log_config
 from app.web.operator.health import Health
 from app.web.operator.login import AdminPassword
 from app.web.operator.services import AdminServices
@@ -316,19 +316,12 @@ def _file_errors() -> Iterator[None]:
         raise ServerError(str(error)) from error
 
 
-def _log_options(settings: Settings) -> dict[str, Any]:
-    """Return the options by which uvicorn leaves the log as `log_as_json` has set it up."""
-    return {"log_config": None} if settings.log_format == "json" else {}
-
-
 def run(settings: Settings) -> None:
     """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot."""
     try:
         password = AdminPassword.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
-    if settings.log_format == "json":
-        log_as_json()
     signal.signal(
         signal.SIGTERM, signal.default_int_handler
     )  # it ends as by Ctrl-C: the store is closed
@@ -371,8 +364,8 @@ def run(settings: Settings) -> None:
                 0.001
             )  # a policy that decides in a thread lets a move through within a millisecond
             try:
-                AnnouncingServer(
-                    uvicorn_config(app, **_log_options(settings)), address_of(sock)
-                ).run(sockets=[sock])
+                logging.captureWarnings(True)
+                config = uvicorn_config(app, log_config=log_config(settings.log_format))
+                AnnouncingServer(config, address_of(sock)).run(sockets=[sock])
             except KeyboardInterrupt:
                 return

@@ -1,9 +1,11 @@
-"""The log as JSON names requests and failures, and nobody."""
+"""The log is cut and rated; as JSON it names requests and failures, and nobody."""
 
 import json
 import logging
 import re
 import secrets
+import subprocess
+import sys
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -93,3 +95,38 @@ def test_long_ids_are_masked_and_words_are_not():
     assert mask(secrets.token_hex(16)) == "***"
     words = "timeout_graceful_shutdown in UnknownSessionError"
     assert mask(words) == words
+
+
+FLOOD = """
+import logging.config, sys, time
+from app.web import logs
+logs.LINES = 20, 10.0
+logging.config.dictConfig(logs.log_config(sys.argv[1]))
+for number in range(1000):
+    if number == 999:
+        time.sleep(0.2)
+    logging.error("it came: %s", chr(27) + chr(10) + "ERROR: forged " + 50_000 * "a ")
+def fail(deep):
+    if deep:
+        fail(deep - 1)
+    raise ValueError(50_000 * (chr(27) + " "))
+for deep in (0, 500):
+    try:
+        fail(deep)
+    except ValueError:
+        logging.exception("it failed")
+"""
+
+
+@pytest.mark.parametrize("log_format", ["text", "json"])
+def test_what_strangers_cause_in_the_log_is_cut_rated_and_on_lines_of_its_own(log_format):
+    command = [sys.executable, "-c", FLOOD, log_format]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    assert chr(27) not in said
+    came = [line for line in said.splitlines() if "it came" in line]
+    assert 21 <= len(came) < 60, "20 at once, and ten a second"
+    assert re.search(r"\(after 9\d\d more from here, which are left out\)", came[-1])
+    assert all(line.startswith(("ERROR: it came: \\x1b\\nERROR: forged", "{")) for line in came)
+    assert said.count("ValueError") == said.count("it failed") == 2
+    assert max(map(len, said.splitlines())) < 3000
+    assert len(said.splitlines()) < len(came) + 100
