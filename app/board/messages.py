@@ -12,6 +12,7 @@ from string import ascii_uppercase
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -49,6 +50,16 @@ UNIDENTIFIED = "Unidentified"
 """The standard's code of a key that is none of these."""
 PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _check_printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError(f"an id must be without control characters, got {_shown(text)}")
+    return text
+
+
+Printable = Annotated[str, AfterValidator(_check_printable)]
+"""An id that is made elsewhere, and stored: it has no control or invisible characters (str.isprintable)."""
 
 
 class BadMessageError(ValueError):
@@ -162,7 +173,7 @@ class Events(Message):
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
-    batch: str = Field(
+    batch: Printable = Field(
         min_length=8, max_length=64, description="drawn by the page, another for each batch"
     )
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
