@@ -9,11 +9,11 @@ import logging
 import os
 import resource
 import socket
-from contextlib import suppress
 from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
+from h11 import LocalProtocolError
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
 
@@ -127,16 +127,16 @@ def websocket_protocol(
 ) -> WebSocketsSansIOProtocol:
     """Return uvicorn's websocket, looked at for what uvicorn 0.54 does not do.
 
-    It neither answers nor closes a connection whose handshake the library `websockets` cannot read,
-    and it goes on answering the pings of a client that takes no answers.
+    It neither answers nor closes a connection whose handshake the library `websockets` cannot read, fails at bytes that are
+    not ASCII there, at what comes before a handshake is answered, and at an answer to what cannot be read; and it goes on
+    answering the pings of a client that takes no answers.
     """
     protocol = WebSocketsSansIOProtocol(config, server_state, app_state)
     loop, read = asyncio.get_running_loop(), protocol.data_received
 
     def read_handshake(data: bytes) -> None:
         del protocol.data_received  # the rest is uvicorn's alone
-        with suppress(UnicodeError):  # of a header that is none
-            read(data)
+        read(data.decode("ascii", "replace").encode("ascii", "replace"))
         if protocol.handshake_initiated:
             look_for_unread()
         else:
@@ -149,7 +149,13 @@ def websocket_protocol(
         elif not protocol.transport.is_closing():
             loop.call_later(1.0, look_for_unread)
 
+    def end_unreadable() -> None:
+        protocol.close_sent = protocol.disconnected = True
+        protocol.transport.write(b"".join(protocol.conn.data_to_send()))
+        protocol.transport.close()
+
     protocol.data_received = read_handshake  # type: ignore[method-assign]
+    protocol.handle_parser_exception = end_unreadable  # type: ignore[method-assign]
     return protocol
 
 
@@ -171,11 +177,13 @@ def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
 def is_worth_a_line(record: logging.LogRecord) -> bool:
     """Return whether a record of uvicorn's is more than a stranger's malformed or refused request.
 
-    Of a message that is no text it logs a traceback, of each refused handshake an error, and when
-    it stops a traceback of each request that it cancels.
+    Of a message that is no text it logs a traceback, of each refused handshake an error, when it stops a traceback of each
+    request that it cancels, and one where it has refused the body of a request before that was answered.
     """
-    is_cancelled = record.exc_info is not None and record.exc_info[0] is asyncio.CancelledError
-    return not (is_cancelled or str(record.msg).startswith(_STRANGERS))
+    error = None if record.exc_info is None else record.exc_info[1]
+    is_answered = isinstance(error, LocalProtocolError) and "can't handle event" in str(error)
+    is_strangers = str(record.msg).startswith(_STRANGERS)
+    return not (is_answered or is_strangers or isinstance(error, asyncio.CancelledError))
 
 
 class AnnouncingServer(uvicorn.Server):

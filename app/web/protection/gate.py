@@ -33,6 +33,10 @@ FOREIGN_HOST = (
     "this server does not answer for the host {!r}: open it by its IP address or as localhost; its operator makes a public "
     "address known with serve --public-url URL"
 )
+TWO_LENGTHS = (
+    "a request says how long its body is by Content-Length or by Transfer-Encoding, and this one has both: "
+    "what stands before the server may have read another body than it would"
+)
 MALFORMED_ORIGIN = (
     "an Origin must be null or scheme://host, as browsers send it, got {!r}; a script needs none"
 )
@@ -65,7 +69,7 @@ class RefusedRequestError(Exception):
 
 
 class Gate:
-    """Refuses foreign hosts with 400 and other sites' pages with 403, and sets every answer's headers.
+    """Refuses foreign hosts and two lengths with 400, other sites' pages with 403, and sets every answer's headers.
 
     names       what the server answers for, in lower case (`own_names`)
     proxies     whose X-Forwarded headers count
@@ -93,6 +97,8 @@ class Gate:
             return
         answering = send if scope["type"] == "websocket" else _with_headers(scope, send)
         try:
+            if {b"content-length", b"transfer-encoding"} <= {name for name, _ in scope["headers"]}:
+                raise RefusedRequestError(400, TWO_LENGTHS)
             self._check_host(scope)
             scope = self._proxies.scope_of(scope)
             answering = send if scope["type"] == "websocket" else _with_headers(scope, send)

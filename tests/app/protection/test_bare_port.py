@@ -11,7 +11,7 @@ import signal
 import socket
 import sqlite3
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -166,15 +166,25 @@ MALFORMED = {
     "two lengths": b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n",
     "a chunk without a size": b"POST /api/sessions HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     b"Connection: close\r\nContent-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\nx\r\n",
+    "a length and chunks": b"POST /api/sessions HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n"
+    b"Content-Type: application/json\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
     "a handshake with a body": HANDSHAKE + b"Content-Length: 5\r\n\r\nhello",
     "a handshake in chunks": HANDSHAKE + b"Transfer-Encoding: chunked\r\n\r\n",
     "a handshake with a long line": HANDSHAKE + b"X-Long: " + b"a" * 9000 + b"\r\n\r\n",
     "a handshake with many lines": HANDSHAKE + b"a: b\r\n" * 300 + b"\r\n",
     "a handshake without a key": HANDSHAKE.replace(b"Sec-WebSocket-Key", b"X-Key") + b"\r\n",
+    "a handshake whose key is no text": HANDSHAKE.replace(b"AAAA=", b"\xf5A==") + b"\r\n",
     "a handshake of another version": HANDSHAKE.replace(b"13", b"7") + b"\r\n",
     "a handshake for another host": HANDSHAKE.replace(b"127.0.0.1", b"evil.example") + b"\r\n",
     "a handshake of another site": HANDSHAKE + b"Origin: https://evil.example\r\n\r\n",
 }
+FRAMES = (
+    *(masked(9, bytes(size)) for size in (0, 125)),  # pings
+    *(masked(1, text) for text in (b"nonsense", b"[" * 30_000, b'{"a":' * 9_000, b"\xff")),
+    *(masked(8, reason) for reason in (b"", b"\x03", b"\x03\xe8bye")),
+    bytes([1, 128 | 3]) + bytes(4) + b"abc",  # the first part of a message
+    b"\xff" * 50,
+)
 
 
 def test_what_is_malformed_is_answered_with_4xx_closed_and_not_logged(spawn):
@@ -194,6 +204,14 @@ def test_what_is_malformed_is_answered_with_4xx_closed_and_not_logged(spawn):
             connection.shutdown(socket.SHUT_WR)
     client = server.client()
     begun = client.post("/api/sessions", json={"size": 9}).json()
+    ways = ("/ws/sessions/x", f"/ws/sessions/{begun['session']}", "/ws/watch/x", "/viewer/x")
+    for number in range(300):  # some of it comes before the handshake is answered
+        parts = [*draw.choices(FRAMES, k=draw.randrange(1, 20)), draw.randbytes(30)]
+        first = HANDSHAKE.replace(b"/ws/sessions/x", ways[number % 4].encode()) + b"\r\n"
+        opened = socket.create_connection(("127.0.0.1", server.port), timeout=10)
+        with opened as connection, suppress(ConnectionError):
+            for each in (first, *parts):
+                connection.sendall(each)
     for junk in (b"\xff" * 100, masked(1, b"\xff"), masked(9, b"") * 3 + b"\x83\xff", b"\x0f" * 99):
         with server.socket(begun["session"], client) as board:
             board.receive("frame")
