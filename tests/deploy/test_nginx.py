@@ -1,6 +1,7 @@
 """The shipped nginx files before a real server: pages and sockets pass, visitors are told apart, and a flood is limited."""
 
 import re
+import socket
 import ssl
 import subprocess
 import time
@@ -27,7 +28,7 @@ AROUND = """{module} user root; daemon off; worker_processes 1; pid {folder}/ngi
 events {{ worker_connections 8192; }}
 {stream}
 http {{
-  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/f;
+  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy 1 2; fastcgi_temp_path {folder}/f;
   uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s; access_log {folder}/access.log;
   {site}
 }}
@@ -169,6 +170,29 @@ def test_connections_of_one_address_are_limited(proxied):
         assert [asked() for _ in range(4)] == [429] * 4
         sockets[0].close()
         eventually(lambda: asked() == 200)
+
+
+def test_what_a_slow_reader_has_not_taken_waits_in_no_file(proxied):
+    """The system keeps little of a connection here, so that the answer need not be large; the file's folders would stay."""
+    small = (
+        ("ssl;", "ssl sndbuf=8k;"),
+        ("proxy_protocol;\n  server", "proxy_protocol sndbuf=8k;\n  server"),
+    )
+    server = proxied(*small)
+    port = int(server.public.rpartition(":")[2])
+    with browser(server) as client:
+        where = client.get("/viewer/client/").headers["location"]
+    ask = f"GET /viewer/client/{where} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n"
+    with ExitStack() as held:
+        for _ in range(3):
+            plain = held.enter_context(socket.socket())
+            plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            plain.connect(("127.0.0.1", port))
+            slow = held.enter_context(trusting().wrap_socket(plain))
+            slow.sendall(ask.encode())
+            assert slow.recv(16).startswith(b"HTTP/1.1 200")
+        time.sleep(1)
+        assert not list(server.nginx.glob("proxy/*"))
 
 
 MISBEHAVING = """
