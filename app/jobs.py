@@ -125,6 +125,11 @@ class Jobs(Executor):
         self._failed: dict[Hashable, tuple[float, BaseException]] = {}
         self._is_closed = False
 
+    def waiting(self) -> int:
+        """Return how many jobs wait, of all owners."""
+        with self._changed:
+            return sum(map(len, self._waiting.values()))
+
     def __enter__(self) -> Jobs:
         return self
 

@@ -359,9 +359,8 @@ class Session:
 
             def publish(found: tuple[Attested | None, bool]) -> None:
                 self.go_on(current, run, held, *found)
-                metrics = self._store.metrics
-                metrics.moves[move.driver.partition(":")[0]].inc()
-                metrics.step.observe(time.perf_counter() - began)
+                driver = move.driver.partition(":")[0]
+                self._store.metrics.observe_move(driver, time.perf_counter() - began)
 
             await self._store.write(record, notice, publish)
         self.count_written(STEP_BYTES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -70,6 +71,25 @@ class Metrics:
             buckets=_LONG_S,
             registry=registry,
         )
+
+        self._newest_s = deque[float](maxlen=1000)
+        what = "99 of 100 of the last 1,000 moves took no longer; 0: there was none."
+        self.add_gauge("move_p99_seconds", what, self._move_p99_s)
+
+    def observe_move(self, driver: str, seconds: float) -> None:
+        """Count a committed move of "human", "script" or "policy", and how long it took."""
+        self.moves[driver].inc()
+        self.step.observe(seconds)
+        self._newest_s.append(seconds)
+
+    def _move_p99_s(self) -> float:
+        newest_s = sorted(self._newest_s.copy())
+        return newest_s[99 * len(newest_s) // 100] if newest_s else 0.0
+
+    def values(self, *names: str) -> dict[str, float]:
+        """Return what some gauges hold now, by their names without `marsexplorer_`."""
+        read = self.registry.get_sample_value
+        return {name: read(f"marsexplorer_{name}") or 0.0 for name in names}
 
     def count_refusal(self, reason: str) -> None:
         """Count a refusal. reason: a fixed short name such as `not_current`, never what somebody sent."""

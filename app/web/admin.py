@@ -144,6 +144,15 @@ class LoggedRoute(APIRoute):
         return logged
 
 
+WATCHED = (
+    "move_p99_seconds",
+    "waiting_jobs",
+    "waiting_writes",
+    "backup_age_seconds",
+    "backup_failures",
+)
+"""Gauges that the page shows."""
+
 router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
 
 
@@ -175,10 +184,18 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
     """Return the studies, the boards being played, the server's health, and what operators did last."""
     health = await asyncio.to_thread(admin.health.state)
     lobby = admin.progress.lobby
+    watched = await asyncio.to_thread(lobby.store.metrics.values, *WATCHED)
+    owners = request.app.state.protection.stored.largest()
     return {
         "studies": await asyncio.to_thread(admin.studies),
         "boards": await live_boards.list_boards(lobby, admin.progress.study_store),
-        "health": {**health, "sessions": len(lobby), "up_s": round(time.monotonic() - admin.began)},
+        "health": {
+            **health,
+            "watched": watched,
+            "owners": owners,
+            "sessions": len(lobby),
+            "up_s": round(time.monotonic() - admin.began),
+        },
         "operator": await admin.login.operator_of(cookies.ADMIN.token(request)),
         "actions": await admin.actions.newest(),
         "core_version": lobby.task.version,

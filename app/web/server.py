@@ -12,6 +12,7 @@ import sys
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from fastapi import FastAPI
 
@@ -68,7 +69,7 @@ from app.web.logs import log_config
 from app.web.operator.health import Health
 from app.web.operator.login import AdminPassword
 from app.web.operator.services import AdminServices
-from app.web.protection import Gate, LimitedClients, Protection, Proxies, own_names
+from app.web.protection import WHERE, Gate, LimitedClients, Protection, Proxies, own_names
 from app.web.replays.service import Replays
 from app.web.requests import NotedRoute, ObservedRequests
 from app.web.services import Services
@@ -162,6 +163,9 @@ def _add_protection(
     app.state.protection = protection
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
+    for kind in WHERE:
+        what = f"Bytes stored today (UTC) for the {kind} for which most were stored."
+        metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.stored.most, kind))
     app.add_middleware(NotedRoute)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
     app.add_middleware(
@@ -218,6 +222,8 @@ def _services(
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
     _add_gauges(store.metrics, lobby, health)
+    what = "Jobs that wait: ghosts, regrets, exports, evaluations."
+    store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
     return Services(
         store=store,
         jobs=jobs,

@@ -61,11 +61,17 @@ export function paintAttention(list, found) {
 
 /** @param {HTMLElement} list @param {Admin.Health} health @param {number} now_ms */
 export function paintHealth(list, health, now_ms) {
-  const { disk, database, check, chain } = health;
+  const { disk, database, check, chain, owners, watched } = health;
+  const stored = owners.map(({ kind, name, bytes, budget }) => `${kind === "study" ? `study ${name}` : kind === "player" ? "a browser" : "a network"} ${size(bytes)} of ${size(budget)}`);
+  const age = watched.backup_age_seconds;
   /** @type {[string, string, string][]} */
   const facts = [
     ["Disk", `${size(disk.free)} free of ${size(disk.total)}`, disk.is_low ? "warn" : ""],
     ["Database", `${database.name}, ${size(database.size)}, and ${size(database.wal_size)} waiting in its log`, ""],
+    ["Stored today", stored.join(", ") || "nothing", owners.some(({ bytes, budget }) => bytes > 0.8 * budget) ? "warn" : ""],
+    ["Newest backup", age < 0 ? "none is made (--backup-every)" : `verified ${ago(1000 * age)}`, age > 86400 || watched.backup_failures ? "warn" : ""],
+    ["Moves", `99 of 100 took at most ${Math.round(1000 * watched.move_p99_seconds)} ms`, watched.move_p99_seconds > 0.1 ? "warn" : ""],
+    ["Waiting", `${many(watched.waiting_jobs, "job")}, ${many(watched.waiting_writes, "write")}`, watched.waiting_jobs > 20 || watched.waiting_writes > 100 ? "warn" : ""],
     ["Last write", ago(now_ms - health.last_write_ms), ""],
     ["Integrity", !check ? "is being checked" : check.is_whole ? `no damage found, ${ago(now_ms - check.at_ms)}` : check.result, !check ? "" : check.is_whole ? "good" : "warn"],
     ["Chain", chain ? `${many(chain.entries, "entry", "entries")}${chain.head && `, head ${chain.head}`}` : "cannot be read", chain ? "" : "warn"],

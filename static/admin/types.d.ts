@@ -44,5 +44,7 @@ declare namespace Admin {
     disk: {free: number, total: number, is_low: boolean}, database: {name: string, size: number, wal_size: number},
     last_write_ms: number, check: {result: string, is_whole: boolean, at_ms: number} | null,
     chain: {entries: number, head: string} | null, sessions: number, up_s: number,
+    watched: Record<"move_p99_seconds" | "waiting_jobs" | "waiting_writes" | "backup_age_seconds" | "backup_failures", number>,
+    owners: {kind: "address" | "player" | "study", name: string, bytes: number, budget: number}[],
   };
 }

@@ -70,6 +70,7 @@ def test_no_owner_takes_all_workers_and_too_many_that_wait_are_refused():
             jobs.submit(functions.add, 1, 3, owner="greedy")
         assert jobs.submit(functions.add, 1, 1, owner="other").result(60) == 2
         assert not any(future.running() or future.done() for future in waiting)
+        assert jobs.waiting() == 2
 
 
 def test_a_job_that_takes_too_long_is_ended_with_what_it_began_and_the_next_one_runs(

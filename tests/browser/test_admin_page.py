@@ -1,6 +1,7 @@
 """The operator's console and the leaderboard in a real browser, while somebody plays."""
 
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +15,15 @@ PASSWORD = "red-planet-4"
 IDLE_WORK_MS = 600_000
 """Reports and evaluations have the lowest priority: while other jobs run they take their time."""
 pytestmark = pytest.mark.timeout(1500)
+DEPLOY = Path(__file__).parents[2] / "docs/deploy.md"
 COUNT = "[data-testid=stage-{}] td:nth-child(3)"
+RED = """async (health) => {
+  const { paintHealth } = await import("./static/admin/tables.js");
+  const list = document.createElement("dl");
+  paintHealth(list, health, Date.now());
+  return [...list.querySelectorAll("dd[data-tone=warn]")].map((fact) => fact.previousElementSibling.textContent);
+}"""
+"""Returns the names of what is painted red."""
 
 
 class QuickPolicies(PolicyCatalogue):
@@ -60,6 +69,16 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     assert page.get_by_test_id("title").inner_text() == "Dunes of the south"
     assert "nobody of 2 planned" in page.get_by_test_id("summary").inner_text()
     assert "no figure" in page.get_by_test_id("figure").inner_text()
+    health = page.evaluate("mars.state.overview.health")
+    assert page.evaluate(RED, health) == []
+    health["disk"]["is_low"] = True
+    health["owners"] = [{"kind": "address", "name": "", "bytes": 81, "budget": 100}]
+    health["watched"] = {
+        "move_p99_seconds": 0.2, "waiting_jobs": 21, "waiting_writes": 0, "backup_age_seconds": 90_000, "backup_failures": 0,
+    }  # fmt: skip
+    red = page.evaluate(RED, health)
+    assert red == ["Disk", "Stored today", "Newest backup", "Moves", "Waiting"]
+    assert [name for name in red if f"| {name}: " not in DEPLOY.read_text()] == []
 
     person = Person(server)
     until(page, f"document.querySelector('{COUNT.format('consent')}').textContent === '1'")

@@ -153,17 +153,33 @@ class StoredBytes:
             self._day, self._of = day, Counter()
         return self._of
 
+    def largest(self, count: int = 3) -> list[dict[str, str | int]]:
+        """Return `kind`, `bytes` and `budget` of those with the most bytes today, and a study's `name`; of nobody else."""
+        return [
+            {
+                "kind": kind,
+                "name": name if kind == "study" else "",
+                "bytes": size,
+                "budget": self._budget(kind),
+            }
+            for (kind, name), size in self.today().most_common(count)
+        ]
+
+    def most(self, kind: str) -> int:
+        """Return the bytes of the address, player or study for which most was stored today."""
+        return max((size for (each, _), size in self.today().items() if each == kind), default=0)
+
     def check(self, owners: Iterable[tuple[str, str]]) -> None:
         """Check that something may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
-        disk, free = shutil.disk_usage(self._folder), self._limits.free_mb
-        if disk.free < free * 1e6:
+        free = self._limits.free_mb
+        if shutil.disk_usage(self._folder).free < free * 1e6:
             raise RefusedRequestError(
                 507,
                 f"the server's disk has less than {free:g} MB left: what is open goes on, and new boards begin once its "
                 "operator has made room",
             )
         for kind, name in owners:
-            most = disk.total * getattr(self._limits, f"stored_{kind}_percent") / 100
+            most = self._budget(kind)
             if self.today()[kind, name] >= most:
                 wait_s = DAY_S - int(time.time()) % DAY_S
                 raise RefusedRequestError(
@@ -172,6 +188,10 @@ class StoredBytes:
                     "boards begin after midnight (UTC)",
                     wait_s,
                 )
+
+    def _budget(self, kind: str) -> int:
+        percent: float = getattr(self._limits, f"stored_{kind}_percent")
+        return round(shutil.disk_usage(self._folder).total * percent / 100)
 
 
 class Protection:

@@ -378,6 +378,32 @@ def test_health_is_of_this_disk_and_this_database(admin):
     assert admin.operator().post("/api/admin/check", json={}).json()["check"]["result"] == "ok"
 
 
+def test_who_stores_most_and_how_long_moves_take_is_shown_without_an_address(admin):
+    person = Person(admin)
+    person.to_tutorial()
+    person.call("next")
+    with person.socket() as socket:
+        socket.act(socket.receive("frame"), "south", input="key")
+        socket.frame_after(0)
+    for size in (9, 128):
+        assert admin.client().post("/api/sessions", json={"size": size}).status_code == 201
+    health = admin.operator().get("/api/admin/overview").json()["health"]
+    owners, disk = health["owners"], health["disk"]
+    percents = {"address": 0.5, "player": 0.1, "study": 5.0}
+    assert [(each["kind"], each["name"]) for each in owners] == [
+        ("address", ""), ("study", "small"), ("player", ""),
+    ]  # fmt: skip
+    assert [each["budget"] for each in owners] == [
+        round(disk["total"] * percents[each["kind"]] / 100) for each in owners
+    ]
+    value = admin.services.store.metrics.registry.get_sample_value
+    for each in owners:
+        assert each["bytes"] == value(f"marsexplorer_stored_bytes_{each['kind']}") > 500
+    watched = health["watched"]
+    assert 0 < watched["move_p99_seconds"] == value("marsexplorer_move_p99_seconds") < 5
+    assert (watched["waiting_jobs"], watched["backup_age_seconds"]) == (0, -1)
+
+
 def test_damage_is_seen(serve, tmp_path):
     server = serve()
     server.stop()

@@ -109,6 +109,14 @@ def test_a_frame_that_a_slow_subscriber_never_got_is_counted(server):
     assert count() == 3, "the one it found, and the two that came before the newest"
 
 
+def test_the_slowest_of_the_newest_moves_are_told():
+    metrics = Metrics()
+    assert metrics.values("move_p99_seconds") == {"move_p99_seconds": 0}
+    for number in range(5000):
+        metrics.observe_move("human", number % 1000 / 1000)
+    assert metrics.values("move_p99_seconds") == {"move_p99_seconds": 0.99}
+
+
 def test_counting_costs_less_than_a_twentieth_of_a_move(server):
     """Both are measured in this run: the moves by the server's own histogram, the counting alone by timeit."""
     client, policy = server.client(), load("frontier-cost")
@@ -124,8 +132,7 @@ def test_counting_costs_less_than_a_twentieth_of_a_move(server):
     other = Metrics()
 
     def count():
-        other.moves["script"].inc()
-        other.step.observe(move_s)
+        other.observe_move("script", move_s)
         other.commit.observe(move_s)
 
     counting_s = min(timeit.repeat(count, number=1000, repeat=5)) / 1000
