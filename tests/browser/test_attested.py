@@ -1,5 +1,6 @@
 """Whatever a person does at a real browser is attested: keys, mouse, fingers, typing ahead, reloads, lost connections."""
 
+import resource
 import sqlite3
 from contextlib import closing
 
@@ -53,6 +54,26 @@ def click(me, action, how):
     me.page.wait_for_timeout(80)
     how(me.page.get_by_test_id(f"pad-{action}"))
     me.wait(f"window.mars.state.player.frame.step > {step}")
+
+
+def test_a_disk_that_was_full_in_the_middle_of_play(spawn, player, tmp_path):
+    """The page says that a move was not made and why; once there is room the next key press moves, without a reload."""
+    server, me = begun(spawn, player)
+    there, back = there_and_back(me)
+    me.press(there)
+    pid, limit = server.process.pid, resource.RLIMIT_FSIZE
+    before = resource.prlimit(pid, limit)
+    resource.prlimit(pid, limit, (4096, before[1]))
+    me.press(back, wait=False)
+    said = me.page.get_by_test_id("notices").get_by_text("nothing changed")
+    said.wait_for(state="visible")
+    assert "did not take the write" in said.inner_text()
+    assert me.state()["step"] == 1
+    resource.prlimit(pid, limit, before)
+    me.press(back)
+    assert me.state()["step"] == 2
+    assert level_of(tmp_path, end(me)) == ATTESTED
+    assert me.errors == []
 
 
 def test_mouse_clicks_on_the_arrows_and_enter_on_them(serve, player, tmp_path):
