@@ -191,6 +191,10 @@ class Episode:
         """(row, col) of the rover after 0, 1, 2, ... moves: a new list."""
         return [divmod(cell, self.config.cols) for cell in self._cells]
 
+    def place(self, step: int) -> tuple[int, int]:
+        """Return (row, col) of the rover after so many moves."""
+        return divmod(self._cells[step], self.config.cols)
+
     @property
     def discovered(self) -> int:
         """Cells discovered so far."""

@@ -41,7 +41,7 @@ class MarsRun:
 
     def place(self, step: int) -> dict[str, Any]:
         """Return row, column and coverage after so many moves."""
-        row, col = self._episode.path[step]
+        row, col = self._episode.place(step)
         discovered = self._episode.discoveries[step]
         return {"row": row, "col": col, "coverage": discovered / self._episode.cells}
 
