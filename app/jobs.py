@@ -182,9 +182,8 @@ class Jobs(Executor):
         return future
 
     async def run(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
-        """Return what a job comes to; see `submit`. Whoever stops waiting leaves it to the others who wait for it."""
-        future = self.submit(function, *arguments, **options)
-        return await asyncio.shield(asyncio.wrap_future(future))
+        """Return what a job comes to; see `submit` and `result_of`."""
+        return await result_of(self.submit(function, *arguments, **options))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """See `close`: nothing goes on after it, whatever is asked for."""
@@ -306,6 +305,14 @@ class Jobs(Executor):
                 made.end()
             return made
         return worker
+
+
+async def result_of(job: Future[T]) -> T:
+    """Return what a job comes to. Whoever stops waiting leaves it to the others who wait for it."""
+    waiting = asyncio.wrap_future(job)
+    # asyncio logs an error that nobody has looked at, as when all have stopped waiting
+    waiting.add_done_callback(lambda done: done.cancelled() or done.exception())
+    return await asyncio.shield(waiting)
 
 
 def _too_long(limit_s: float | None) -> JobError:

@@ -7,11 +7,14 @@ marked, never hidden. Players appear under pseudonyms drawn anew for every expor
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import hmac
 import io
+import os
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,40 +43,37 @@ def export_table(
     key: bytes | None = None,
     public: bool = False,
     at_ms: int | None = None,
-) -> Iterator[bytes]:
+    player: str | None = None,
+) -> Generator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
     source   the database's path, or a Reader or Store on it; read over a read-only connection of its own
     who      "all", or "human" for the episodes that count
     public   True leaves out the episodes of studies that are not closed, and of days that are not over
     at_ms    when a public export is made (None: now)
+    player   what they drove alone
     """
     _check(table, who)
     reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
-    return _stream(reader, lambda: reader.finished(who), table, key or new_key())
+    return _stream(reader, lambda: reader.finished(who, player), table, key or new_key())
 
 
-def export_own(
-    database: Path, table: ExportTable, player: str, at_ms: int | None = None
-) -> Iterator[bytes]:
-    """Yield the table of what one player drove, but for studies that are open and the daily terrain of today."""
-    _check(table, "all")
-    reader = Reader.open(database, public=True, at_ms=at_ms)
-    return _stream(reader, lambda: reader.finished("all", player), table, new_key())
-
-
-def write_table(path: Path, database: Path, table: ExportTable, who: Who, at_ms: int) -> None:
-    """Write what `export_table` yields of what anybody may see."""
-    with path.open("wb") as file:
-        file.writelines(export_table(database, table, who, public=True, at_ms=at_ms))
-
-
-def write_own_table(
-    path: Path, database: Path, table: ExportTable, player: str, at_ms: int
+def write_table(
+    path: Path,
+    most_bytes: int,
+    database: Path,
+    table: ExportTable,
+    who: Who,
+    player: str | None,
+    at_ms: int,
 ) -> None:
-    """Write what `export_own` yields."""
-    with path.open("wb") as file:
-        file.writelines(export_own(database, table, player, at_ms))
+    """Write what `export_table` yields of what anybody may see; OSError when it takes more than `most_bytes`."""
+    pieces = export_table(database, table, who, None, True, at_ms, player)
+    with closing(pieces), path.open("xb") as file:
+        for piece in pieces:
+            if file.tell() + len(piece) > most_bytes:
+                raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+            file.write(piece)
 
 
 def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:
@@ -123,7 +123,7 @@ def _stream(
     wanted: Callable[[], Iterator[dict[str, Any]]],
     table: ExportTable,
     key: bytes,
-) -> Iterator[bytes]:
+) -> Generator[bytes]:
     try:
         yield (",".join(COLUMNS[table]) + "\n").encode()
         with reader.snapshot():

@@ -11,13 +11,12 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
-from app.db.export import write_own_table, write_table
+from app.db.export import ExportTable, write_table
 from app.db.reader import Reader
 from app.report.regret import POLICY, regret_cache
 from app.report.statistics.personal import describe_own, personal_bests
 from app.task import Record
 from app.web.access import owner_of, player_of, services_of
-from app.web.downloads import send_made
 from app.web.leaderboard.leaderboard import UnknownEntryError
 
 router = APIRouter(prefix="/api")
@@ -123,12 +122,14 @@ def _public_record(request: Request, episode_id: str) -> Record:
 @router.get("/export/{table}.csv", tags=["results"], summary="Everything finished, as CSV")
 async def export(
     request: Request,
-    table: Literal["episodes", "steps"],
+    table: ExportTable,
     who: Who = "all",
 ) -> Response:
-    """Export every finished episode under pseudonyms; `who=human` exports those that count."""
-    database, at_ms = _database_now(request)
-    return await send_made(request, f"{table}.csv", write_table, database, table, who, at_ms)
+    """Export every finished episode under pseudonyms; `who=human` exports those that count.
+
+    503 with Retry-After while another table of the same address, or two of others', are being written.
+    """
+    return await _sent(request, f"{table}.csv", table, who)
 
 
 @mine.get("/history", summary="My own episodes and bests")
@@ -155,17 +156,22 @@ def get_history(
 
 
 @mine.get("/export/{table}.csv", summary="My own episodes, as CSV")
-async def export_own(request: Request, table: Literal["episodes", "steps"]) -> Response:
-    """Export what you have driven, by your cookie alone; 404 without one."""
+async def export_own(request: Request, table: ExportTable) -> Response:
+    """Export what you have driven, by your cookie alone; 404 without one, 503 as for everybody's."""
     player_id = player_of(request)
     if player_id is None:
         raise HTTPException(
             404, "this browser has no player's cookie: nothing was played with it; play at / first"
         )
+    return await _sent(request, f"my-{table}.csv", table, "all", player_id)
+
+
+async def _sent(
+    request: Request, name: str, table: ExportTable, who: Who, player: str | None = None
+) -> Response:
     database, at_ms = _database_now(request)
-    return await send_made(
-        request, f"my-{table}.csv", write_own_table, database, table, player_id, at_ms
-    )
+    asked = database, table, who, player, at_ms
+    return await services_of(request).downloads.answer(owner_of(request), name, write_table, *asked)
 
 
 @leaderboard.get("", summary="What people and policies are compared on")

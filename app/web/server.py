@@ -53,6 +53,7 @@ from app.web import (
     watch,
 )
 from app.web.daily_results import DailyPolicies
+from app.web.downloads import Downloads
 from app.web.errors import add_error_handlers, answer
 from app.web.leaderboard.leaderboard import Leaderboard
 from app.web.listening import (
@@ -221,12 +222,14 @@ def _services(
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
+    downloads = Downloads(store.path, jobs)
     _add_gauges(store.metrics, lobby, health)
     what = "Jobs that wait: ghosts, regrets, exports, evaluations."
     store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
     return Services(
         store=store,
         jobs=jobs,
+        downloads=downloads,
         lobby=lobby,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
         spectators=Spectators(lobby),
@@ -243,7 +246,7 @@ def _services(
         health=health,
         admin=None
         if password is None
-        else AdminServices(password, progress, settings.studies, health, jobs),
+        else AdminServices(password, progress, settings.studies, health, jobs, downloads),
     )
 
 

@@ -16,6 +16,7 @@ from app.series.daily import DailyBoards
 from app.series.debrief import Debriefs
 from app.series.progress import ParticipantProgress
 from app.web.daily_results import DailyPolicies
+from app.web.downloads import Downloads
 from app.web.leaderboard.leaderboard import Leaderboard
 from app.web.operator.health import Health
 from app.web.operator.services import AdminServices
@@ -28,6 +29,7 @@ class Services:
 
     store          the database that every move is recorded in
     jobs           what takes long, in processes beside this one
+    downloads      the files that are made for somebody and sent
     lobby          the sessions
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
     spectators     what anybody may watch
@@ -45,6 +47,7 @@ class Services:
 
     store: Store
     jobs: Jobs
+    downloads: Downloads
     lobby: Lobby
     page_boards: PageBoards
     spectators: Spectators
@@ -64,7 +67,6 @@ class Services:
         self.daily_policies.close()
         await asyncio.to_thread(self.health.stop)
         await asyncio.to_thread(self.jobs.close)
-        if self.admin is not None:
-            await asyncio.to_thread(self.admin.exports.close)
+        await asyncio.to_thread(self.downloads.close)
         self.lobby.close()
         self.viewer.close()

@@ -8,7 +8,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from app.jobs import Jobs, JobsFullError
+from app.web.downloads import Downloads
 
 ExportKind = Literal["report", "release"]
 KINDS: tuple[ExportKind, ...] = get_args(ExportKind)
@@ -59,9 +59,9 @@ class Export:
 class Exports:
     """The exports of one server; the newest of each kind and study is kept."""
 
-    def __init__(self, database: Path, studies: Path, jobs: Jobs) -> None:
+    def __init__(self, database: Path, studies: Path, jobs: Jobs, downloads: Downloads) -> None:
         self._database, self._studies, self._jobs = database, studies, jobs
-        self._root: Path | None = None
+        self._downloads = downloads
         self._made: dict[tuple[str, ExportKind], Export] = {}
 
     def state(self, study: str) -> dict[str, Any]:
@@ -74,9 +74,7 @@ class Exports:
         old = self._made.get((study, what))
         if old is not None and old.state == "making":
             raise ExportError(f"this {what} is being made already: wait until it is done")
-        if self._root is None:
-            self._root = Path(tempfile.mkdtemp(prefix="mars-exports-"))
-        folder = Path(tempfile.mkdtemp(dir=self._root))
+        folder = self._downloads.new_folder()
         where = ("--database", str(self._database), "--studies", str(self._studies))
         files, outputs = _written(folder, study, what, authors)
         words = (what, "--study", study, *where, *outputs)
@@ -96,11 +94,6 @@ class Exports:
             if export is not None and export.state == "ready" and name in export.files:
                 return export.files[name]
         return None
-
-    def close(self) -> None:
-        """Delete every file; the runner of the jobs has been closed."""
-        if self._root is not None:
-            shutil.rmtree(self._root, ignore_errors=True)
 
 
 def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:

@@ -10,6 +10,7 @@ from app.db.operators import ActionLog
 from app.jobs import Jobs
 from app.series.progress import ParticipantProgress
 from app.series.protocol import StudyError
+from app.web.downloads import Downloads
 from app.web.operator import participants
 from app.web.operator.exports import Exports
 from app.web.operator.health import Health
@@ -29,12 +30,13 @@ class AdminServices:
         studies: Path,
         health: Health,
         jobs: Jobs,
+        downloads: Downloads,
     ) -> None:
         store = progress.lobby.store
         self.actions, self.progress, self.health = ActionLog(store), progress, health
         self.login = AdminLogin(password, store, self.actions)
         self.figures = participants.LiveFigures(store.path)
-        self.exports = Exports(store.path, studies, jobs)
+        self.exports = Exports(store.path, studies, jobs, downloads)
         self.began = time.monotonic()
 
     def studies(self) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ from contextlib import closing
 
 import pytest
 
-from app.db.export import export_own
+from app.db.export import export_table
 from app.db.reader import Reader
 from app.db.store import Store
 from app.report.statistics.personal import describe_own, personal_bests
@@ -51,6 +51,6 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     assert best["people"]["means"] == sorted(
         [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
     )
-    text = b"".join(export_own(store.path, "episodes", "ada")).decode()
+    text = b"".join(export_table(store, "episodes", public=True, player="ada")).decode()
     assert all(row.id in text for row in rows)
     assert not any(row.id in text for row in others)

@@ -1,24 +1,34 @@
-"""Tables over HTTP for a slow reader: written first and then sent, so nothing reads the database meanwhile."""
+"""Tables over HTTP: a job writes one, which is then sent, so that a slow reader keeps no transaction and no place."""
 
 import contextlib
+import os
 import shutil
+import signal
 import socket
 import sqlite3
-import tempfile
+import sys
+import threading
+import time
 from pathlib import Path
 
+import httpx
 import pytest
 
 from app.db.store import Store
-from app.web import listening
+from app.web import downloads, listening
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.policies import load
+from tests.support import job_functions
 from tests.support.recorded import add_session, add_steps, open_episode
 from tests.support.servers import eventually
 
 EPISODES = 25
 CONFIG = EnvConfig.of("random", 42)
+STEPS = "/api/export/steps.csv"
+linux = pytest.mark.skipif(
+    sys.platform != "linux", reason="one machine has many addresses on Linux alone"
+)
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +58,7 @@ def recorded(tmp_path_factory):
     return path, EPISODES * len(actions)
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def long_episodes(recorded, tmp_path):
     """The number of steps that the fixture `serve` finds in its database."""
     shutil.copy(recorded[0], tmp_path / "playground.db")
@@ -61,26 +71,56 @@ def checkpoint(path):
         return bool(connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0])
 
 
+def get(server, address, path=STEPS):
+    """Ask from one of this machine's addresses."""
+    transport = httpx.HTTPTransport(local_address=address)
+    with server.client(transport=transport) as client:
+        return client.get(path)
+
+
 @contextlib.contextmanager
-def slow_download(server):
-    """Yield a socket that has asked for the table of steps and does not read it, with the head and what came along."""
+def asking(server, address="127.0.0.1"):
+    """Yield a socket that has asked for the table of steps, which it does not read."""
     with socket.socket() as slow:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        slow.bind((address, 0))
         slow.connect(("127.0.0.1", server.port))
         slow.settimeout(60)
-        head = b"GET /api/export/steps.csv HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
-        slow.sendall(head)
-        answer, _, content = slow.recv(2000).partition(b"\r\n\r\n")
-        assert answer.startswith(b"HTTP/1.1 200"), answer
-        yield slow, answer, content
+        head = f"GET {STEPS} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n"
+        slow.sendall(head.encode())
+        yield slow
 
 
-def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(
+def begun(slow):
+    """Return the head of an answer, and what came along."""
+    answer, _, content = slow.recv(2000).partition(b"\r\n\r\n")
+    assert answer.startswith(b"HTTP/1.1 200"), answer
+    return answer, content
+
+
+def trickle(slow, until, got):
+    """Read a byte a second."""
+    while not until.wait(1):
+        got.append(slow.recv(1))
+
+
+@linux
+def test_two_who_read_a_byte_a_second_keep_no_place_and_no_transaction_and_get_the_whole_table(
     serve, long_episodes, tmp_path
 ):
     server = serve()
     player = server.page()
-    with slow_download(server) as (slow, head, content):
+    done = threading.Event()
+    with asking(server, "127.0.0.2") as one, asking(server, "127.0.0.3") as two:
+        head, content = begun(one)
+        begun(two)
+        got = [], []
+        reading = [
+            threading.Thread(target=trickle, args=(each, done, bytes_of))
+            for each, bytes_of in zip((one, two), got, strict=True)
+        ]
+        for each in reading:
+            each.start()
         about = player.post("/api/sessions", json={"size": 9}).json()
         frame, session = about["frame"], about["session"]
         east = frame["grid"][0][1] != "#"
@@ -90,27 +130,106 @@ def test_a_slow_reader_gets_the_whole_table_and_keeps_no_transaction_open(
         assert not checkpoint(tmp_path / "playground.db"), (
             "nothing reads the database while the table is being sent"
         )
-        while piece := slow.recv(1 << 16):
+        third = get(server, "127.0.0.4")
+        assert third.text.count("\n") == long_episodes + 1, "both places are free"
+        eventually(lambda: all(got))
+        done.set()
+        for each in reading:
+            each.join()
+        content += b"".join(got[0])
+        while piece := one.recv(1 << 16):
             content += piece
     length = int(head.lower().partition(b"content-length: ")[2].split(b"\r\n")[0])
     assert len(content) == length > 500_000, "more than the sockets hold"
     assert content.count(b"\n") == long_episodes + 1, "as it was when the export began"
+    eventually(lambda: not open_downloads(os.getpid()))
 
 
-@pytest.mark.usefixtures("long_episodes")
-def test_a_download_leaves_no_file_behind_also_when_its_reader_goes(serve, tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with slow_download(serve()):
-        assert not list(tmp_path.glob("mars-download-*"))
-        assert open_downloads()
-    eventually(lambda: not open_downloads())
+@linux
+def test_one_table_of_each_owner_and_two_in_all_are_written_at_a_time(serve):
+    server = serve()
+    for address in ("127.0.0.2", "127.0.0.3"):
+        server.services.jobs.submit(job_functions.sleep, 600, owner=address)
+    with asking(server, "127.0.0.2"), asking(server, "127.0.0.3"):
+        eventually(lambda: len(server.services.downloads._writing) == 2)
+        for address, whose in (("127.0.0.2", "another table of yours is"), ("127.0.0.4", "others")):
+            refused = get(server, address)
+            assert (refused.status_code, refused.headers["Retry-After"]) == (503, "30")
+            assert refused.json()["detail"].startswith(whose)
 
 
-def open_downloads():
-    """The downloads that this process holds open; their files have no name any more."""
+def test_a_table_that_is_sent_has_no_name_and_is_closed_when_its_reader_goes(serve, tmp_path):
+    server = serve()
+    folder = tmp_path / "playground.db-downloads"
+    with asking(server) as slow:
+        begun(slow)
+        assert not list(folder.iterdir())
+        assert open_downloads(os.getpid())
+        assert server.services.downloads._sent["127.0.0.1"] > 500_000
+    eventually(lambda: not open_downloads(os.getpid()))
+    assert not server.services.downloads._sent
+
+
+def test_a_table_that_is_sent_for_too_long_is_closed_with_its_connection(serve, monkeypatch):
+    monkeypatch.setattr(downloads, "SEND_S", 0.5)
+    with asking(serve()) as slow:
+        begun(slow)
+        eventually(lambda: not open_downloads(os.getpid()), 10)
+
+
+@pytest.mark.parametrize("lacks", ["room for the owner's", "room on the disk"])
+def test_a_table_that_does_not_fit_is_refused_with_a_sentence_and_leaves_nothing(
+    serve, tmp_path, monkeypatch, lacks
+):
+    if lacks == "room on the disk":
+        usage = shutil.disk_usage(tmp_path)._replace(free=200_000)
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    else:
+        monkeypatch.setattr(downloads, "MOST_BYTES", 100_000)
+    server = serve()
+    refused = server.client().get(STEPS)
+    assert refused.status_code == 503
+    sentence = "the table was not written: file too large, and there is room for 100,000 bytes"
+    assert refused.json()["detail"].startswith(sentence)
+    assert not list((tmp_path / "playground.db-downloads").iterdir())
+
+
+@linux
+def test_a_server_that_stops_while_a_table_is_written_and_sent_ends_soon_and_leaves_nothing(
+    spawn, tmp_path
+):
+    folder = tmp_path / "playground.db-downloads"
+    folder.mkdir()
+    (folder / "of a server that was killed").write_bytes(b"half")
+    server = spawn()
+    assert not folder.exists()
+    with asking(server, "127.0.0.2") as slow:
+        begun(slow)
+        with asking(server):
+            eventually(lambda: list(folder.glob("*/steps.csv")))
+            for worker in children(server.process.pid):
+                os.kill(worker, signal.SIGSTOP)  # so that it is being written when the server stops
+            assert list(folder.glob("*/steps.csv"))
+        began = time.monotonic()
+        server.process.send_signal(signal.SIGTERM)
+        assert server.process.wait(15) == 0
+        assert time.monotonic() - began < 5
+    assert not folder.exists()
+    said = server.process.stdout.read().splitlines()
+    assert said in ([], ["ERROR:    Cancel 1 running task(s), timeout graceful shutdown exceeded"])
+
+
+def children(process):
+    """The processes that a process has started."""
+    tasks = Path(f"/proc/{process}/task").iterdir()
+    return [int(each) for task in tasks for each in (task / "children").read_text().split()]
+
+
+def open_downloads(process):
+    """The tables that a process holds open; their files have no name any more."""
     found = []
-    for each in Path("/proc/self/fd").iterdir():
+    for each in Path(f"/proc/{process}/fd").iterdir():
         with contextlib.suppress(OSError):
             target = str(each.readlink())
-            found += [target] if "mars-download-" in target else []
+            found += [target] if "-downloads/" in target else []
     return found
