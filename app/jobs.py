@@ -39,7 +39,7 @@ REMEMBERED_S = 600.0
 """Seconds for which a job that failed is not tried again."""
 MOST_REMEMBERED = 1000
 """Failures that are remembered, the newest."""
-RETRY_S = 30
+RETRY_S = 5
 """Seconds after which an owner of too many jobs may ask again."""
 LOCAL = "local"
 """The address of a Ray cluster of this machine alone, which is started for the jobs and stopped after them."""

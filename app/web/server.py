@@ -82,7 +82,7 @@ __all__ = ["ServerError", "create_app", "run"]
 
 WORKERS = 3
 """Processes for what takes long, at most: one owner has one of them."""
-MOST_WAITING_JOBS = 32
+MOST_WAITING_JOBS = 2
 """Jobs of one owner that wait, at most."""
 
 

@@ -24,15 +24,22 @@ const Timer = /** @type {{timeout: (ms: number) => AbortSignal}} */ (/** @type {
 /** The address of the app; "" in a page that stands in one file, where nobody is asked. */
 export const ROOT = import.meta.url.startsWith("data:") ? "" : new URL("../../", import.meta.url).href;
 
-/** Ask the server: a path below api/, a body for a POST; a promise of the parsed answer.
+/** Ask the server: a path below api/, a body for a POST; a promise of the parsed answer. While there is time, what is read is
+ * asked for again when the server says when (503 with Retry-After).
  * @type {ApiRequest} */
 export const request = async (path, body, timeout_ms = 15000, rest = {}) => {
   const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
+  const until = Date.now() + timeout_ms;
   let response;
   try {
     response = await fetch(`${ROOT}api/${path}`, { ...options, cache: "no-store", signal: Timer.timeout(timeout_ms), ...rest });
   } catch {
     throw new ApiError("The server cannot be reached.", 0);
+  }
+  const wait_ms = response.status === 503 && body === undefined ? 1000 * Number(response.headers.get("retry-after")) : 0;
+  if (wait_ms > 0 && Date.now() + wait_ms < until) {
+    await new Promise((resolve) => { setTimeout(resolve, wait_ms); });
+    return request(path, body, until - Date.now(), rest);
   }
   const answer = await response.json().catch(() => null);
   if (!response.ok) throw new ApiError(readDetail(answer?.detail, response.status), response.status);

@@ -2,9 +2,15 @@
 
 import json
 import re
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from html.parser import HTMLParser
 
+import httpx
+import pytest
+
 from app.db.store import Store
+from tests.support import job_functions
 from tests.support.recorded import add_session, open_episode, play
 
 
@@ -62,6 +68,36 @@ def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolu
         assert client.get(f"/api/episodes/{id_}/ghost?policy=random").status_code == 404
     assert client.get("/replay/none").status_code == 404
     assert client.get(f"/replay/{running}").headers["location"] == f"../watch/{running}"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one machine has many addresses there alone")
+def test_an_address_with_34_questions_has_two_that_wait_and_keeps_no_ghost_from_another(
+    serve, tmp_path
+):
+    ended, _ = recorded(tmp_path / "playground.db")
+    server = serve()
+    for _ in range(3):
+        server.services.jobs.submit(job_functions.sleep, 600, owner="127.0.0.2")
+    greedy, other = (
+        server.client(transport=httpx.HTTPTransport(local_address=f"127.0.0.{number}"))
+        for number in (2, 3)
+    )
+    ghost = f"/api/episodes/{ended}/ghost?policy=frontier-cost"
+    with ThreadPoolExecutor(34) as connections:
+        refused = list(connections.map(greedy.get, [ghost] * 34))
+    assert {(each.status_code, each.headers["Retry-After"]) for each in refused} == {(503, "5")}
+    assert other.get(ghost).status_code == 200
+
+
+def test_a_ghost_that_takes_too_long_is_ended_and_not_tried_again(serve, tmp_path, monkeypatch):
+    ended, _ = recorded(tmp_path / "playground.db")
+    client = serve().client()
+    ghost = f"/api/episodes/{ended}/ghost?policy=frontier-cost"
+    monkeypatch.setattr("app.web.replays.service.LONGEST_S", 0.01)
+    assert "took longer than 0.01 s" in client.get(ghost).json()["detail"]
+    monkeypatch.undo()
+    again = client.get(ghost)
+    assert (again.status_code, again.headers["Retry-After"]) == (503, "600")
 
 
 def test_a_player_finds_themselves_in_their_replay_and_nobody_else_does(serve):
