@@ -143,13 +143,30 @@ class Reader:
             self._db.query("SELECT * FROM steps WHERE episode_id = ? ORDER BY step", [episode_id])
         )
 
-    def episodes(self, limit: int = 50, offset: int = 0, who: Who = "all") -> list[dict[str, Any]]:
-        """Return finished episodes, newest first, with seed, totals and the actions in words."""
-        sql = f"{self._select}{_FILTER[who]} ORDER BY e.ended_ms DESC, e.id LIMIT ? OFFSET ?"
+    def episodes(
+        self, limit: int = 50, after: str | None = None, who: Who = "all"
+    ) -> list[dict[str, Any]]:
+        """Return finished episodes, newest first, with seed, totals and the actions in words.
+
+        after  id of the last one of the page before; LookupError where no finished episode has it
+        """
+        following, given = "", list[Any]()
+        if after is not None:
+            last = self.query(f"SELECT ended_ms FROM ({self._select} AND e.id = ?)", [after])
+            if not last:
+                raise LookupError(
+                    f"no finished episode {after!r} to go on after; begin without one"
+                )
+            following = " AND e.ended_ms <= ?1 AND (e.ended_ms < ?1 OR e.id > ?2)"
+            given = [last[0]["ended_ms"], after]
+        sql = f"{self._select}{_FILTER[who]}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
         return [
-            _described(Trial.of(row), self.steps(row["id"]))
-            for row in list(self._db.query(sql, [limit, offset]))
+            _described(Trial.of(row), self._actions(row["id"])) for row in self.query(sql, given)
         ]
+
+    def _actions(self, episode_id: str) -> list[dict[str, Any]]:
+        sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
+        return self.query(sql, [episode_id])
 
     def episode(self, episode_id: str) -> dict[str, Any] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""

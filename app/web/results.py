@@ -55,12 +55,18 @@ def get_human_level(request: Request) -> dict[str, Any]:
 def get_episodes(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-    offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
+    after: Annotated[str | None, Query(max_length=128)] = None,
     who: Who = "all",
 ) -> list[dict[str, Any]]:
-    """List finished episodes; `who=human` lists those that count."""
+    """List finished episodes, the newest first; `who=human` lists those that count.
+
+    `after` is the id of the last episode of the page before; 404 where there is no such finished episode any more.
+    """
     with _reader(request) as reader:
-        return reader.episodes(limit, offset, who)
+        try:
+            return reader.episodes(limit, after, who)
+        except LookupError as error:
+            raise HTTPException(404, str(error)) from error
 
 
 @router.get(
@@ -136,11 +142,12 @@ async def export(
 def get_history(
     request: Request,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
-    offset: Annotated[int, Query(ge=0, le=2**53)] = 0,
+    after: Annotated[str | None, Query(max_length=128)] = None,
 ) -> dict[str, Any]:
     """Return what you have driven, the newest first, and per configuration your best and your place among the volunteers.
 
-    By your cookie alone; without one everything is empty. Episodes of open studies are left out.
+    By your cookie alone; without one everything is empty. Episodes of open studies are left out. `after` is the id of the
+    last episode of the page before; 404 where there is no such episode of yours.
     """
     player_id = player_of(request)
     if player_id is None:
@@ -148,9 +155,12 @@ def get_history(
     with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
         rows = reader.played_by(player_id)
         bests = personal_bests(reader, rows)
+    first = next((at for at, row in enumerate(rows, 1) if row.id == after), None if after else 0)
+    if first is None:
+        raise HTTPException(404, f"no episode {after!r} of yours to go on after; begin without one")
     return {
         "total": len(rows),
-        "episodes": [describe_own(row) for row in rows[offset : offset + limit]],
+        "episodes": [describe_own(row) for row in rows[first : first + limit]],
         "bests": bests,
     }
 

@@ -9,6 +9,7 @@ import { bestText, standingText, summary, terrainText } from "./words.js";
 const task = await loadTask(await request("task"));
 const PAGE = 50;
 let shown = 0;
+let last = "";
 
 /** @param {number} at_ms */
 const timeText = (at_ms) => new Date(at_ms).toLocaleString(undefined, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
@@ -46,11 +47,12 @@ function episodeRow(episode) {
 
 async function load() {
   try {
-    const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}&offset=${shown}`));
+    const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
     put(by("sentence"), summary(task, history));
     if (!shown) by("bests").replaceChildren(...history.bests.map(bestPanel));
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
+    last = history.episodes.at(-1)?.episode ?? last;
     by("more").hidden = shown >= history.total;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;

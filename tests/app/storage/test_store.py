@@ -227,7 +227,7 @@ def test_an_ended_session_resumes_within_a_day_only(store):
 
 def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(store):
     rows = [play(store, seed=seed, player="secret-player") for seed in (1, 2, 3)]
-    found = store.episodes(limit=2, offset=1)
+    found = store.episodes(limit=2)
     assert len(found) == 2
     one = store.episode(rows[0].id)
     assert one["seed"] == 1
@@ -240,6 +240,20 @@ def test_lists_hold_seed_actions_and_times_and_no_ids_of_players_or_sessions(sto
     text = repr((found, one))
     assert "secret-player" not in text
     assert rows[0].session_id not in text
+
+
+def test_pages_after_an_episode_are_the_whole_list_whatever_ends_meanwhile(store):
+    for seed in range(7):  # some end in the same millisecond
+        play(store, seed, started_ms=NOW + seed // 3)
+    whole = [each["episode"] for each in store.episodes()]
+    pages, last = [], None
+    while page := store.episodes(limit=2, after=last):
+        last = page[-1]["episode"]
+        pages += [each["episode"] for each in page]
+        play(store, 100 + len(pages), started_ms=NOW + 1000)
+    assert pages == whole
+    with pytest.raises(LookupError, match="no finished episode 'nobody' to go on after"):
+        store.episodes(after="nobody")
 
 
 def test_an_unknown_or_unfinished_episode_is_none_and_has_no_record(store):

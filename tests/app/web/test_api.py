@@ -117,6 +117,25 @@ def test_the_next_episode_abandons_the_running_one_and_keeps_what_is_left_out(se
     assert client.get(f"{url}/about").json() == changed
 
 
+def test_lists_go_on_after_the_last_episode_of_the_page_before(server):
+    client = server.client()
+    url = f"/api/sessions/{client.post('/api/sessions').json()['session']}"
+    for _ in range(3):
+        client.post(f"{url}/episodes")
+    mine = [each["episode"] for each in client.get("/api/me/history").json()["episodes"]]
+    assert len(mine) == 3
+    for path, page_of in (
+        ("/api/episodes", lambda answer: answer),
+        ("/api/me/history", lambda answer: answer["episodes"]),
+    ):
+        for at, last in enumerate(mine, 1):
+            page = page_of(client.get(f"{path}?limit=2&after={last}").json())
+            assert [each["episode"] for each in page] == mine[at : at + 2]
+        lost = client.get(f"{path}?after=lost")
+        assert lost.status_code == 404
+        assert "'lost'" in lost.json()["detail"]
+
+
 AS_JSON = {"Content-Type": "application/json"}
 BAD = [
     ({"level": "8-8-8"}, "no level '8-8-8'; choose one of: " + ", ".join(DRAWN_LEVELS)),
