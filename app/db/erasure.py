@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.db import chain
+from app.db import chain, volunteers
 from app.db.chain import Thing
 from app.db.database import StoreError, open_database, reading, rows, transaction
 from app.db.file import DatabaseLock
@@ -155,6 +155,7 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
         outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
     for session in sessions:
         conn.execute("DELETE FROM sessions WHERE id = ?", [session])
+    volunteers.renew(conn)
     if not elsewhere:
         conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
     _renew_chain(conn, entries, unsound, new)

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from app.db import chain
+from app.db import chain, volunteers
 from app.db.chain import Kind, Thing
 from app.db.columns import TABLES
 from app.db.database import StoreError, open_database, reading, rows, stream, transaction
@@ -18,7 +18,7 @@ from app.db.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
 NOT_MERGED = ("meta", "series", "event_batches", "forgotten", "forgotten_people", "chain", "chain_salts", "operators",
-              "operator_actions")  # fmt: skip
+              "operator_actions", "volunteers", "volunteer_figures")  # fmt: skip
 """Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
 they are, as does the chain: two of them cannot be one, so the target's own goes on, with an entry that holds the heads of the
 sources."""
@@ -105,6 +105,7 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
         each for each in chain.things(source) if each.id not in hidden.get(f"{each.kind}s", ())
     }
     _check_same_parts(counted, _parts_of(source, found & known), where)
+    volunteers.renew(target)
     _extend_chain(target, source, chain.things(target) - known, found)
     return counts
 

@@ -103,23 +103,6 @@ class Reader:
         (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
         return int(row["n"])
 
-    def totals(self, who: Who = "all") -> list[dict[str, Any]]:
-        """Return owner, task, configuration (JSON), outcome, steps, score and level of finished episodes, oldest first.
-
-        Outcome and score of a spoilt one are what it counts as; `played_outcome` and `played_score` are
-        those that it was played to.
-        """
-        columns = """id, owner_id, task, config, outcome, steps, score, attestation, outcome AS played_outcome,
-            score AS played_score"""
-        sql = f"SELECT {columns} FROM ({self._select}{_FILTER[who]}) ORDER BY started_ms, id"
-        found = list(self._db.query(sql))
-        for row in found:
-            if row["attestation"] == "spoilt":
-                whole = self.query("SELECT * FROM episodes WHERE id = ?", [row["id"]])
-                counted = Trial.of(whole[0]).forfeited()
-                row.update(outcome=counted.outcome, score=counted.score)
-        return found
-
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.
 

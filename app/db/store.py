@@ -24,7 +24,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
-from app.db import chain
+from app.db import chain, volunteers
 from app.db.columns import TABLES
 from app.db.database import (
     BUSY_MS,
@@ -790,6 +790,7 @@ class Store(Reader):
             raise StoreError(
                 f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed"
             )
+        volunteers.add_episode(self._conn, episode_id)
         chain.append(self._conn, "episode", episode_id, begun=events)
 
 

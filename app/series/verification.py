@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.board.attestation import COPIED, Conditions, attest, key_map_of
-from app.db import checks
+from app.db import checks, volunteers
 from app.db.checks import (
     ChainState,
     EarlierHead,
@@ -130,6 +130,7 @@ def verify_moment(
     findings += checks.check_marks(conn)
     if study is None:
         findings += checks.check_owners(conn)
+        findings += volunteers.differences(conn)
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
     return Verification(

@@ -8,64 +8,56 @@ other. The interval is the one that reports print (`app.report.statistics.interv
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import threading
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from app.db.reader import Reader
+from app.db.trial import parse_config
+from app.db.volunteers import Sums, played_configs, players_of
 from app.report.statistics.exclusion_sets import MetricName
 from app.report.statistics.formatting import counted
 from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import Interval, estimate
 from app.report.statistics.study_figures import metric_bounds
-from app.task import Configuration, Rules, rules_of
+from app.task import rules_of
 from marsexplorer.evaluation.intervals import t_interval
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 
 
-_Played = tuple[str, str]
-"""A task and one of its configurations, as JSON."""
-
-
 class VolunteerFigures:
-    """The volunteers' figures, each kept while the counted episodes of its configuration stay the same.
+    """The volunteers' figures, each kept until a sum that it is made from is another (`app.db.volunteers`).
 
-    Every reading reads the counted episodes, and makes a figure anew unless the hash of all that it is made from is the one
-    before. So an episode that comes, goes or no longer counts is seen at once. Nobody's id is kept, and figures that nothing
-    counts for any longer are dropped.
+    Nobody's id is kept, and figures that nothing counts for any longer are dropped.
     """
 
     def __init__(self) -> None:
-        self._made: dict[_Played, tuple[bytes, dict[str, Any]]] = {}
+        self._made: dict[str, tuple[str, dict[str, Any]]] = {}
         self._making = threading.Lock()
 
     def human_level(self, store: Reader) -> dict[str, Any]:
         """Return what the function `human_level` returns; the figures are shared, so do not change them."""
-        by_config: dict[_Played, list[dict[str, Any]]] = {}
-        for row in store.totals("human"):
-            by_config.setdefault((row["task"], row["config"]), []).append(row)
         with self._making:
             self._made = {
-                config: self._made_from(config, rows) for config, rows in by_config.items()
+                config_hash: self._made_from(store, config_hash, task, config, state)
+                for config_hash, task, config, state in played_configs(store)
             }
             figures = [figure for _, figure in self._made.values()]
-        figures.sort(key=lambda figure: -figure["episodes"])
+        figures.sort(key=lambda figure: (-figure["episodes"], figure["config_hash"]))
         return {"figures": figures, "sentence": " ".join(map(_sentence, figures)) or NOBODY_PLAYED}
 
     def _made_from(
-        self, config: _Played, played: list[dict[str, Any]]
-    ) -> tuple[bytes, dict[str, Any]]:
-        """Return the hash of a configuration's counted episodes with their figure."""
-        state = hashlib.sha256(repr([tuple(row.values()) for row in played]).encode()).digest()
-        made = self._made.get(config)
-        return made if made is not None and made[0] == state else (state, _figure(*config, played))
+        self, store: Reader, config_hash: str, task: str, config: str, state: str
+    ) -> tuple[str, dict[str, Any]]:
+        """Return the state of a configuration's sums with the figure that they give."""
+        made = self._made.get(config_hash)
+        if made is not None and made[0] == state:
+            return made
+        return state, _figure(task, config, players_of(store, config_hash))
 
 
 def human_level(store: Reader) -> dict[str, Any]:
@@ -82,19 +74,19 @@ def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
     return {"mean": mean, "low": float(low), "high": float(high)}
 
 
-def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[str, Any]:
-    rules = rules_of(task)
-    config = rules.configuration(json.loads(config_json))
+def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, Any]:
+    rules, config = rules_of(task), parse_config(task, config_json)
     values = config.to_dict()
-    scores, steps, explored = (defaultdict[str, list[float]](list) for _ in range(3))
-    for row in played:
-        player, has_succeeded = row["owner_id"], row["outcome"] in rules.successes
-        scores[player].append(row["score"])
-        steps[player].append(row["steps"] if has_succeeded else config.limit)
-        explored[player].append(has_succeeded)
-    failed = np.array([own.count(False) for own in explored.values()], np.float64)
-    counts = np.array([len(own) for own in explored.values()], np.float64)
-    is_guaranteed = len(scores) > 1 and bool(is_a_few_players(failed, counts))
+    failed = np.array([each.failed for each in players], np.float64)
+    counts = np.array([each.episodes for each in players], np.float64)
+    is_guaranteed = len(players) > 1 and bool(is_a_few_players(failed, counts))
+    spoilt = sum(each.spoilt for each in players)
+    as_played = {
+        "score": _mean([each.played_score / each.episodes for each in players]),
+        "steps": _mean([each.played_steps / each.episodes for each in players]),
+    }
+    scores = [each.score / each.episodes for each in players]
+    steps = [each.steps / each.episodes for each in players]
     return {
         "task": task,
         "level": config.level,
@@ -104,50 +96,22 @@ def _figure(task: str, config_json: str, played: list[dict[str, Any]]) -> dict[s
         "config": values,
         "population": "volunteers",
         "headline": "guaranteed" if is_guaranteed else "printed",
-        "players": len(scores),
-        "episodes": len(played),
-        "abandoned": sum(row["outcome"] == "abandoned" for row in played),
-        "spoilt": sum(row["attestation"] == "spoilt" for row in played),
-        "as_played": _as_played(rules, config, played),
+        "players": len(players),
+        "episodes": sum(each.episodes for each in players),
+        "abandoned": sum(each.abandoned for each in players),
+        "spoilt": spoilt,
+        "as_played": as_played if spoilt else None,
         "score": _interval_of(scores, metric_bounds(rules, config, "score"), is_guaranteed),
         "steps": _interval_of(steps, metric_bounds(rules, config, "steps"), is_guaranteed),
-        "completed": _mean([_mean(own) for own in explored.values()]),
-    }
-
-
-def _as_played(
-    rules: Rules, config: Configuration, played: list[dict[str, Any]]
-) -> dict[str, float] | None:
-    """Return the means with spoilt episodes as they were played; None where there are none."""
-    if not any(row["attestation"] == "spoilt" for row in played):
-        return None
-    by_owner: dict[str, list[dict[str, Any]]] = {}
-    for row in played:
-        by_owner.setdefault(row["owner_id"], []).append(row)
-    means = [
-        (
-            _mean([row["played_score"] for row in own]),
-            _mean(
-                [
-                    row["steps"] if row["played_outcome"] in rules.successes else config.limit
-                    for row in own
-                ]
-            ),
-        )
-        for own in by_owner.values()
-    ]
-    return {
-        "score": _mean([each[0] for each in means]),
-        "steps": _mean([each[1] for each in means]),
+        "completed": _mean([1 - each.failed / each.episodes for each in players]),
     }
 
 
 def _interval_of(
-    values: Mapping[str, list[float]], bounds: Interval, is_guaranteed: bool
+    means: Sequence[float], bounds: Interval, is_guaranteed: bool
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
-    means = np.array([_mean(own) for own in values.values()], np.float64)
-    found = estimate(means, bounds, is_guaranteed)
+    found = estimate(np.array(means, np.float64), bounds, is_guaranteed)
     low, high = found.interval or (None, None)
     return {"mean": found.mean, "low": low, "high": high}
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from app.db.reader import Reader
-from app.db.trial import Trial, parse_config
-from app.task import Configuration, rules_of
+from app.db.trial import Trial
+from app.db.volunteers import players_of
+from app.task import Configuration
 
 
 def describe_own(trial: Trial) -> dict[str, Any]:
@@ -39,17 +40,11 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
     by_config: dict[Configuration, list[Trial]] = {}
     for trial in trials:
         by_config.setdefault(trial.config, []).append(trial)
-    volunteers = [(parse_config(row["task"], row["config"]), row) for row in reader.totals("human")]
-    found = [
-        _figure(config, own, [row for of, row in volunteers if of == config])
-        for config, own in by_config.items()
-    ]
+    found = [_figure(reader, config, own) for config, own in by_config.items()]
     return sorted(found, key=lambda figure: -figure["episodes"])
 
 
-def _figure(
-    config: Configuration, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
-) -> dict[str, Any]:
+def _figure(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict[str, Any]:
     explored = [trial for trial in own if trial.outcome == "explored"]
     fresh = [
         trial
@@ -65,22 +60,16 @@ def _figure(
         "episodes": len(own),
         "explored": len(explored),
         "best": None if best is None else describe_own(best),
-        "people": _standing(config, own, volunteers),
+        "people": _standing(reader, config, own),
     }
 
 
-def _standing(
-    config: Configuration, own: Sequence[Trial], volunteers: Sequence[dict[str, Any]]
-) -> dict[str, Any]:
+def _standing(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict[str, Any]:
     """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
-    steps: dict[str, list[int]] = {}
-    for row in volunteers:
-        reached = row["outcome"] in rules_of(row["task"]).successes
-        made = row["steps"] if reached else config.limit
-        steps.setdefault(row["owner_id"], []).append(made)
+    volunteers = players_of(reader, config.hash)
     ranked = [trial.steps_to_target or 0 for trial in own if trial.counts]
     return {
-        "means": sorted(round(_mean(each), 1) for each in steps.values()),
+        "means": sorted(round(each.steps / each.episodes, 1) for each in volunteers),
         "you": round(_mean(ranked), 1) if ranked else None,
         "ranked": len(ranked),
     }

@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.db import volunteers
 from app.db.store import Store
 from app.jobs import Jobs
 from app.report.statistics.human_level import human_level
@@ -55,6 +56,7 @@ def test_only_the_episodes_that_have_come_are_replayed(store, replayed):
     assert found == pictures(HumanSummaries(), store) != first
     with store.transaction():
         store.connection.execute("UPDATE episodes SET driver = 'script' WHERE id = ?", [row.id])
+        volunteers.renew(store.connection)
     del replayed[:]
     assert pictures(kept, store) == first == pictures(HumanSummaries(), store)
     assert replayed == [SMALL] * 5, "by the new ones alone"
@@ -69,6 +71,7 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
         for table in ("steps", "input_events", "event_batches"):
             store.connection.execute(f"DELETE FROM {table} WHERE episode_id = ?", [gone["id"]])
         store.connection.execute("DELETE FROM episodes WHERE id = ?", [gone["id"]])
+        volunteers.renew(store.connection)
     assert pictures(kept, store) == pictures(HumanSummaries(), store)
     assert gone["trajectory_hash"] not in repr(kept._replays)
     assert len(kept._replays[SMALL.hash]) == 4
@@ -84,6 +87,7 @@ def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, t
         store.connection.execute(
             "UPDATE episodes SET driver = 'script' WHERE config_hash = ?", [WIDE.hash]
         )
+        volunteers.renew(store.connection)
     board.entries()
     assert (list(board._people._made), list(board._people._replays)) == ([], [SMALL.hash])
 

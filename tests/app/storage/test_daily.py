@@ -65,7 +65,7 @@ def test_a_daily_episode_is_public_once_its_day_is_over_and_nobodys_before_that(
         with closing(Reader.open(store.path, public=True, at_ms=at_ms)) as reader:
             assert {row["episode"] for row in reader.episodes()} == shown
             assert {row["id"] for row in reader.finished()} == shown
-            assert (reader.count(), len(reader.totals())) == (len(shown), len(shown))
+            assert reader.count() == len(shown)
             assert (reader.episode(daily) is None) == (daily not in shown)
             assert reader.episode(ranked)["daily"] is None
             assert [row.id for row in reader.played_by("ada")] == [ranked, daily]
@@ -81,7 +81,6 @@ def test_a_daily_episode_enters_no_human_figure(store):
     with closing(Reader.open(store.path, public=True, at_ms=AFTER_MS)) as reader:
         assert [row["episode"] for row in reader.episodes(who="human")] == [ranked]
         assert [figure["episodes"] for figure in human_level(reader)["figures"]] == [1]
-        assert len(reader.totals("human")) == 1
     assert b"".join(export_table(store, "episodes", "human", at_ms=AFTER_MS)).count(b"\n") == 2
 
 
@@ -95,7 +94,7 @@ HARMS = [
     ("UPDATE series SET protocol = 'null'", {"protocol or secret", "digest"}),
     ("UPDATE series SET closed_ms = 1", {"start of a daily attempt", "digest"}),
     ("UPDATE series_episodes SET player_id = 'bob'", {"player of a daily attempt", "digest"}),
-    ("DELETE FROM series_episodes", {"digest"}),
+    ("DELETE FROM series_episodes", {"digest", "a player's sums", "its configuration"}),
     ("UPDATE episodes SET seed_chosen = 1", {"seed_chosen, assisted", "digest"}),
     ("DELETE FROM series", {"keys", "digest"}),
 ]

@@ -300,6 +300,8 @@ def test_tables_are_strict_in_wal_mode_and_marked_as_ours(store, path):
         "releases",
         "forgotten_people",
         "event_batches",
+        "volunteers",
+        "volunteer_figures",
         "operators",
         "operator_actions",
     }

@@ -1,0 +1,99 @@
+"""The sums behind the volunteers' figures are those of the episodes, however these came and went; `verify` finds others."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.db.backup import back_up, restore
+from app.db.database import reading
+from app.db.erasure import forget
+from app.db.merging import merge
+from app.db.reader import Reader
+from app.db.store import Store
+from app.db.volunteers import differences
+from app.report.statistics.human_level import human_level
+from app.series.verification import verify_database
+from marsexplorer.config import EnvConfig
+from tests.support.recorded import SMALL, add_session, add_steps, open_episode, play, tour
+from tests.support.recorded_daily import play_daily
+from tests.support.stored_studies import freeze, play_study
+
+WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """Two players of three and one episodes, a participant's two, and what does not count."""
+    path = tmp_path / "play.db"
+    people = play_study(path, freeze(tmp_path / "studies"), ("human", "human"))
+    with closing(Store(path)) as store:
+        (own,) = store.query("SELECT player_id AS id FROM participants WHERE id = ?", [people[0]])
+        for seed, player in enumerate(("ada", "ada", "bob", own["id"])):
+            play(store, seed, player, explore=seed != 1)
+        for seed, player in enumerate(("ada", own["id"])):
+            play(store, seed, player, config=WIDE)
+        play(store, 8, "ada", driver="script")
+        play_daily(store, "ada")
+    return path, people[0]
+
+
+def played(path):
+    """Return episodes and spoilt ones of each figure by size; what it is made from must be what the episodes give."""
+    with reading(path) as conn:
+        assert list(differences(conn)) == []
+    with closing(Reader.open(path)) as reader:
+        figures = human_level(reader)["figures"]
+        rows = [(row["config_hash"], row["attestation"]) for row in reader.finished("human")]
+    for each in figures:
+        levels = [level for config, level in rows if config == each["config_hash"]]
+        assert (each["episodes"], each["spoilt"]) == (len(levels), levels.count("spoilt"))
+    assert sum(each["episodes"] for each in figures) == len(rows)
+    return {each["rows"]: (each["episodes"], each["spoilt"]) for each in figures}
+
+
+def test_sums_are_those_of_the_episodes_after_each_level_erasure_merge_and_restoring(
+    path, tmp_path
+):
+    path, person = path
+    assert played(path) == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}
+    back_up(path, tmp_path / "copy.db")
+    with closing(Store(path)) as store:
+        for seed, level in enumerate(("unattested", "spoilt", "attested", "supervised")):
+            row, episode = open_episode(store, add_session(store, "bob"), 20 + seed)
+            add_steps(store, row, episode, tour(episode), level=level)
+    assert played(path) == {SMALL.rows: (7, 1), WIDE.rows: (2, 0)}
+    forget(path, person)
+    assert played(path) == {SMALL.rows: (6, 1), WIDE.rows: (1, 0)}
+    with closing(Store(tmp_path / "other.db")) as store:
+        play(store, 30, "cid", explore=True)
+    merge([path, tmp_path / "other.db", tmp_path / "copy.db"], tmp_path / "all.db")
+    assert played(tmp_path / "all.db") == {SMALL.rows: (7, 1), WIDE.rows: (1, 0)}
+    restore(tmp_path / "copy.db", path, "now")
+    assert played(path) == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        *(
+            f"UPDATE volunteers SET {each} = {each} + 1 WHERE player_id = 'ada'"
+            for each in ("episodes", "abandoned", "spoilt", "failed", "score", "steps", "played_score", "played_steps")
+        ),
+        "UPDATE volunteers SET player_id = 'eve' WHERE player_id = 'ada'",
+        "UPDATE volunteers SET config_hash = 'x' || config_hash WHERE player_id = 'ada'",
+        "DELETE FROM volunteers WHERE player_id = 'ada'",
+        "DELETE FROM volunteer_figures",
+        "UPDATE volunteer_figures SET config = '{}'",
+        "UPDATE volunteer_figures SET task = 'chess'",
+    ],
+)  # fmt: skip
+def test_sums_that_are_not_those_of_the_episodes_are_found(path, harm):
+    path, _ = path
+    assert verify_database(path).findings == ()
+    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+        conn.execute("INSERT INTO players VALUES ('eve', 0)")
+        conn.execute(harm)
+    findings = verify_database(path).findings
+    assert findings
+    assert all(each.where.startswith("volunteers' figure ") for each in findings)
