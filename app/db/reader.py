@@ -112,6 +112,12 @@ class Reader:
         sql = f"{self._select}{_FILTER[who]}{driven} ORDER BY e.started_ms, e.id"
         return self._db.query(sql, given)
 
+    def newest_counted(self, config_hash: str, most: int) -> list[Trial]:
+        """Return the newest counted episodes of a configuration, at most so many, oldest first."""
+        sql = f"""{self._select}{_FILTER["human"]} AND e.config_hash = ?
+            ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
+        return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
+
     def played_by(self, player: str) -> list[Trial]:
         """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
 

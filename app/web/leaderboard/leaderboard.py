@@ -102,7 +102,7 @@ class Leaderboard:
         return {**{name: entry.human[name] for name in plain}, **pictures}
 
 
-MAX_EPISODES = 3000
+MAX_EPISODES = 1000
 """Episodes behind the pictures of a board: the newest so many."""
 
 MAX_MOVES = 2_000_000
@@ -168,9 +168,8 @@ def _pictures(
     reader: Reader, config: Configuration, known: Replays, now: Replays
 ) -> dict[str, Any]:
     """Return the pictures of a board; `now` gets the replays of its episodes, made anew where `known` lacks them."""
-    rows = [row for row in reader.finished("human") if row["config_hash"] == config.hash]
     people: dict[str, list[EpisodeSummary]] = {}
-    for trial in map(Trial.of, rows[-MAX_EPISODES:]):
+    for trial in reader.newest_counted(config.hash, MAX_EPISODES):
         course = (trial.trajectory_hash or "", trial.outcome or "", trial.core_version)
         if course not in now:
             now[course] = known[course] if course in known else _replayed(reader, trial)

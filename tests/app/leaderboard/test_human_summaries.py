@@ -62,6 +62,14 @@ def test_only_the_episodes_that_have_come_are_replayed(store, replayed):
     assert replayed == [SMALL] * 5, "by the new ones alone"
 
 
+def test_the_pictures_are_of_the_newest_episodes(store, monkeypatch):
+    monkeypatch.setattr(leaderboard, "MAX_EPISODES", 2)
+    kept = HumanSummaries()
+    pictures(kept, store)
+    newest = store.query("SELECT trajectory_hash AS hash FROM episodes WHERE seed IN (3, 4)")
+    assert {hash_ for hash_, *_ in kept._replays[SMALL.hash]} == {row["hash"] for row in newest}
+
+
 def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
     kept = HumanSummaries()
     pictures(kept, store)
