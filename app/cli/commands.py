@@ -39,6 +39,7 @@ INCLUDED: dict[str, tuple[str, ...]] = {
 
 COMMANDS = {
     "serve": ("serve", "play", "Play and watch in a browser; every move is recorded."),
+    "play": ("serve", "play", "Play one environment on this machine, in its browser."),
     "export": ("database", "play", "Write the recorded episodes as CSV."),
     "replay": ("replay", "play", "Write an episode as a page in one file, a GIF or an MP4."),
     "doctor": ("doctor", "gymnasium", "Say whether an environment follows from seed and actions."),

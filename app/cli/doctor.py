@@ -9,6 +9,14 @@ import click
 from app.cli.console import progress, task_name
 
 
+def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from app.tasks.gymnasium.description import Description
+
+        click.echo(json.dumps(Description.model_json_schema(), indent=2))
+        context.exit()
+
+
 @click.command(short_help="Say whether an environment follows from seed and actions.")
 @click.argument("env")
 @click.option(
@@ -24,7 +32,14 @@ from app.cli.console import progress, task_name
     help="Choose every third seed's actions by its observations.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool) -> int:
+@click.option(
+    "--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to be edited."
+)
+@click.option(
+    "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
+    help="Print the JSON schema of that file.",
+)  # fmt: skip
+def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool, toml: bool) -> int:
     """Play ENV, an id of Gymnasium's or a TOML file, in fresh processes, and compare its episodes step by step.
 
     They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
@@ -35,12 +50,16 @@ def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool) ->
       marsexplorer doctor FrozenLake-v1
       marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
       marsexplorer doctor rooms.toml --json
+      marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
     """
-    from app.tasks.gymnasium.doctor import examine
+    from app.tasks.gymnasium.doctor import description_file, examine
 
     if (task := task_name(env)) == "mars":
         raise click.UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
     try:
+        if toml:
+            click.echo(description_file(task), nl=False)
+            return 0
         with progress("playing in fresh processes") as advance:
             found = examine(task, seeds, steps, advance, rule=rule)
     except ValueError as error:

@@ -1,14 +1,18 @@
-"""The command `marsexplorer serve`: page, API and 3-D view on one port."""
+"""The commands `marsexplorer serve` and `play`: page, API and 3-D view on one port."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click import argument, option
 
 from app.cli.console import PATH, check_more, settings_of, task_name
+
+if TYPE_CHECKING:
+    from app.web.settings import Settings
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
@@ -165,10 +169,53 @@ def serve(
     if policies or more or of_the_paper:
         flags["policies"] = (*policies, *more, *of_the_paper)
     settings = settings_of(**flags)
+    _run(settings)
+
+
+@click.command(short_help="Play an environment on this machine, in its browser.")
+@argument("env", default="mars")
+@option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Port to listen on.  [default: a free one]",
+)
+@option(
+    "--database",
+    type=PATH,
+    help="SQLite file to record in; made when absent.  [default: as for serve]",
+)
+@option("--no-browser", is_flag=True, help="Print the address and open nothing.")
+def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
+    """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, a TOML file, or MarsExplorer without one.
+
+    Every move is recorded, and the page goes on where it stood. `marsexplorer serve --env ENV` lets others play too;
+    `marsexplorer doctor ENV` says what its keys are and whether its episodes can be verified.
+
+    \b
+    Examples:
+      marsexplorer play
+      marsexplorer play FrozenLake-v1
+      marsexplorer play minigrid:MiniGrid-FourRooms-v0
+      marsexplorer play rooms.toml --database rooms.db
+    """
+    import webbrowser
+    from threading import Thread
+
+    where = {} if database is None else {"database": database}
+    settings = settings_of(task=task_name(env), port=port, **where)
+
+    def show(address: str) -> None:
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+    _run(settings, *([] if no_browser else [show]))
+
+
+def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
     from app.db.store import StoreError
     from app.web.server import ServerError, run
 
     try:
-        run(settings)
+        run(settings, *opened)
     except (ServerError, StoreError) as error:
         raise click.ClickException(str(error)) from error

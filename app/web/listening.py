@@ -9,6 +9,7 @@ import logging
 import os
 import resource
 import socket
+from collections.abc import Callable
 from typing import Any
 
 import uvicorn
@@ -187,11 +188,13 @@ def is_worth_a_line(record: logging.LogRecord) -> bool:
 
 
 class AnnouncingServer(uvicorn.Server):
-    """Prints the page's address once the page can be opened."""
+    """Prints the page's address once the page can be opened, and calls `opened` with it."""
 
-    def __init__(self, config: uvicorn.Config, address: str) -> None:
+    def __init__(
+        self, config: uvicorn.Config, address: str, opened: Callable[[str], object]
+    ) -> None:
         super().__init__(config)
-        self._address = address
+        self._address, self._opened = address, opened
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start serving, then print the address."""
@@ -202,3 +205,4 @@ class AnnouncingServer(uvicorn.Server):
             print(
                 f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True
             )
+            self._opened(self._address)

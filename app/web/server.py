@@ -9,7 +9,7 @@ import asyncio
 import logging
 import signal
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -325,8 +325,11 @@ def _file_errors() -> Iterator[None]:
         raise ServerError(str(error)) from error
 
 
-def run(settings: Settings) -> None:
-    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot."""
+def run(settings: Settings, opened: Callable[[str], object] = lambda address: None) -> None:
+    """Serve until Ctrl-C or SIGTERM; ServerError or StoreError, before anything starts, when the server cannot.
+
+    opened  called with the page's address once it can be opened
+    """
     try:
         password = AdminPassword.of(settings)
     except ValueError as error:
@@ -375,6 +378,6 @@ def run(settings: Settings) -> None:
             try:
                 logging.captureWarnings(True)
                 config = uvicorn_config(app, log_config=log_config(settings.log_format))
-                AnnouncingServer(config, address_of(sock)).run(sockets=[sock])
+                AnnouncingServer(config, address_of(sock), opened).run(sockets=[sock])
             except KeyboardInterrupt:
                 return

@@ -318,7 +318,7 @@ class GymnasiumRules:
             env.close()
 
     @cached_property
-    def _limit(self) -> int:
+    def limit(self) -> int:
         """Moves after which an episode times out: the description's, the environment's own, else a thousand."""
         if said := self.description.max_steps or spec_of(self.level).max_episode_steps:
             return int(said)
@@ -330,7 +330,7 @@ class GymnasiumRules:
     @property
     def default(self) -> GymnasiumConfig:
         """What is played where nothing else is asked for."""
-        return GymnasiumConfig(self._told, canonical(self.description.kwargs), self._limit)
+        return GymnasiumConfig(self._told, canonical(self.description.kwargs), self.limit)
 
     def configuration(self, values: Mapping[str, Any]) -> GymnasiumConfig:
         """Return the configuration of `level`, `kwargs` and `max_steps`; ValueError or TypeError where they are none."""
@@ -343,7 +343,7 @@ class GymnasiumRules:
             raise ValueError(
                 f"expected level {self.level!r}, kwargs and max_steps, got {canonical(dict(values))}"
             )
-        limit = given.get("max_steps", self._limit)
+        limit = given.get("max_steps", self.limit)
         if not isinstance(limit, int) or not 0 < limit <= MAX_LIMIT:
             raise ValueError(
                 f"max_steps must be a whole number from 1 to {MAX_LIMIT}, got {limit!r}"

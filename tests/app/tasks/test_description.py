@@ -1,9 +1,14 @@
 """What is derived of an environment, what its file may say, and what is said of one that cannot be played."""
 
 import json
+import os
+import signal
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 
+import httpx
 import pytest
 
 from app.cli.main import main
@@ -11,6 +16,8 @@ from app.series.verification import verify_database
 from app.task import Choice, rules_of
 from app.tasks.gymnasium.description import Description, read_description
 from app.tasks.gymnasium.task import GymnasiumTask
+from tests.support.command import command
+from tests.support.servers import eventually
 
 OURS = "tests.support.environments"
 PATH = f"{OURS}:Path-v0"
@@ -103,6 +110,49 @@ def test_two_seeds_are_two_episodes_where_only_the_making_heeds_them():
     given = {"id": f"{OURS}:Seeded-v0", "seeding": "kwarg"}
     task = GymnasiumTask(Description(**given).told)
     assert len({task.begin(Choice(task.default, seed)).view().picture for seed in range(8)}) == 2
+
+
+def test_the_file_that_doctor_prints_describes_the_same_environment(tmp_path, capsys):
+    code, printed, _ = command(capsys, "doctor", "FrozenLake-v1", "--toml")
+    (tmp_path / "lake.toml").write_text(printed)
+    again = GymnasiumTask(read_description(tmp_path / "lake.toml").told)
+    lake = GymnasiumTask("FrozenLake-v1")
+    assert (code, again.description.model_dump(exclude={"keys", "actions", "title", "max_steps"})) == (
+        0, lake.description.model_dump(exclude={"keys", "actions", "title", "max_steps"}),
+    )  # fmt: skip
+    assert (again.title, again.actions, again.keys, again.limit) == (
+        lake.title,
+        lake.actions,
+        lake.keys,
+        lake.limit,
+    )
+    code, printed, _ = command(capsys, "doctor", "--schema")
+    assert (code, set(json.loads(printed)["properties"])) == (0, set(Description.model_fields))
+
+
+def test_play_opens_a_browser_at_the_environment(tmp_path):
+    ours = [
+        sys.executable,
+        "-m",
+        "app.cli",
+        "play",
+        "FrozenLake-v1",
+        "--database",
+        str(tmp_path / "x.db"),
+    ]
+    environ = {**os.environ, "BROWSER": f"sh -c 'echo %s > {tmp_path}/address' &"}
+    with subprocess.Popen(ours, env=environ, stdout=subprocess.DEVNULL) as server:
+        try:
+            eventually(
+                lambda: (tmp_path / "address").exists() and (tmp_path / "address").read_text()
+            )
+            address = (tmp_path / "address").read_text().strip()
+            assert httpx.get(f"{address}/healthz", trust_env=False).status_code == 200
+            begun = httpx.post(f"{address}/api/sessions", json={}, trust_env=False).json()
+            assert begun["task"]["title"] == "FrozenLake-v1"
+        finally:
+            server.send_signal(signal.SIGINT)
+        assert server.wait(20) == 0
 
 
 def test_a_wrapper_makes_actions_of_a_wheel():
