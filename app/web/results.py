@@ -193,13 +193,13 @@ async def get_boards(request: Request) -> list[dict[str, Any]]:
 
 
 @leaderboard.get("/{board}", summary="People, policies and rules on one scale")
-async def get_board(request: Request, board: str) -> dict[str, Any]:
+async def get_board(request: Request, board: str, evaluate: bool = False) -> dict[str, Any]:
     """Return means with 95 % intervals: people's over players, policies' over held-out terrains.
 
-    Policies are evaluated in the background when they are first asked for; until then `state` is waiting or computing, and
-    `figure` is null.
+    A policy without a figure here has the `state` missing; `evaluate=true` has it evaluated in the background, and its `state`
+    is waiting or computing until then.
     """
     try:
-        return await services_of(request).leaderboard.detail(board)
+        return await services_of(request).leaderboard.detail(board, evaluate)
     except UnknownEntryError as error:
         raise HTTPException(404, str(error)) from error

@@ -11,7 +11,7 @@ const SOON_MS = 1500;
 const LATER_MS = 20000;
 
 /** @type {Leaderboard.State} */
-let state = { boards: [], board: "", measure: "steps", detail: null };
+let state = { boards: [], board: "", measure: "steps", detail: null, evaluates: false };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -34,7 +34,7 @@ async function load() {
   try {
     if (state.boards.length === 0) await loadBoards();
     /** @type {Leaderboard.Detail} */
-    const detail = await request(`leaderboard/${encodeURIComponent(state.board)}`, undefined, 60000);
+    const detail = await request(`leaderboard/${encodeURIComponent(state.board)}${state.evaluates ? "?evaluate=true" : ""}`, undefined, 60000);
     if (wanted && wanted !== state.board) return;
     set({ detail });
     schedule(standing.working(detail.policies) ? SOON_MS : LATER_MS);
@@ -75,6 +75,7 @@ function paint() {
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
   by("measure-name").textContent = measure === "steps" ? `Steps to ${task.target}, fewer is better` : "Score, more is better";
   paintWorking(standing.working(detail.policies));
+  by("missing").hidden = !detail.policies.some((policy) => policy.state === "missing");
   const scale = scaleOf(figures, measure);
   paintRanks(by("ranks", HTMLTableElement), by("ticks"), rows, scale, measure);
   if (!detail.people) by("ranks", HTMLTableElement).tBodies[0].append(invitation(detail.board));
@@ -108,7 +109,8 @@ function paintVisits(rows) {
   note.append(create("span", [], { class: "scale-key", style: `background: ${GRADIENT}` }), `${topOf(maps).toFixed(1)} and more. Every episode begins in the north-west corner.`);
 }
 
-boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, detail: null }); load(); });
+boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, detail: null, evaluates: false }); load(); });
+by("evaluate").addEventListener("click", () => { set({ evaluates: true }); load(); });
 for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
 new ResizeObserver(() => paint()).observe(by("coverage"));

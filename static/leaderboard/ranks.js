@@ -66,7 +66,7 @@ function missing({ policy }, columns) {
   else if (policy?.state === "computing") {
     const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policy.name}` });
     line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
-  } else line.append("waiting to be evaluated");
+  } else line.append(policy?.state === "missing" ? "not evaluated here yet" : "waiting to be evaluated");
   return create("td", line, { colspan: String(columns) });
 }
 

@@ -12,7 +12,7 @@ declare namespace Leaderboard {
   };
   type People = Figure & {players: number, trials: Trial[], set?: string, claim?: string, abandoned?: number};
   type Policy = {
-    name: string, state: "ready" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
+    name: string, state: "ready" | "missing" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
     error: string | null, human_likeness?: number | null, summary?: string,
     shipped?: {version: string, command: string} | null,
   };
@@ -23,6 +23,6 @@ declare namespace Leaderboard {
   type Detail = {board: BoardListing, people: People | null, policies: Policy[]};
   type ChartPlace = {chart: HTMLElement, legend: HTMLElement, note: HTMLElement};
   type Measure = "steps" | "score";
-  type State = {boards: BoardListing[], board: string, measure: Measure, detail: Detail | null};
+  type State = {boards: BoardListing[], board: string, measure: Measure, detail: Detail | null, evaluates: boolean};
   type Row = {who: string, name: string, colour: string, dash: string, figure: Figure | null, policy: Policy | null};
 }

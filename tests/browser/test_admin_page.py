@@ -173,7 +173,9 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     said = "Volunteers on this playground: nobody has played random 21 × 21 ranked yet"
     assert page.get_by_test_id("sentence").inner_text().startswith(said)
     assert page.get_by_test_id("rank-people").count() == 0
+    page.get_by_test_id("evaluate").click()
     until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
+    assert page.get_by_test_id("evaluate").is_hidden()
     assert page.get_by_test_id("working").is_hidden()
     look(page, "leaderboard-empty")
 

@@ -181,17 +181,18 @@ def _totals_of(trial: Trial) -> EpisodeSummary:
 def list_entries(
     reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures
 ) -> list[LeaderboardEntry]:
-    """Return every entry: closed studies, then what people have played, the most played first, then the rest."""
-    found = {
-        f"study-{data.protocol.name}": _of_study(data, human)
-        for data, human in studies.closed(reader)
-    }
+    """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
+
+    So nobody puts a board first by leaving it.
+    """
+    found = [_of_study(data, human) for data, human in studies.closed(reader)]
+    played = {config.hash: (0, entry_of(config)) for config in OFFERED}
     for figure in volunteers.human_level(reader)["figures"]:
         config = MARS.configuration(figure["config"])
-        found[config.hash] = entry_of(config, figure)
-    for config in OFFERED:
-        found.setdefault(config.hash, entry_of(config))
-    return list(found.values())
+        ended = figure["episodes"] - figure["abandoned"]
+        played[config.hash] = ended, entry_of(config, figure)
+    in_order = sorted(played.values(), key=lambda each: -each[0])
+    return [*found, *(entry for _, entry in in_order)]
 
 
 def held_out_seeds(config: Configuration) -> tuple[int, ...]:

@@ -155,32 +155,34 @@ class PolicyEvaluations:
         self._progress: dict[str, int] = {}
         self._writing = threading.Lock()
 
-    def request(self, wanted: Sequence[Evaluation]) -> list[dict[str, Any]]:
-        """Return of each {"state", "done", "of", "figure", "shipped", "error"}; what is missing is begun.
+    def request(self, wanted: Sequence[Evaluation], begins: bool = True) -> list[dict[str, Any]]:
+        """Return of each {"state", "done", "of", "figure", "shipped", "error"}; where `begins`, what is missing is begun.
 
         `shipped` says where a figure comes from that came with the package, None for one that was made here. `state` is
-        "ready", "waiting", "computing", or "failed", which after some minutes is tried again.
+        "ready", "missing", "waiting", "computing", or "failed", which after some minutes is tried again.
         """
-        return [self._state(each, each.key) for each in wanted]
+        return [self._state(each, each.key, begins) for each in wanted]
 
-    def _state(self, wanted: Evaluation, key: str) -> dict[str, Any]:
+    def _state(self, wanted: Evaluation, key: str, begins: bool) -> dict[str, Any]:
         came = self._shipped.find(wanted) if self._shipped and key not in self._done else None
         figure = came.figure if came else self._done.get(key)
-        state, error = ("ready", None) if figure else self._begun(wanted, key)
+        state, error = ("ready", None) if figure else self._begun(wanted, key, begins)
         count = len(wanted.seeds)
         done = count if figure else self._progress.get(key, 0)
         shipped = came and asdict(came.origin)
         shown = {"figure": figure, "shipped": shipped, "error": error}
         return {"state": state, "done": done, "of": count, **shown}
 
-    def _begun(self, wanted: Evaluation, key: str) -> tuple[str, str | None]:
-        """Begin what is missing, unless that has been done; return the state and what went wrong."""
+    def _begun(self, wanted: Evaluation, key: str, begins: bool) -> tuple[str, str | None]:
+        """Begin what is missing where `begins`, unless that has been done; return the state and what went wrong."""
 
         def note(done: int, _: int) -> None:
             self._progress[key] = done
 
         future = self._making.get(key)
         if future is None:
+            if not begins:
+                return "missing", None
             asked: dict[str, Any] = {"owner": OWNER, "key": key, "limit_s": LIMIT_S}
             try:
                 future = self._jobs.submit(wanted.play, **asked, on_progress=note)

@@ -71,8 +71,11 @@ class Leaderboard:
             self._next = None  # this reading may miss what is written from now on
             return await asyncio.to_thread(self.entries)
 
-    async def detail(self, entry_id: str) -> dict[str, Any]:
-        """Return everything about one entry and begin evaluations that are missing; UnknownEntryError when there is none."""
+    async def detail(self, entry_id: str, evaluates: bool) -> dict[str, Any]:
+        """Return everything about one entry; UnknownEntryError when there is none.
+
+        evaluates  begin the evaluations that are missing
+        """
         found = next((entry for entry in await self.newest_entries() if entry.id == entry_id), None)
         if found is None:
             where = "on the leaderboard; GET api/leaderboard lists them"
@@ -83,7 +86,7 @@ class Leaderboard:
         sources = {offer.name: offer.source for offer in self._offers if offer.size in (None, size)}
         wanted = found.evaluations(sources)
         summaries = {offer.source: offer.summary for offer in self._offers}
-        states = self._evaluations.request(list(wanted.values()))
+        states = self._evaluations.request(list(wanted.values()), evaluates)
         likeness = (found.human or {}).get("likeness", {})
         policies = []
         for (name, each), state in zip(wanted.items(), states, strict=True):

@@ -50,6 +50,27 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     assert [board.id for board in rest][:2] == ["random-21x21", "1-1-1-21x21"]
 
 
+def test_a_board_that_was_only_left_does_not_stand_first_and_nothing_is_evaluated_unasked(
+    serve, quick, tmp_path
+):
+    store = Store(tmp_path / "playground.db")
+    for seed in range(3):
+        play(store, seed, config=EnvConfig.of("random", 90))
+    play(store, seed=1, explore=True)
+    store.close()
+    server = serve()
+    client = server.client()
+    first, *rest = client.get("/api/leaderboard").json()
+    assert first["id"] == f"random-5x7-{SMALL.hash[:8]}"
+    assert rest[0]["id"] == "random-21x21"
+    assert (rest[-1]["id"], rest[-1]["episodes"]) == ("random-90x90", 3)
+    states = {
+        each["state"] for each in client.get(f"/api/leaderboard/{first['id']}").json()["policies"]
+    }
+    assert states == {"missing"}
+    assert not server.services.jobs._threads, "no job has begun"
+
+
 def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve, monkeypatch):
     server, readings, list_entries = serve(), [], entries.list_entries
 
@@ -81,7 +102,7 @@ def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve
 def test_the_leaderboard_and_the_pages_figure_are_made_once(serve, monkeypatch, tmp_path):
     store, made, make = Store(tmp_path / "playground.db"), [], human_level._figure
     for player in ("ada", "bob"):
-        play(store, 1, player)
+        play(store, 1, player, explore=True)
     store.close()
     monkeypatch.setattr(human_level, "_figure", lambda *given: made.append(given) or make(*given))
     client = serve().client()
@@ -103,7 +124,7 @@ def settled(client, board):
     """The board once every policy has its figure; every answer until then is honest."""
 
     def ask():
-        found = client.get(f"/api/leaderboard/{board}").json()
+        found = client.get(f"/api/leaderboard/{board}?evaluate=true").json()
         for policy in found["policies"]:
             assert policy["state"] in ("ready", "computing", "waiting"), policy["error"]
             assert (policy["figure"] is None) == (policy["state"] != "ready")
@@ -155,7 +176,7 @@ def test_nobody_has_played(serve, quick):
     found = client.get("/api/leaderboard/random-21x21").json()
     assert found["people"] is None
     assert "Nobody has played" in found["sentence"]
-    assert not any(policy["figure"] for policy in found["policies"]), "none before it is made"
+    assert not any(policy["figure"] for policy in found["policies"]), "none before it is asked for"
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")
 
@@ -181,7 +202,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     assert told.items() <= first.items()
 
     def made():
-        found = client.get("/api/leaderboard/study-small").json()
+        found = client.get("/api/leaderboard/study-small?evaluate=true").json()
         return found if found["policies"][0]["figure"] else None
 
     found = eventually(made, IDLE_WORK_S)
