@@ -7,8 +7,9 @@ compression would change them. Reference scores make Minari's normalized score t
 from __future__ import annotations
 
 import os
+import string
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from app.release.tables import TableRow
 from app.task import Configuration, Record, Run, rules_of
 
 EPISODES_PER_WRITE = 64
+TEXT_LENGTH = 1000
+"""Characters of an observed text, at most, where its space is unknown."""
 _METADATA = (
     "participant", "kind", "phase", "trial", "terrain_index", "episode", "driver", "script", "config_hash", "core_version",
     "outcome", "return", "score", "steps_to_99", "trajectory_hash",
@@ -80,11 +83,13 @@ class MinariWriter:
         low, high = rules.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
         comes_with = "Its environment comes with: pip install marsexplorer-playground"
+        env = rules.environment(config)
         with _datasets_in(self._root):
             return self._minari.create_dataset_from_buffers(
                 dataset_id=dataset_id(self._header, driver),
                 buffer=buffers,
-                env=rules.environment(config),
+                env=env,
+                observation_space=_kept(env.observation_space),
                 algorithm_name=driver,
                 author="the study's participants, under pseudonyms",
                 description=f"{self._header.title} Data licence: {licence}. {comes_with}",
@@ -99,16 +104,42 @@ class MinariWriter:
 def _buffer(minari: Any, row: TableRow, episode: Run) -> Any:
     record: Record = episode.record()
     moves = len(record.actions)
-    terminated = row["outcome"] not in ("timed_out", "abandoned")
+    terminated = row["outcome"] not in ("timed_out", "abandoned", "environment_failed")
     return minari.data_collector.EpisodeBuffer(
         seed=row["seed"],
-        observations=np.stack(rules_of(row["task"]).observations(record)),
+        observations=_stacked(rules_of(row["task"]).observations(record)),
         actions=np.frombuffer(record.actions, np.uint8).astype(np.int64),
         rewards=np.array(episode.rewards(), np.float64),
         terminations=np.array([False] * (moves - 1) + [terminated]),
         truncations=np.array([False] * (moves - 1) + [not terminated]),
         infos=None,
     )
+
+
+def _stacked(observations: Sequence[Any]) -> Any:
+    """Return observations as Minari takes them: arrays over the moves, in the dictionaries and tuples of their space."""
+    first = observations[0]
+    if isinstance(first, Mapping):
+        return {name: _stacked([each[name] for each in observations]) for name in first}
+    if isinstance(first, tuple):
+        return tuple(map(_stacked, zip(*observations, strict=True)))
+    return list(observations) if isinstance(first, str) else np.stack(observations)
+
+
+def _kept(space: Any) -> Any:
+    """Return a space that Minari can keep: one of a package's own, such as MiniGrid's missions, becomes one of texts."""
+    from gymnasium import spaces
+    from minari.serialization import serialize_space
+
+    if isinstance(space, spaces.Dict):
+        return spaces.Dict({name: _kept(each) for name, each in space.spaces.items()})
+    if isinstance(space, spaces.Tuple):
+        return spaces.Tuple(map(_kept, space.spaces))
+    try:
+        serialize_space(space)
+    except NotImplementedError:
+        return spaces.Text(TEXT_LENGTH, min_length=0, charset=string.printable)
+    return space
 
 
 def _metadata(row: TableRow) -> dict[str, Any]:

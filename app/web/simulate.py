@@ -41,7 +41,7 @@ MOVES_BEFORE_LEAVING = 3
 """Moves in the ranked episode in which a participant leaves."""
 
 KEY_CODES = {
-    **dict.fromkeys(("north", "up"), "ArrowUp"),
+    **dict.fromkeys(("north", "up", "forward"), "ArrowUp"),
     **dict.fromkeys(("east", "right"), "ArrowRight"),
     **dict.fromkeys(("south", "down"), "ArrowDown"),
     **dict.fromkeys(("west", "left"), "ArrowLeft"),

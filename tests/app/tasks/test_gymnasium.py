@@ -17,7 +17,7 @@ from app.task import Choice, describe, rules_of
 from app.tasks.gymnasium.task import GymnasiumTask
 from app.web.settings import Settings
 
-LAKE = "gymnasium:FrozenLake-v1"
+LAKE, ROOMS = "gymnasium:FrozenLake-v1", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
 DOWN, RIGHT = "down", "right"
 
 
@@ -98,18 +98,21 @@ def test_nothing_else_can_be_asked_for(lake):
         assert "action must be 'left', 'down', 'right' or 'up'" in socket.receive("error")["detail"]
 
 
-def test_a_killed_server_goes_on_where_it_stood(spawn, tmp_path):
-    server = spawn(task=LAKE)
+@pytest.mark.parametrize(
+    ("task", "actions"), [(LAKE, (DOWN, RIGHT)), (ROOMS, ("forward", "right", "forward"))]
+)
+def test_a_killed_server_goes_on_where_it_stood(spawn, tmp_path, task, actions):
+    server = spawn(task=task)
     client = server.client()
     begun = begin(server, client, seed=3)
     with server.socket(begun["session"], client) as socket:
         frame = socket.receive("frame")
-        for action in (DOWN, RIGHT):
+        for action in actions:
             if frame["outcome"] is None:
                 socket.act(frame, action)
                 frame = socket.frame_after(frame["step"])
         server.kill()
-    server = spawn(task=LAKE)
+    server = spawn(task=task)
     again = server.client(cookies=dict(client.cookies))
     assert again.get(f"/api/sessions/{begun['session']}").json() == frame
     server.kill()

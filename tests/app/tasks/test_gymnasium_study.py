@@ -10,23 +10,25 @@ import pytest
 from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import rules_of
-from app.web.simulate import Participant, RefusedError
+from app.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support.declared import DECLARATIONS_FILE
 
-LAKE = "gymnasium:FrozenLake-v1"
+LAKE, ROOMS = "gymnasium:FrozenLake-v1", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
 
 
 class Wanderer:
     """Chooses any action, again the same with the same seed."""
 
-    def __init__(self, seed):
-        self._dice = random.Random(seed)
+    def __init__(self, seed, task=LAKE):
+        self._dice, self._task = random.Random(seed), task
 
     def reset(self):
         pass
 
     def choose(self, frame):
-        return self._dice.choice(rules_of(LAKE).actions)
+        return self._dice.choice(
+            [each for each in rules_of(self._task).actions if each in KEY_CODES]
+        )
 
 
 DECLARED = ("--declarations", DECLARATIONS_FILE)
@@ -39,16 +41,18 @@ def run(*args):
     return left.value.code or 0
 
 
-@pytest.fixture
-def played(serve, tmp_path):
+@pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
+def played(request, serve, tmp_path):
     """The database and the folder of studies, once two people have played and the study is closed."""
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
-    assert run("study", "new", "lake", "--env", "FrozenLake-v1", *sizes, *studies) == 0
+    env = request.param.removeprefix("gymnasium:")
+    assert run("study", "new", "lake", "--env", env, *sizes, *studies) == 0
     assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
-    server = serve(task=LAKE)
+    server = serve(task=request.param)
     for number in range(2):
-        person = Participant(server.page(), "lake", Wanderer(number), server.clock, number)
+        player = Wanderer(number, request.param)
+        person = Participant(server.page(), "lake", player, server.clock, number)
         person.call("join")
         while person.me()["stage"] != "complete":
             person.take_step()
