@@ -80,11 +80,10 @@ def writing(path: Path, timeout_s: float = BUSY_MS / 1000) -> Iterator[sqlite3.C
     # mode=rw: a file that was just deleted is not made again, as an empty one
     uri = path.resolve().as_uri() + "?mode=rw"
     try:
-        with (
-            closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn,
-            transaction(conn),
-        ):
-            yield conn
+        with closing(sqlite3.connect(uri, timeout_s, isolation_level=None, uri=True)) as conn:
+            _check_schema(conn, path)
+            with transaction(conn):
+                yield conn
     except (sqlite3.Error, OSError) as error:
         raise StoreError(f"the database {path} did not take a write: {error}") from error
 

@@ -17,8 +17,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.db.chain import Head, select
-from app.db.checks import DIGEST, chain_head
+from app.db.chain import Head, head, select
+from app.db.checks import DIGEST
 from app.db.database import reading
 from app.db.file import StoreError
 from app.db.resimulation import Finding
@@ -40,8 +40,9 @@ def request_stamp(database: Path, authority: str) -> tuple[Head, bytes]:
     """Return the chain's head and the stamp that an authority (URL) makes of it; StoreError when there is none of either."""
     from rfc3161_client import HashAlgorithm, TimestampRequestBuilder
 
-    found = chain_head(database)
-    if found is None or not found.entries:
+    with reading(database) as conn:
+        found = head(conn)
+    if not found.entries:
         raise StoreError(
             f"{database} has no chain that could be stamped: nothing was recorded in it"
         )

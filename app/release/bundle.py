@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from app.db.database import StoreError, reading, transaction
+from app.db.database import StoreError, check_writable, reading, transaction
 from app.db.erasure import learn_counts
 from app.db.file import DatabaseLock
 from app.db.merging import MergeCounts, kept_or_new_database, merge_rows
@@ -135,6 +135,7 @@ def import_release(
     ReleaseError when the release does not verify; MergeError when the database holds its episodes under other names;
     StoreError while a server has the database. Nothing is changed then.
     """
+    check_writable(database)
     checked = verify_bundle(folder, advance, signer)
     if checked.verified.findings:
         more = len(checked.verified.findings) - 1

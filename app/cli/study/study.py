@@ -211,6 +211,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     from app.series.beacon import QUICKNET
     from app.series.files import iso, now_ms
 
+    _check_database(database)
     with study_errors():
         is_draft = folder.status(name) == "draft"
         plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
@@ -250,6 +251,15 @@ def _hashes(found: Study) -> str:
     return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}{named}"
 
 
+def _check_database(database: Path) -> None:
+    """Refuse a database that is not ours before a study is changed that it must note."""
+    from app.db.database import reading
+
+    if database.exists():
+        with failures(f"cannot read {database}"), reading(database):
+            pass
+
+
 def _note_freezing(found: Study, database: Path) -> bool:
     """Append the freezing and the opening to the chain of the database, and return whether there is one; a server may run."""
     from app.db.chain import append_marks, freezing_of
@@ -283,6 +293,7 @@ def open_(name: str, signature: str | None, relay: str, folder: Folder, database
       marsexplorer study open pilot
       marsexplorer study open pilot --signature b44679b9a59a...
     """
+    _check_database(database)
     with study_errors():
         found = folder.study(name)
         if found.waits_for_beacon and found.beacon is not None and signature is None:
@@ -309,7 +320,7 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     from app.db.reader import Reader, now_ms
     from app.series.closing import close_study
 
-    with study_errors(), ExitStack() as stack:
+    with failures(f"cannot close {name!r}"), study_errors(), ExitStack() as stack:
         folder.study(name)
         if folder.status(name) == "open" and not yes:
             _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")

@@ -12,18 +12,23 @@ import time
 from contextlib import closing, suppress
 from datetime import UTC, datetime, timedelta
 
+import click
 import pytest
+from click.testing import CliRunner
 
-from app.cli.main import main
+from app.cli.main import cli, main
 from app.db import backup
 from app.db.backup import Backups, StoppedError, back_up, restore
 from app.db.checks import quick_check
 from app.db.database import StoreError
-from app.db.merging import merge
 from app.db.store import Store
+from app.series.folder import Folder
+from app.series.protocol import default_protocol
 from app.series.verification import verify_database
+from tests.support.declared import DECLARATIONS
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 from tests.support.servers import eventually
+from tests.support.stored_studies import CONFIG, freeze, play_study
 
 
 @pytest.fixture
@@ -256,17 +261,20 @@ def test_a_backup_is_verified_before_it_replaces_anything_and_not_while_a_server
             restore(wrong, database, "now")
 
 
+HARM = {
+    "trigger": "CREATE TRIGGER evil AFTER INSERT ON steps BEGIN DELETE FROM episodes; END",
+    "view": "CREATE VIEW evil AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
+}
+
+
 @pytest.mark.parametrize(
     ("harm", "named"),
     [
-        ("CREATE TRIGGER evil AFTER INSERT ON steps BEGIN DELETE FROM episodes; END", "the trigger evil"),
-        ("CREATE VIEW evil AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
-         "the view evil"),
         ("CREATE INDEX evil ON steps (abs(step))", "the index evil"),
         ("DROP TABLE forgotten; CREATE TABLE forgotten (trajectory_hash TEXT, forgotten_ms INTEGER)", "the table forgotten"),
         ("DROP TABLE forgotten", "no table forgotten"),
     ],
-    ids=["trigger", "view", "index", "table", "missing"],
+    ids=["index", "table", "missing"],
 )  # fmt: skip
 def test_a_file_whose_schema_could_act_is_opened_by_nothing(database, tmp_path, harm, named):
     """Word for word as ours, before anything is read from it; a further table does nothing."""
@@ -277,28 +285,84 @@ def test_a_file_whose_schema_could_act_is_opened_by_nothing(database, tmp_path, 
     assert verify_database(hostile).findings == ()
     with closing(sqlite3.connect(hostile)) as db:
         db.executescript(harm)
-    for opening in (
-        lambda: restore(hostile, database, "now"),
-        lambda: merge([database, hostile], tmp_path / "merged.db"),
-        lambda: verify_database(hostile),
-        lambda: Store(hostile),
-    ):
-        with pytest.raises(StoreError, match=f"holds {named}, which is not as"):
-            opening()
-    assert not (tmp_path / "merged.db").exists()
+    with pytest.raises(StoreError, match=f"holds {named}, which is not as"):
+        Store(hostile)
+    with pytest.raises(StoreError, match=f"holds {named}, which is not as"):
+        verify_database(hostile)
+
+
+OPENING = {
+    "serve": "--database FILE --port 0",
+    "export": "--database FILE --out new",
+    "replay": "a1b2 --database FILE --out new.html",
+    "study close": "open --yes --database FILE --studies studies",
+    "study freeze": "draft --underpowered --database FILE --studies studies",
+    "study invite": "open --list --database FILE --studies studies",
+    "study open": "open --database FILE --studies studies",
+    "study power": "--half-width 0.1 --study open --database FILE",
+    "report": "--study closed --database FILE --studies studies",
+    "regret": "--study closed --database FILE --studies studies",
+    "verify": "--database FILE",
+    "stamp": "--authority http://127.0.0.1:9 --database FILE",
+    "release": "--study closed --out new --author Ada --database FILE --studies studies",
+    "import": "bundle --database FILE",
+    "merge": "play.db FILE --out new.db",
+    "forget": "ada --yes --database FILE",
+    "backup": "new.db --database FILE",
+    "restore": "FILE --yes --database play.db",
+    "operator add": "ada --database FILE",
+    "operator list": "--database FILE",
+    "operator log": "--database FILE",
+    "operator remove": "ada --database FILE",
+}
+"""Each command that opens a database, and words with which it does."""
+
+
+def commands(group, name=""):
+    """Yield (name, command) of each command in a group."""
+    context = click.Context(group)
+    for part in group.list_commands(context):
+        each = group.get_command(context, part)
+        if isinstance(each, click.Group):
+            yield from commands(each, f"{name}{part} ")
+        else:
+            yield name + part, each
+
+
+def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp_path, monkeypatch):
+    opening = {
+        name
+        for name, each in commands(cli)
+        if {"database", "databases", "backup"} & {option.name for option in each.params}
+    }
+    assert opening == OPENING.keys()
+    monkeypatch.chdir(tmp_path)
+    freeze("studies", "open", close=False)
+    play_study(tmp_path / "study.db", freeze("studies", "closed"))
+    draft = default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS)
+    Folder("studies").create(draft)
+
+    def run(name, words):
+        answers = "a long password\n" * 2
+        return CliRunner().invoke(cli, [*name.split(), *words.split()], input=answers)
+
+    bundled = "--study closed --out bundle --author Ada --database study.db --studies studies"
+    assert run("release", bundled).exit_code == 0
+    for kind, harm in HARM.items():
+        back_up(database, tmp_path / f"{kind}.db")
+        with closing(sqlite3.connect(f"{kind}.db")) as db:
+            db.executescript(harm)
+    os.mkfifo("pipe.db")
+    before = {path.name for path in tmp_path.iterdir()}
+    for kind in (*HARM, "pipe"):
+        refused = f"{kind}.db holds the {kind} evil|must be a file, pipe.db is|no backup at pipe.db"
+        for name, words in OPENING.items():
+            done = run(name, words.replace("FILE", f"{kind}.db"))
+            assert done.exit_code == 1, (name, done.output)
+            assert re.search(refused, done.output), (name, done.output)
+    made = {path.name for path in tmp_path.iterdir()} - before
+    assert {name for name in made if not name.endswith("-lock")} == set()
     assert verify_database(database).findings == ()
-
-
-def test_a_pipe_in_the_place_of_a_file_keeps_nobody_waiting(database, tmp_path):
-    os.mkfifo(tmp_path / "pipe.db")
-    for opening in (
-        lambda: restore(tmp_path / "pipe.db", database, "now"),
-        lambda: merge([database, tmp_path / "pipe.db"], tmp_path / "merged.db"),
-        lambda: verify_database(tmp_path / "pipe.db"),
-        lambda: Store(tmp_path / "pipe.db"),
-    ):
-        with pytest.raises(StoreError, match=r"no backup at|must be a file"):
-            opening()
 
 
 def leaf_pages(path, table):
