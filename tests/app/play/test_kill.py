@@ -1,18 +1,24 @@
-"""SIGKILL right after acknowledged steps: nothing lost, nothing doubled, everything goes on where it stood."""
+"""SIGKILL or SIGTERM right after acknowledged steps: nothing lost, nothing doubled, everything goes on where it stood."""
 
+import os
 import random
+import re
 import sqlite3
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 
 import httpx
 import pytest
 
 from app.series.verification import verify_database
 from marsexplorer.config import ACTIONS
-from tests.support.servers import PATIENCE_S, eventually
+from tests.support.browser import free_port
+from tests.support.servers import PATIENCE_S, Running, eventually
 
 KINDS = ("human", "rival", "policy")
 STOP_S = 5.0
@@ -152,22 +158,14 @@ def play_until(stop, answered, client, boards, acknowledged):
                 answered.set()
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("campaign", range(10))
-def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_path, campaign):
-    """SIGKILL 0 to 150 ms after the first answer, wherever the server is then: ten campaigns are 1,000 kills."""
-    dice, path, acknowledged = random.Random(2000 + campaign), tmp_path / "playground.db", {}
-    boards = []
-    for kill in range(100):
-        server = spawn(
-            limits={
-                "sessions_per_address": "100000+100000/s",
-                "episodes_per_address": "100000+100000/s",
-            }
-        )
+def play_rounds(start, end, path, dice, rounds):
+    """Play a server that `start()` starts, `end(server)` 0 to 150 ms after the first answer, and again: nothing is lost."""
+    acknowledged, boards = {}, []
+    for number in range(rounds):
+        server = start()
         client = server.client()
-        if kill % 10 == 0:
-            body = [{}, {"rival": "frontier-cost"}, {}][kill // 10 % 3]
+        if number % 10 == 0:
+            body = [{}, {"rival": "frontier-cost"}, {}][number // 10 % 3]
             boards = [
                 client.post("/api/sessions", json={**body, "size": [9, 13]}).json()["session"]
                 for _ in range(3)
@@ -176,13 +174,13 @@ def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_pa
         player = threading.Thread(
             target=play_until, args=(stop, answered, client, boards, acknowledged)
         )
-        player.start()
-        assert answered.wait(PATIENCE_S)
-        time.sleep(dice.uniform(0, 0.15))
-        server.process.kill()
+        with server.socket(boards[0], client):
+            player.start()
+            assert answered.wait(PATIENCE_S)
+            time.sleep(dice.uniform(0, 0.15))
+            end(server)
         stop.set()
         player.join()
-        server.process.wait()
         server.process.stdout.close()
         server.close()
     with closing(sqlite3.connect(path)) as db:
@@ -195,8 +193,86 @@ def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_pa
     gaps = [episode for episode, count in counts.items() if (episode, count - 1) not in there]
     doubled = len(rows) - len(there)
     print(
-        f"\n100 kills: {len(acknowledged)} moves acknowledged, {len(lost)} lost, {doubled} doubled, {len(gaps)} gaps"
+        f"\n{rounds} ends: {len(acknowledged)} moves acknowledged, {len(lost)} lost, {doubled} doubled, {len(gaps)} gaps"
     )
     assert (lost, gaps, doubled) == ([], [], 0)
-    assert len(acknowledged) >= 100
+    assert len(acknowledged) >= rounds
     assert not verify_database(path).findings
+
+
+def kill(server):
+    server.process.kill()
+    server.process.wait()
+
+
+def stopping(path, took_s):
+    """Return a function that ends a server by SIGTERM and demands 0, soon, a closed database and no traceback."""
+
+    def stop(server):
+        began = time.monotonic()
+        server.process.terminate()
+        assert server.process.wait(STOP_S) == 0
+        took_s.append(time.monotonic() - began)
+        assert not path.with_name(path.name + "-wal").exists(), (
+            "SQLite deletes it when all is closed"
+        )
+        assert "Traceback" not in server.process.stdout.read()
+
+    return stop
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("campaign", range(10))
+def test_a_hundred_kills_at_random_moments_lose_and_double_nothing(spawn, tmp_path, campaign):
+    """Ten campaigns are 1,000 kills."""
+    play_rounds(spawn, kill, tmp_path / "playground.db", random.Random(2000 + campaign), 100)
+
+
+def test_a_server_that_is_stopped_under_play_ends_with_0_and_its_database_is_closed(
+    spawn, tmp_path
+):
+    path = tmp_path / "playground.db"
+    play_rounds(spawn, stopping(path, []), path, random.Random(3000), 4)
+
+
+@pytest.fixture
+def start_unit(tmp_path):
+    """`start_unit()` runs the command of deploy's unit with its environment, its folders replaced by the test's own."""
+    systemd = Path(__file__).parents[3] / "deploy" / "systemd"
+    (command,) = re.findall(
+        r"^ExecStart=(.*)$", (systemd / "marsexplorer.service").read_text(), re.M
+    )
+    command = command.replace("/opt/marsexplorer/venv", sys.prefix).split()
+    text = (
+        (systemd / "marsexplorer.env").read_text().replace("/var/lib/marsexplorer", str(tmp_path))
+    )
+    ports = {"MARS_PORT": "0", "MARS_METRICS_PORT": str(free_port())}
+    environment = {**os.environ, **dict(re.findall(r"^(MARS_\w+)=(.*)$", text, re.M)), **ports}
+    processes = []
+
+    def start():
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        processes.append(process)
+        said = next(line for line in process.stdout if "is open at" in line)
+        server = Running(int(said.split("http://127.0.0.1:")[1].split()[0]))
+        server.process = process
+        return server
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@pytest.mark.long
+def test_a_hundred_stops_of_the_unit_under_play_lose_and_double_nothing(start_unit, tmp_path):
+    path, took_s = tmp_path / "playground.db", []
+    play_rounds(start_unit, stopping(path, took_s), path, random.Random(4000), 100)
+    print(f"the slowest ended within {max(took_s):.2f} s")
