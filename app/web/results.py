@@ -54,7 +54,7 @@ def get_human_level(request: Request) -> dict[str, Any]:
 @router.get("/episodes", tags=["results"], summary="Finished episodes")
 def get_episodes(
     request: Request,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    limit: Annotated[int, Query(ge=1, le=200)] = 100,
     after: Annotated[str | None, Query(max_length=128)] = None,
     who: Who = "all",
 ) -> list[dict[str, Any]]:

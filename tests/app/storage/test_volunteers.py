@@ -88,7 +88,9 @@ def test_sums_are_those_of_the_episodes_after_each_level_erasure_merge_and_resto
         "UPDATE volunteer_figures SET task = 'chess'",
     ],
 )  # fmt: skip
-def test_sums_that_are_not_those_of_the_episodes_are_found(path, harm):
+def test_sums_that_are_not_those_of_the_episodes_are_found_and_a_merge_makes_them_anew(
+    path, tmp_path, harm
+):
     path, _ = path
     assert verify_database(path).findings == ()
     with closing(sqlite3.connect(path, isolation_level=None)) as conn:
@@ -97,3 +99,5 @@ def test_sums_that_are_not_those_of_the_episodes_are_found(path, harm):
     findings = verify_database(path).findings
     assert findings
     assert all(each.where.startswith("volunteers' figure ") for each in findings)
+    merge([path], tmp_path / "anew.db")
+    assert played(tmp_path / "anew.db") == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}

@@ -1,0 +1,114 @@
+"""What public reads cost does not grow with the database: what SQLite does for each at 2,000 and at 20,000 episodes."""
+
+import sqlite3
+import time
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from app.db.reader import Reader
+from app.web.cookies import PLAYER_COOKIE
+from tests.support.many_episodes import make_episodes, public_reads
+from tests.support.recorded import SMALL
+from tests.support.servers import eventually, hasty_limits, running_server
+
+FEW, MANY = 2_000, 20_000
+PLAYERS = 50
+"""As many with few episodes as with many; the one who asks has as many episodes, too."""
+MOST = 1.2
+"""How often what is done at FEW may be done at MANY."""
+SLACK = 500
+"""Instructions that make no difference: a count over an index of a study's participants, say."""
+INSTRUCTIONS = 10
+"""Of SQLite's machine between two looks at it; a row of a list takes some 200."""
+PAGES, PAGES_AN_EPISODE = 60, 14
+"""Read for a schema and one episode, and for each further one: its row, session, place and moves, each with an index, and
+where only those that count are listed as much of the ones between them."""
+
+
+class Cost(NamedTuple):
+    """What an answer took: instructions of SQLite's machine, and pages from files."""
+
+    instructions: int
+    pages: int
+
+
+class Counting(sqlite3.Connection):
+    """A connection whose instructions are counted."""
+
+    made = 0
+
+    def __init__(self, *given, **named):
+        super().__init__(*given, **named)
+        self.set_progress_handler(self.count, INSTRUCTIONS)
+
+    def count(self):
+        Counting.made += INSTRUCTIONS
+
+
+def so_far():
+    lines = Path("/proc/self/io").read_text().splitlines()
+    read = int(dict(line.split(": ") for line in lines)["rchar"])
+    return Cost(Counting.made, read // 4096)
+
+
+def is_quiet():
+    """Return whether SQLite has nothing to do for a while: what a server does at its start is over."""
+    made = Counting.made
+    time.sleep(0.2)
+    return Counting.made == made
+
+
+def cost_of(read):
+    """Return the least of some readings, since a server does things by itself; and how many episodes the answer lists."""
+    found = []
+    for _ in range(3):
+        before = so_far()
+        answer = read()
+        found.append(Cost(*(b - a for a, b in zip(before, so_far(), strict=True))))
+    return Cost(*map(min, zip(*found, strict=True))), len(answer) if isinstance(answer, list) else 1
+
+
+def get(client, path):
+    answer = client.get(path)
+    assert answer.status_code in (200, 303), (path, answer.text)
+    return answer.json() if path.startswith("/api/episodes") else None
+
+
+def newest(database):
+    with closing(Reader.open(database)) as reader:
+        return reader.newest_counted(SMALL.hash, 100)
+
+
+def costs(folder, episodes, policies):
+    """Return what is read, and what each reading costs a server that has answered it before."""
+    database = folder / "playground.db"
+    make_episodes(database, folder / "studies", episodes, (SMALL,), PLAYERS)
+    reads, settings = public_reads(database), {"database": database, "studies": folder / "studies"}
+    with running_server(policies, limits=hasty_limits(), **settings) as server:
+        eventually(is_quiet)
+        cookie = server.services.player_tokens.sign("a")
+        client = server.client(cookies={PLAYER_COOKIE: cookie})
+        found = [cost_of(partial(get, client, path)) for path in reads]
+    return [*reads, "a board's newest episodes"], [*found, cost_of(partial(newest, database))]
+
+
+@pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="counts pages as Linux does")
+def test_public_reads_cost_no_more_in_a_database_ten_times_as_large(
+    tmp_path, shipped_policies, monkeypatch
+):
+    monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Counting))
+    reads, few = costs(tmp_path / "few", FEW, shipped_policies)
+    _, many = costs(tmp_path / "many", MANY, shipped_policies)
+    grown = []
+    for path, (at_few, _), (at_many, listed) in zip(reads, few, many, strict=True):
+        print(path[:60], *at_few, *at_many)
+        is_more = at_many.instructions > MOST * at_few.instructions + SLACK
+        if is_more or at_many.pages > PAGES + PAGES_AN_EPISODE * listed:
+            grown.append(path)
+    assert few[reads.index("/api/episodes")][0].instructions > 5_000, "they are counted"
+    assert [path for path in grown if not path.endswith("/results")] == []
+    assert len(grown) == 1, "what grows with those who played on that day"
