@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import sqlite3
 from collections.abc import Iterator, Mapping
@@ -29,6 +30,9 @@ STATUSES: dict[type[Exception], int] = {
     sqlite3.DatabaseError: 503,
 }  # fmt: skip
 """Errors that may leave a handler as they are. A study's are none of them: their text may name files of the server."""
+
+PAUSE_S = 1.0
+"""Seconds before such an answer: whoever asks again at once does so as often as they have connections, and no faster."""
 
 TITLES = {
     400: "This server does not go by that name",
@@ -99,8 +103,9 @@ def _answer_error(request: Request, error: Exception) -> Response:
     return answer(request, status_of(error), str(error))
 
 
-def _answer_undone(request: Request, error: Exception) -> Response:
-    """Answer that something takes too long, or has to wait for too much else of the same asker."""
+async def _answer_undone(request: Request, error: Exception) -> Response:
+    """Answer that something takes too long, or has to wait for too much else of the same asker; see PAUSE_S."""
+    await asyncio.sleep(PAUSE_S)
     wait_s = RETRY_S if isinstance(error, JobsFullError) else REMEMBERED_S
     return answer(request, 503, str(error), {"Retry-After": f"{wait_s:.0f}"})
 

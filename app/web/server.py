@@ -14,6 +14,7 @@ from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contex
 from dataclasses import dataclass
 from functools import partial
 
+from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
 
 from app.board.lobby import Lobby
@@ -86,6 +87,10 @@ MOST_WAITING_JOBS = 2
 """Jobs of one owner that wait, at most."""
 
 
+READERS = 2
+"""Threads that handle requests which read the database: each more of them keeps the event loop waiting for its turn longer."""
+
+
 @dataclass(frozen=True)
 class Prepared:
     """What exists before the app starts; what is None is made then, from the settings.
@@ -127,6 +132,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                 if store.ended_well:
                     running.append(asyncio.to_thread(services.health.check))
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
+                current_default_thread_limiter().total_tokens = READERS
                 t_quantile(
                     1
                 )  # scipy loads its parts when they are needed: now, and not while somebody plays

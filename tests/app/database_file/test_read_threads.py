@@ -2,11 +2,13 @@
 
 import asyncio
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from app.db.read_threads import THREADS, ReadThreads
+from app.db.reader import Reader
 from app.db.store import READ_CACHE_KB
 from tests.support.servers import eventually
 
@@ -31,6 +33,25 @@ def test_all_that_the_store_reads_goes_over_the_connections_that_were_opened_at_
         server.services.store.read(lambda: server.services.store.query("PRAGMA cache_size"))
     )
     assert found == [{"cache_size": -READ_CACHE_KB}]
+
+
+def test_two_lists_at_most_are_read_at_a_time_whoever_asks(serve, monkeypatch):
+    """Each thread more that is at work keeps the event loop, hence moves, waiting for its turn longer."""
+    server, inside, most, read = serve(), [], [], Reader.episodes
+
+    def read_slowly(*given):
+        inside.append(given)
+        most.append(len(inside))
+        time.sleep(0.05)
+        inside.pop()
+        return read(*given)
+
+    monkeypatch.setattr(Reader, "episodes", read_slowly)
+    client = server.client()
+    with ThreadPoolExecutor(10) as people:
+        answers = list(people.map(client.get, ["/api/episodes"] * 20))
+    assert {each.status_code for each in answers} == {200}
+    assert max(most) == 2
 
 
 def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_the_start():
