@@ -18,7 +18,6 @@ from typing import Any
 
 from app.board.messages import Pace
 from app.board.session import Move, RefusedError, Session
-from app.db.file import WriteRefusedError
 from app.db.store import NOTICE_S, StoreError, Trial
 from app.task import Decides, Policy, Task
 
@@ -209,8 +208,12 @@ class Agent:
                     await self._sleep(delay)
                     continue
                 await self._move()
-            except WriteRefusedError:
+            except (
+                StoreError
+            ) as error:  # of a full disk, say: nothing has changed, and it may take the next write
+                self._session.fail(str(error))
                 await asyncio.sleep(NOTICE_S)
+                self._session.fault = None
             except RefusedError:
                 self._decided = None  # the next episode began while the move waited
             except SlowDecisionError as error:

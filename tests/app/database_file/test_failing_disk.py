@@ -1,6 +1,7 @@
 """A disk that takes no writes and a clock that is set back: moves are refused in words, and play goes on where it stood."""
 
 import sys
+import time
 
 import pytest
 
@@ -25,30 +26,54 @@ def act(client, begun, step, action=None):
     return client.post(f"/api/sessions/{begun['session']}/act", json=body)
 
 
-@pytest.mark.skipif(
-    sys.platform != "linux", reason="the limit of another process is set by a call of Linux"
-)
+def limit_files(server, limit):
+    """Let no file of a server become longer, as on a full disk; return the limit that it had."""
+    if sys.platform != "linux":
+        pytest.skip("the limit of another process is set by a call of Linux")
+    before = resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (limit, before[1]))
+    return before[0]
+
+
 def test_a_full_disk_refuses_moves_and_loses_none(spawn, tmp_path):
     server = spawn()
-    client, limit = server.client(), resource.RLIMIT_FSIZE
+    client = server.client()
     begun = begin(client)
     made = [act(client, begun, step).status_code for step in range(4)]
     assert made == [200] * 4
-    before = resource.prlimit(server.process.pid, limit)
-    resource.prlimit(server.process.pid, limit, (4096, before[1]))
+    before = limit_files(server, 4096)
     for _ in range(3):
         refused = act(client, begun, 4)
         assert refused.status_code == 503
         assert "did not take the write, nothing changed" in refused.json()["detail"]
     assert client.get("/readyz").status_code == 503
     assert client.get(f"/api/sessions/{begun['session']}").json()["step"] == 4
-    resource.prlimit(server.process.pid, limit, before)
+    limit_files(server, before)
     assert act(client, begun, 4).json()["step"] == 5
     server.kill()
     again = spawn()
     assert again.client().get(f"/api/sessions/{begun['session']}").json()["step"] == 5
     again.close()
     assert not verify_database(tmp_path / "playground.db").findings
+
+
+def test_a_policy_waits_while_the_disk_is_full_says_so_once_and_goes_on_by_itself(spawn):
+    server = spawn()
+    client = server.client()
+    wanted = {"size": 42, "seed": 5, "player": "frontier-cost"}
+    session = client.post("/api/sessions", json=wanted).json()["session"]
+    pace = {"moves_per_second": 20}
+    client.post(f"/api/sessions/{session}/pace", json=pace).raise_for_status()
+    with server.socket(session, client) as socket:
+        socket.receive("frame")
+        before = limit_files(server, 4096)
+        assert "did not take the write, nothing changed" in socket.receive("error")["detail"]
+        time.sleep(2.5)
+        step = client.get(f"/api/sessions/{session}").json()["step"]
+        limit_files(server, before)
+        while (message := socket.receive())["kind"] != "frame" or message["step"] <= step:
+            assert message["kind"] != "error"
+    server.close()
 
 
 def test_a_database_that_becomes_read_only_refuses_moves_until_it_can_be_written(server):
