@@ -270,6 +270,8 @@ class Session:
         self._clock = clock
         self._keeping: asyncio.Future[None] | None = None
         """The write of the newest input events."""
+        self._untold = 0
+        """Bytes that were written and not told to WRITTEN yet."""
         self._lacks_events = False
         """Whether input events could not be written: a move without its press would be held against the person."""
 
@@ -359,8 +361,10 @@ class Session:
 
             def publish(found: tuple[Attested | None, bool]) -> None:
                 self.go_on(current, run, held, *found)
-                driver = move.driver.partition(":")[0]
-                self._store.metrics.observe_move(driver, time.perf_counter() - began)
+                metrics, seconds = self._store.metrics, time.perf_counter() - began
+                metrics.moves[move.driver.partition(":")[0]].inc()
+                metrics.step.observe(seconds)
+                metrics.newest_s.append(seconds)
 
             await self._store.write(record, notice, publish)
         self.count_written(STEP_BYTES)
@@ -511,8 +515,11 @@ class Session:
         self.count_written(len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch))
 
     def count_written(self, size: int) -> None:
-        """Tell on whose behalf so many bytes were written."""
-        WRITTEN.get()("" if self.participation is None else self.participation.study, size)
+        """Tell on whose behalf so many bytes were written, some moves at once."""
+        self._untold += size
+        if self._untold >= EPISODE_BYTES:
+            size, self._untold = self._untold, 0
+            WRITTEN.get()("" if self.participation is None else self.participation.study, size)
 
     def _keep_events(self, events: Events, came_ms: int) -> None:
         try:

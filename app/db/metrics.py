@@ -25,6 +25,7 @@ class Metrics:
     step            seconds from a move's check to its frame's publication, the commit included
     commit          seconds of a transaction of the writer, from BEGIN to COMMIT
     dropped_frames  frames that a subscriber never got, since a newer one replaced them first
+    newest_s        seconds of the newest 1,000 moves
     event_loop_lag  seconds by which the event loop came back too late
     """
 
@@ -72,18 +73,12 @@ class Metrics:
             registry=registry,
         )
 
-        self._newest_s = deque[float](maxlen=1000)
+        self.newest_s = deque[float](maxlen=1000)
         what = "99 of 100 of the last 1,000 moves took no longer; 0: there was none."
         self.add_gauge("move_p99_seconds", what, self._move_p99_s)
 
-    def observe_move(self, driver: str, seconds: float) -> None:
-        """Count a committed move of "human", "script" or "policy", and how long it took."""
-        self.moves[driver].inc()
-        self.step.observe(seconds)
-        self._newest_s.append(seconds)
-
     def _move_p99_s(self) -> float:
-        newest_s = sorted(self._newest_s.copy())
+        newest_s = sorted(self.newest_s.copy())
         return newest_s[99 * len(newest_s) // 100] if newest_s else 0.0
 
     def values(self, *names: str) -> dict[str, float]:
