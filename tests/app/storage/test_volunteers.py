@@ -73,6 +73,19 @@ def test_sums_are_those_of_the_episodes_after_each_level_erasure_merge_and_resto
     assert played(path) == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}
 
 
+def test_sums_hold_an_episode_whose_end_was_told_when_the_server_was_killed(spawn, tmp_path):
+    server = spawn()
+    client = server.page()
+    for number in (1, 2):
+        begun = client.post("/api/sessions", json={"size": 5}).json()
+        assert server.explore(client, begun["session"])["outcome"] == "explored"
+        if number == 1:
+            assert client.get("/api/human-level").json()["figures"][0]["episodes"] == 1
+    server.kill()
+    ((episodes, _),) = played(tmp_path / "playground.db").values()  # at a machine's speed: spoilt
+    assert episodes == 2
+
+
 @pytest.mark.parametrize(
     "harm",
     [
