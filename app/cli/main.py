@@ -59,7 +59,7 @@ def cli() -> None:
     \b
     Begin with:
       marsexplorer serve                                    play at http://127.0.0.1:8000
-      marsexplorer export --format csv --out results        write the recorded episodes as tables
+      marsexplorer export --out results                     write the recorded episodes as tables
       marsexplorer evaluate --policy frontier-cost          score a policy, with an interval
       marsexplorer train --minutes 15 --out runs/mine       train a policy of your own
     Every command has its own help: marsexplorer serve --help

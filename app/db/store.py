@@ -658,7 +658,7 @@ class Store(Reader):
 
     def _not_taken(self, error: BaseException) -> StoreError:
         return StoreError(
-            f"the database {self.path} did not take the write, nothing changed: {error}"
+            f"the database {self.path.name} did not take the write, nothing changed: {error}; try again in a moment"
         )
 
     def secret(self) -> str:

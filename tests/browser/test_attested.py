@@ -67,7 +67,7 @@ def test_a_disk_that_was_full_in_the_middle_of_play(spawn, player, tmp_path):
     me.press(back, wait=False)
     said = me.page.get_by_test_id("notices").get_by_text("nothing changed")
     said.wait_for(state="visible")
-    assert "did not take the write" in said.inner_text()
+    assert "the database playground.db did not take the write" in said.inner_text()
     assert me.state()["step"] == 1
     resource.prlimit(pid, limit, before)
     me.press(back)
