@@ -58,8 +58,8 @@ def _check_printable(text: str) -> str:
     return text
 
 
-Printable = Annotated[str, AfterValidator(_check_printable)]
-"""An id that is made elsewhere, and stored: it has no control or invisible characters (str.isprintable)."""
+PRINTABLE = AfterValidator(_check_printable)
+"""Of an id that is made elsewhere, and stored: it has no control or invisible characters (str.isprintable)."""
 
 
 class BadMessageError(ValueError):
@@ -173,8 +173,8 @@ class Events(Message):
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
-    batch: Printable = Field(
-        min_length=8, max_length=64, description="drawn by the page, another for each batch"
+    batch: Annotated[str, Field(min_length=8, max_length=64), PRINTABLE] = Field(
+        description="drawn by the page, another for each batch"
     )
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 

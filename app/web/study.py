@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
 
-from app.board.messages import Message, Printable
+from app.board.messages import PRINTABLE, Message
 from app.board.session import RefusedError
 from app.db.study_rows import Participant, participant_label
 from app.db.trial import Trial
@@ -43,10 +43,10 @@ WITHDRAWN = (
 class Join(Message):
     """Who joins: what the link that brought them holds, and the name of the script if it is no person."""
 
-    outside_ids: dict[str, Annotated[Printable, Field(max_length=200)]] = Field(
+    outside_ids: dict[str, Annotated[str, Field(max_length=200), PRINTABLE]] = Field(
         default_factory=dict, max_length=50
     )
-    script: Annotated[Printable, Field(min_length=1, max_length=80)] | None = Field(
+    script: Annotated[str, Field(min_length=1, max_length=80), PRINTABLE] | None = Field(
         default=None,
         description='what plays, for example "noisy-frontier"; a script for ever',
         examples=[None],
@@ -93,7 +93,7 @@ class ParticipantSettings(Message):
 
     modality: Literal["keyboard", "touch"] | None = None
     palette: Literal["mars", "colour-blind", "high-contrast"] | None = None
-    keys: dict[str, list[Annotated[Printable, Field(max_length=32)]]] | None = None
+    keys: dict[str, list[Annotated[str, Field(max_length=32), PRINTABLE]]] | None = None
 
     @field_validator("keys")
     @classmethod
