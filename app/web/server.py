@@ -87,8 +87,8 @@ MOST_WAITING_JOBS = 2
 """Jobs of one owner that wait, at most."""
 
 
-READERS = 2
-"""Threads that handle requests which read the database: each more of them keeps the event loop waiting for its turn longer."""
+READERS = 1
+"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for its turn."""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,10 @@ import sys
 import numpy as np
 import pytest
 
+from app.db.store import Store
 from marsexplorer.config import EnvConfig
-from research.speed import core, decisions, figures, peers
+from research.speed import core, decisions, figures, floods, peers
+from tests.support.recorded import play
 
 SMALL = EnvConfig.of("random", (5, 7))
 
@@ -108,3 +110,23 @@ def test_the_command_prints_the_table_and_writes_it(tmp_path):
     assert "8,192" in done.stdout
     groups = {one["group"] for one in json.loads(out.read_text())["figures"]}
     assert groups == {"core", "gymnasium", "threads", "memory", "start", "peers"}
+
+
+def test_the_campaign_of_floods_prints_a_row_for_each_and_says_whether_one_is_too_much(tmp_path):
+    store = Store(tmp_path / "playground.db")
+    for seed in range(9):
+        play(store, seed, explore=True)
+    store.close()
+    command = [sys.executable, "-m", "research.speed.floods", "--database", store.path, "--port", "bare",
+               "--rounds", "1", "--seconds", "0.5", "--flood", "ghosts and regrets", "--flood", "garbage"]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    rows = re.findall(
+        r"^\| ([a-z ]+) \| bare \| (\w+) \| [\d.]+ \| [\d.]+ \| ([\d.]+) \|", done.stdout, re.M
+    )
+    kinds = [
+        ("ghosts and regrets", "moves"),
+        ("garbage", "moves"),
+        ("ghosts and regrets", "ghosts"),
+    ]
+    assert [row[:2] for row in rows] == kinds, done.stderr
+    assert done.returncode == any(float(row[2]) > floods.MOST_RATIO for row in rows)

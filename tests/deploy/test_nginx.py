@@ -2,11 +2,9 @@
 
 import re
 import socket
-import ssl
 import subprocess
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
 import httpx
 import numpy as np
@@ -18,24 +16,9 @@ from app.web.operator.login import ATTEMPTS_PER_MINUTE
 from app.web.simulate import Socket
 from tests.app.protection.test_hosts import ONE_TOO_MANY, guess
 from tests.support.browser import free_port
+from tests.support.nginx import CONFIG, MODULE, shipped, trusting
 from tests.support.others import measure, misbehaving
 from tests.support.servers import PACE, PATIENCE_S, HastyClock, eventually
-
-CONFIG = Path(__file__).parents[2] / "deploy" / "nginx" / "marsexplorer.conf"
-STREAM = CONFIG.with_name("marsexplorer-stream.conf")
-MODULE = Path("/usr/lib/nginx/modules/ngx_stream_module.so")
-AROUND = """{module} user root; daemon off; worker_processes 1; pid {folder}/nginx.pid; error_log {folder}/error.log;
-events {{ worker_connections 8192; }}
-{stream}
-http {{
-  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy 1 2; fastcgi_temp_path {folder}/f;
-  uwsgi_temp_path {folder}/u; scgi_temp_path {folder}/s; access_log {folder}/access.log;
-  {site}
-}}
-"""
-
-
-SPLIT = "\n# -- stream --\n"
 
 
 @pytest.fixture
@@ -44,7 +27,6 @@ def proxied(serve, nginx):
     built = subprocess.run(["nginx", "-V"], capture_output=True, text=True, check=True).stderr
     if "--with-stream=dynamic" in built and not MODULE.exists():
         pytest.skip("NGINX WITHOUT STREAM: install libnginx-mod-stream to run the proxy test")
-    module = f"load_module {MODULE};" if MODULE.exists() else ""
 
     def start(*changes):
         port, plain = free_port(), free_port()
@@ -52,24 +34,7 @@ def proxied(serve, nginx):
         server = serve(
             trusted_proxies=["127.0.0.1"], public_url=public, admin_password="red-planet-4"
         )
-        both = f"{CONFIG.read_text()}{SPLIT}{STREAM.read_text()}"
-        for was, now in (
-            ("/etc/letsencrypt/live/mars.example/fullchain.pem", "{folder}/certificate.pem"),
-            ("/etc/letsencrypt/live/mars.example/privkey.pem", "{folder}/key.pem"),
-            ("/var/log/nginx/marsexplorer.log", "{folder}/site.log"),
-            ("/run/marsexplorer-front.sock", "{folder}/front.sock"),
-            ("listen 443 ssl", f"listen 127.0.0.1:{port} ssl"),
-            ("listen 80", f"listen 127.0.0.1:{plain}"),
-            ("server 127.0.0.1:8000", f"server 127.0.0.1:{server.port}"),
-            ("server_name mars.example", "server_name localhost"),
-            *changes,
-        ):
-            assert was in both, was
-            both = both.replace(was, now)
-        site, stream = re.sub(r"listen \[::\].*", "", both).split(SPLIT)
-        server.nginx = nginx(
-            AROUND.format(folder="{folder}", site=site, stream=stream, module=module)
-        )
+        server.nginx = nginx(shipped(port, plain, server.port, *changes))
         server.public, server.plain = public, f"http://127.0.0.1:{plain}"
         return server
 
@@ -80,18 +45,6 @@ def browser(server):
     client = httpx.Client(base_url=server.public, verify=False, trust_env=False, timeout=PATIENCE_S)
     client.headers["Origin"] = server.public
     return client
-
-
-def trusting():
-    """What takes the certificate of these tests for good.
-
-    TLS 1.2, because the client reads and writes in two threads: a session ticket of TLS 1.3 that is read while the request is
-    written can keep OpenSSL from ever sending the request.
-    """
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.maximum_version = ssl.TLSVersion.TLSv1_2
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    return context
 
 
 def test_a_page_and_a_move_pass_and_nothing_of_them_is_logged(proxied):

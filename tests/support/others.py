@@ -11,6 +11,7 @@ from websockets.asyncio.client import connect
 
 from app.web.simulate import occupancy_codes
 from marsexplorer.policies import load
+from tests.support.nginx import trusting
 
 PLAYERS, MOVES_PER_SECOND = 8, 10
 
@@ -19,8 +20,9 @@ async def _play(server, begun, until, trips):
     """Play at a steady pace and keep the round trip of each move in ms."""
     policy = load("frontier-cost")
     policy.reset(0)
-    url = f"ws://127.0.0.1:{server.port}/ws/sessions/{begun['session']}"
-    async with connect(url, proxy=None, compression=None) as socket:
+    url = f"{server.url.replace('http', 'ws', 1)}/ws/sessions/{begun['session']}"
+    tls = {"ssl": trusting()} if url.startswith("wss") else {}
+    async with connect(url, proxy=None, compression=None, **tls) as socket:
         frame = json.loads(await socket.recv())
         while time.monotonic() < until and not frame["outcome"]:
             due = time.monotonic() + 1 / MOVES_PER_SECOND
