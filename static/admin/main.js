@@ -109,10 +109,10 @@ function paintStudy(study, task, overview) {
   tables.paintPeople(by("people", HTMLTableElement), task, study);
   paintRecruiting(study);
   const { report, release } = study.exports;
-  tables.paintExport(by("report"), exportText(report, "HTML and JSON, with everything the study can say so far.", study.now_ms), report, study.name);
+  tables.paintExport(by("report"), exportText(report, isOpen ? "The figures as HTML and JSON, once the study is closed." : "The figures as HTML and JSON.", study.now_ms), report, study.name);
   tables.paintExport(by("release"), exportText(release, isOpen ? "The citable bundle, once the study is closed." : "The citable bundle: data, documents, signed manifest, as one zip.", study.now_ms), release, study.name);
   const isBusy = report?.state === "making" || release?.state === "making";
-  by("make-report", HTMLButtonElement).disabled = isBusy;
+  by("make-report", HTMLButtonElement).disabled = isBusy || isOpen;
   by("make-release", HTMLButtonElement).disabled = isBusy || isOpen || study.participants.length === 0;
   /** @type {HTMLElement} */ (by("authors").closest("p")).hidden = isOpen;
   /** @type {HTMLElement} */ (by("close").closest("div")).hidden = !isOpen;

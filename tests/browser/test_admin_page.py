@@ -124,14 +124,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     assert page.locator("#figure .measure").count() == 0
     look(page, "admin-debrief")
 
-    page.get_by_test_id("make-report").click()
-    link = page.locator("#report a").first
-    link.wait_for(state="visible", timeout=IDLE_WORK_MS)
-    with page.expect_download() as download:
-        link.click()
-    assert download.value.suggested_filename == "small-report.html"
-    assert "Dunes of the south" in download.value.path().read_text()
-
+    assert page.get_by_test_id("make-report").is_disabled()
     assert page.get_by_test_id("make-release").is_disabled()
     page.get_by_test_id("close").click()
     page.get_by_test_id("typed").fill("smal")
@@ -143,6 +136,13 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     public = page.request.get(f"{server.url}/api/studies/small").json()
     assert (public["status"], public["secret"]) == ("closed", study.secret.hex())
     assert page.get_by_test_id("make-release").is_enabled()
+    page.get_by_test_id("make-report").click()
+    link = page.locator("#report a").first
+    link.wait_for(state="visible", timeout=IDLE_WORK_MS)
+    with page.expect_download() as download:
+        link.click()
+    assert download.value.suggested_filename == "small-report.html"
+    assert "Dunes of the south" in download.value.path().read_text()
 
     page.get_by_test_id("logout").click()
     page.get_by_test_id("password").wait_for(state="visible")

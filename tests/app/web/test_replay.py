@@ -12,6 +12,7 @@ import pytest
 from app.db.store import Store
 from tests.support import job_functions
 from tests.support.recorded import add_session, open_episode, play
+from tests.support.servers import eventually
 
 
 class Page(HTMLParser):
@@ -77,6 +78,7 @@ def test_an_address_with_34_questions_has_two_that_wait_and_keeps_no_ghost_from_
     ended, _ = recorded(tmp_path / "playground.db")
     server = serve()
     for _ in range(3):
+        eventually(lambda: server.services.jobs.waiting() < 2)
         server.services.jobs.submit(job_functions.sleep, 600, owner="127.0.0.2")
     greedy, other = (
         server.client(transport=httpx.HTTPTransport(local_address=f"127.0.0.{number}"))

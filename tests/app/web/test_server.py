@@ -73,7 +73,7 @@ import asyncio, gc, uvicorn
 from fastapi import FastAPI
 from app.web.listening import AnnouncingServer, listen
 async def start():
-    server = AnnouncingServer(uvicorn.Config(FastAPI(), lifespan="off"), "http://nowhere")
+    server = AnnouncingServer(uvicorn.Config(FastAPI(), lifespan="off"), "http://nowhere", print)
     server.config.load()
     server.lifespan = server.config.lifespan_class(server.config)
     await server.startup([listen("127.0.0.1", 0)])
