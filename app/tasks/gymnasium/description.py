@@ -48,7 +48,9 @@ class Description(BaseModel):
     wrappers: tuple[str, ...] = Field(
         (), description='put around it, the innermost first: "module:Class", called with the environment alone'
     )  # fmt: skip
-    title: str = Field("", max_length=100, description="what pages call it; the id otherwise")
+    title: str = Field(
+        "", max_length=100, description="what pages call it; the id without its module otherwise"
+    )
     instructions: str = Field("", max_length=2000, description="what players are told to do")
     actions: tuple[str, ...] = Field((), description="names of the actions, by their codes")
     keys: dict[str, str | int] = Field(

@@ -284,7 +284,10 @@ class GymnasiumRules:
         self.description = completed(described(told))
         self.level, self._told = self.description.id, described(told).told
         spec_of(self.level)
-        self.name, self.title = f"gymnasium:{self._told}", self.description.title or self.level
+        self.name, self.title = (
+            f"gymnasium:{self._told}",
+            self.description.title or self.level.rpartition(":")[2],
+        )
         self.instructions = self.description.instructions
 
     @property

@@ -6,6 +6,8 @@ import { capital, many, score } from "../../common/words.js";
 /** A picture with a shorter side, pixels, is enlarged without smoothing. */
 const SMALL = 256;
 
+const FAILED = "It failed twice at the next move, which was not your doing. The round counts up to there.";
+
 /** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
 const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 
@@ -54,7 +56,7 @@ export function taskOf(about) {
   /** @param {Picture.Course} course @param {number} step */
   const frameAt = ({ frames }, step) => frames.filter((frame, index) => index === 0 || frame.step <= step).slice(-1)[0];
   /** @param {Picture.Frame} frame */
-  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${many(step, "move")}`, line: "" });
+  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${many(step, "move")}`, line: outcome === "environment_failed" ? FAILED : "" });
   return {
     ...about, order: reached(about), round: "round", target: "the end", standing: "",
     chart: {

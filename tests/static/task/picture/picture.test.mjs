@@ -14,6 +14,8 @@ test("a frame is told by its text, its headline and its outcome", () => {
   assert.deepEqual(task.inWords(frame({ step: 1 }), "You"), { line: "SFFF; FHFH; running after 1 move", rows: ["SFFF", "FHFH"] });
   assert.deepEqual(task.headline(frame({ headline: 1 })), { value: "1", unit: "return", share: 1 });
   assert.equal(task.ending(frame({ step: 6, outcome: "timed_out" })).title, "Timed out after 6 moves");
+  const failed = task.ending(frame({ step: 6, outcome: "environment_failed" }));
+  assert.deepEqual([failed.title, /not your doing/.test(failed.line)], ["Environment failed after 6 moves", true]);
   assert.deepEqual(task.trialEnding(frame({ outcome: "success", headline: 1 }), "").figures, [["Moves", "0"], ["return", "1"]]);
   assert.equal(task.announcement(frame(), frame({ step: 1, text: null })), "");
   assert.equal(task.announcement(frame(), frame({ step: 6, outcome: "success" })), "Success after 6 moves.");
