@@ -1,6 +1,5 @@
 """Sessions that come and go leave the server's memory and its file descriptors as they were."""
 
-import os
 import random
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +11,6 @@ from tests.support.servers import eventually
 
 pytestmark = pytest.mark.long
 
-SOAK_MINUTES = float(os.environ.get("MARS_SOAK_MINUTES", "30"))
 GROWTH = 1.05
 """Resident memory at the end, as a share of that at the beginning, at most."""
 
@@ -52,38 +50,18 @@ def come_and_go(server, number):
     client.close()
 
 
-def begin(spawn):
-    """Start a server on which what happens once has happened: code compiled, caches filled, threads started.
+def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
+    """Of a server on which what happens once has happened: code compiled, caches filled, threads started.
 
-    Each thread that reads has a connection to the database, so as many people come at once as later.
+    Each thread that reads has a connection to the database, so as many people come at once before as later.
     """
     server = spawn(idle_s=1.0, limits=UNLIMITED)
     with ThreadPoolExecutor(8) as people:
         list(people.map(lambda number: come_and_go(server, number), range(200)))
-    return server
-
-
-def check_came_back(what, before, after):
-    print(f"\n{what}: MB and descriptors {before} -> {after}")
-    assert after[0] <= GROWTH * before[0]
-    assert after[1] <= before[1]
-
-
-def test_memory_and_descriptors_come_back_after_a_thousand_sessions(spawn):
-    server = begin(spawn)
     before = state_of(server)
     with ThreadPoolExecutor(8) as people:
         list(people.map(lambda number: come_and_go(server, number), range(1000)))
-    check_came_back("1,000 sessions", before, state_of(server))
-
-
-@pytest.mark.timeout(SOAK_MINUTES * 60 + 600)
-def test_a_soak_ends_at_the_memory_and_descriptors_it_began_with(spawn):
-    server = begin(spawn)
-    before, until, number = state_of(server), time.monotonic() + 60 * SOAK_MINUTES, 0
-    with ThreadPoolExecutor(4) as people:
-        while time.monotonic() < until:
-            list(people.map(lambda each: come_and_go(server, each), range(number, number + 8)))
-            number += 8
-            time.sleep(0.25)
-    check_came_back(f"{SOAK_MINUTES:g} minutes, {number} sessions", before, state_of(server))
+    after = state_of(server)
+    print(f"\n1,000 sessions: MB and descriptors {before} -> {after}")
+    assert after[0] <= GROWTH * before[0]
+    assert after[1] <= before[1]

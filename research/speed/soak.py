@@ -1,0 +1,248 @@
+"""A server for hours: twenty players, two studies, backups, exports and floods, and whether anything grows.
+
+    python -m research.speed.soak [--minutes 360] [--every 60] [--out build/soak]
+
+Ten participants of two studies play at a person's pace, ten people come, move three times and go, and watch now and then.
+A backup and an export are made every 30 minutes, and one client floods the server for a minute in every hour, another way
+each time; a short run has three of each. A sample is taken every `--every` seconds. At the end come SIGTERM and
+`verify`. What is written: soak.csv, a line a sample, and soak.svg, its curves. The exit code is 1 where the server does not
+end with 0 within five seconds, `verify` finds something, or the last quarter's median is above that of the second by more than
+5 % of the memory or 15 % of the descriptors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import logging
+import os
+import random
+import secrets
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+from matplotlib.figure import Figure
+
+from app.web.simulate import Outcome, Plan, RefusedError, ServerAwayError, simulate
+from tests.app.protection.test_bare_port import MISBEHAVING
+from tests.app.protection.test_memory import come_and_go
+from tests.support.others import misbehaving
+from tests.support.servers import Running
+from tests.support.study import freeze
+
+STUDIES, PARTICIPANTS, VISITORS = ("first", "second"), 5, 10
+PAUSE_S = (6.0, 10.0)
+"""Between two visits of one person: ten of them stay below what one address may begin."""
+KINDS = ("pings", "messages", "requests", "head", "silent")
+MOST_GROWTH = {"resident_mb": 1.05, "descriptors": 1.15}
+STOP_S = 5.0
+CURVES = {
+    "resident_mb": "resident memory, MB",
+    "descriptors": "file descriptors",
+    "p99_ms": "a participant's move, p99, ms",
+    "database_mb": "database and log, MB",
+}
+
+
+class Soak:
+    """A server in a process of its own, and everybody who is at it."""
+
+    def __init__(self, folder: Path, minutes: float) -> None:
+        self._database, self._outcomes = folder / "playground.db", list[list[Outcome]]()
+        self._over, self._token = threading.Event(), secrets.token_hex(16)
+        for name in STUDIES:
+            freeze(folder / "studies", name, players=1000)
+        settings = {
+            "DATABASE": self._database,
+            "STUDIES": folder / "studies",
+            "PORT": 0,
+            "BACKUP_EVERY": min(30.0, minutes / 3),
+            "BACKUP_TO": folder / "backups",
+            "LIMITS__TOKEN": self._token,
+        }
+        environment = os.environ | {f"MARS_{name}": str(each) for name, each in settings.items()}
+        command = [sys.executable, "-m", "app.cli", "serve"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        assert self.process.stdout is not None
+        line = next(line for line in self.process.stdout if "is open at" in line)
+        self.server = Running(int(line.split("http://127.0.0.1:")[1].split()[0]))
+
+    def begin(self) -> list[threading.Thread]:
+        """Let everybody come; the threads end soon after `end`."""
+        works: list[Callable[[int], None]] = [self._take_part] * len(STUDIES)
+        works += [self._visit] * VISITORS
+        threads = [threading.Thread(target=each, args=[n]) for n, each in enumerate(works)]
+        for thread in threads:
+            thread.start()
+        return threads
+
+    def _take_part(self, number: int) -> None:
+        for seed in itertools.count():
+            outcomes: list[Outcome] = []
+            self._outcomes.append(outcomes)
+            plan = Plan(
+                self.server.url, STUDIES[number], PARTICIPANTS, seed, leaving=0.2, speed=1.0, wait_s=2.0, token=self._token
+            )  # fmt: skip
+            try:
+                simulate(plan, outcomes)
+            except (ServerAwayError, RefusedError, TimeoutError) as error:
+                if not self._over.is_set():
+                    print(f"participants of {plan.study} begin anew: {error}", flush=True)
+            if self._over.wait(1.0):
+                return
+
+    def _visit(self, number: int) -> None:
+        pause = random.Random(number)
+        for visit in itertools.count(number, VISITORS):
+            if self._over.wait(pause.uniform(*PAUSE_S)):
+                return
+            with suppress(httpx.TransportError, KeyError, OSError, TimeoutError, RefusedError):
+                come_and_go(self.server, visit)
+
+    def flood(self, kind: str, seconds: float) -> None:
+        """Misbehave from an address of its own."""
+        begun = httpx.post(f"{self.server.url}/api/sessions", json={"size": 9}).json()
+        path = f"/ws/sessions/{begun['session']}"
+        with misbehaving(MISBEHAVING, self.server.port, path, kind):
+            self._over.wait(seconds)
+
+    def export(self) -> int:
+        """Return the status with which the table of steps is answered, once it has come."""
+        with suppress(httpx.TransportError):
+            return httpx.get(f"{self.server.url}/api/export/steps.csv", timeout=600).status_code
+        return 0
+
+    def sample(self) -> dict[str, float]:
+        """Return what is drawn, and how many moves of participants are behind it; they are counted once."""
+        proc = Path(f"/proc/{self.process.pid}")
+        resident = (proc / "status").read_text().split("VmRSS:")[1].split()[0]
+        files = [self._database, self._database.with_name("playground.db-wal")]
+        trips: list[float] = []
+        for outcome in itertools.chain.from_iterable(self._outcomes):
+            count = len(outcome.round_trips_ms)
+            trips += outcome.round_trips_ms[:count]
+            del outcome.round_trips_ms[:count]
+        return {
+            "resident_mb": int(resident) / 1024,
+            "descriptors": len(list((proc / "fd").iterdir())),
+            "p99_ms": float(np.percentile(trips, 99)) if trips else float("nan"),
+            "moves": len(trips),
+            "database_mb": sum(each.stat().st_size for each in files if each.exists()) / 1e6,
+        }
+
+    def end(self) -> tuple[int, float]:
+        """End the server by SIGTERM; return its exit code and how many seconds it took."""
+        self._over.set()
+        began = time.monotonic()
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(60), time.monotonic() - began
+
+
+def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, Any]], bool]:
+    """Return the samples of a soak, and whether the server ended and its database is as it should be."""
+    soak = Soak(folder, minutes)
+    with ExitStack() as stack:
+        stack.callback(soak.process.kill)
+        threads, began, samples = soak.begin(), time.monotonic(), list[dict[str, Any]]()
+        hour_s, half_s = min(3600.0, 20 * minutes), min(1800.0, 20 * minutes)
+        flood_s = min(60.0, hour_s / 4)
+        events = [
+            (hour_s * (n + 0.5), KINDS[n % len(KINDS)]) for n in range(int(60 * minutes / hour_s))
+        ]
+        events += [(half_s * (n + 0.75), "export") for n in range(int(60 * minutes / half_s))]
+        events.sort()
+        while (now := time.monotonic() - began) < 60 * minutes:
+            noted = []
+            while events and events[0][0] <= now:
+                noted.append(name := events.pop(0)[1])
+                work = (
+                    soak.export if name == "export" else lambda name=name: soak.flood(name, flood_s)
+                )
+                threads.append(threading.Thread(target=work))
+                threads[-1].start()
+            time.sleep(every_s)
+            samples.append(
+                {
+                    "minutes": (time.monotonic() - began) / 60,
+                    **soak.sample(),
+                    "began": " ".join(noted),
+                }
+            )
+            print(
+                "  ".join(
+                    f"{key} {each:.1f}" if isinstance(each, float) else f"{key} {each}"
+                    for key, each in samples[-1].items()
+                ),
+                flush=True,
+            )
+        code, took_s = soak.end()
+        for thread in threads:
+            thread.join()
+    print(f"SIGTERM: exit code {code} after {took_s:.1f} s", flush=True)
+    where = ["--database", str(folder / "playground.db"), "--studies", str(folder / "studies")]
+    verified = subprocess.run([sys.executable, "-m", "app.cli", "verify", *where]).returncode
+    print(f"{len(list((folder / 'backups').glob('*.db')))} backups")
+    return samples, code == 0 and took_s < STOP_S and verified == 0
+
+
+def growth(samples: list[dict[str, Any]], name: str) -> float:
+    """Return the median of the last quarter as a multiple of that of the second; 1 where there are too few."""
+    values, quarter = [each[name] for each in samples], len(samples) // 4
+    if quarter == 0:
+        return 1.0
+    return float(np.median(values[-quarter:]) / np.median(values[quarter : 2 * quarter]))
+
+
+def draw(samples: list[dict[str, Any]], path: Path) -> None:
+    """Draw the curves over the minutes, with a grey line where a flood began."""
+    figure = Figure(figsize=(8, 9), layout="constrained")
+    for axes, (name, title) in zip(
+        figure.subplots(len(CURVES), sharex=True), CURVES.items(), strict=True
+    ):
+        axes.plot([each["minutes"] for each in samples], [each[name] for each in samples])
+        axes.set_title(title, loc="left", fontsize=9)
+        axes.set_ylim(bottom=0)
+        for each in samples:
+            if set(each["began"].split()) & set(KINDS):
+                axes.axvline(each["minutes"], color="0.8", zorder=0)
+    axes.set_xlabel("minutes; grey: a flood")
+    figure.savefig(path)
+
+
+def main() -> int:
+    """Run the soak, write its files, print what grew, and return the exit code."""
+    logging.getLogger("websockets").setLevel(
+        logging.CRITICAL
+    )  # of sockets that are cut off on purpose
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--minutes", type=float, default=360.0)
+    parser.add_argument("--every", type=float, default=60.0, help="seconds between samples")
+    parser.add_argument("--out", type=Path, default=Path("build/soak"))
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        samples, is_well = run(Path(folder), given.minutes, given.every)
+    with (given.out / "soak.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, samples[0])
+        table.writeheader()
+        table.writerows(samples)
+    draw(samples, given.out / "soak.svg")
+    grown = {name: growth(samples, name) for name in MOST_GROWTH}
+    print(", ".join(f"{name} x {each:.3f}" for name, each in grown.items()))
+    is_flat = all(grown[name] <= most for name, most in MOST_GROWTH.items())
+    return 0 if is_well and is_flat else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
