@@ -333,6 +333,9 @@ class Rules(Protocol):
     def where(self, config: Configuration) -> str:
         """Return what was played, in words of a sentence."""
 
+    def sees(self, config: Configuration) -> str:
+        """Return what people see of it and what agents are given, a sentence; "" where that is not said."""
+
     def design(self, config: Configuration) -> str:
         """Return what a preregistration says of a configuration, whole sentences."""
 

@@ -79,10 +79,11 @@ class ReleaseHeader:
         counted = "{participants} participants, {episodes} episodes, {steps} moves, {input_events} input events".format_map(
             counts
         )
-        where = self.protocol.rules.where(config)
+        where, sees = self.protocol.rules.where(config), self.protocol.rules.sees(config)
         return (
             f"Recordings of the {self.protocol.rules.title} study {self.study}: {counted}, on {where}. Every participant met "
             f"the same {self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
+            f"{sees and f' {sees}'}"
         )
 
     def to_dict(self) -> dict[str, Any]:

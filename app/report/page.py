@@ -30,21 +30,24 @@ from app.task import rules_of
 FOLDER = Path(__file__).parent
 
 
-def _where(protocol: Mapping[str, Any]) -> str:
-    """Return what was played, beginning a sentence."""
+def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what was played, beginning a sentence, and what was seen of it."""
     rules = rules_of(protocol["task"])
-    text = rules.where(rules.configuration(protocol["config"]))
-    return text[0].upper() + text[1:]
+    config = rules.configuration(protocol["config"])
+    text = rules.where(config)
+    return text[0].upper() + text[1:], rules.sees(config)
 
 
 def render(report: Report) -> str:
     """Return the page."""
+    where, sees = _where(report.protocol)
     return (
         _environment()
         .get_template("page.html.j2")
         .render(
             report=report,
-            where=_where(report.protocol),
+            where=where,
+            sees=sees,
             words=rules_of(report.protocol["task"]).words,
             level=LEVELS_IN_WORDS[report.protocol["required_attestation"]],
             recruitment=report.protocol.get("recruitment", "open"),

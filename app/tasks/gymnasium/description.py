@@ -75,10 +75,14 @@ class Description(BaseModel):
         512, ge=16, le=2**20, description="resident memory that a board may take beyond its package's, MB"
     )  # fmt: skip
     people_see: str = Field(
-        "", max_length=200, description="what the picture shows; printed in the preregistration"
+        "",
+        max_length=200,
+        description="what the picture shows; printed in preregistration, report and datasheet",
     )
     agents_see: str = Field(
-        "", max_length=200, description="what its observation holds; printed in the preregistration"
+        "",
+        max_length=200,
+        description="what its observation holds; printed in preregistration, report and datasheet",
     )
 
     @field_validator("actions")
@@ -215,6 +219,8 @@ def completed(given: Description) -> Description:
     """Return a description with what the catalogue knows of its environment where it says nothing."""
     fits = [name for name in _catalogue()["known"] if given.id.startswith(name)]
     known = _catalogue()["known"][max(fits, key=len)] if fits else {}
+    if given.kwargs or given.wrappers:  # they may change what is seen
+        known = {name: value for name, value in known.items() if not name.endswith("_see")}
     if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
         known = {name: value for name, value in known.items() if name != "keys"}
     return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})

@@ -429,14 +429,18 @@ class GymnasiumRules:
         """Return the environment's id, with its arguments where there are some."""
         return config.level if config.arguments == "{}" else f"{config.level} {config.arguments}"
 
+    def sees(self, config: GymnasiumConfig) -> str:
+        """Return what people and agents see, where the description says it of these arguments."""
+        seen, given = self.description.people_see, self.description.agents_see
+        if not (seen or given) or config.arguments != canonical(self.description.kwargs):
+            return ""
+        people, agents = seen or "its picture", given or "its observation"
+        same = "the same" if people == agents else agents
+        return f"People see {people}; agents are given {same}."
+
     def design(self, config: GymnasiumConfig) -> str:
         """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
-        seen, given = self.description.people_see, self.description.agents_see
-        sees = (
-            f" People see {seen or 'its picture'}; agents are given {given or 'its observation'}."
-            if seen or given
-            else ""
-        )
+        sees = f" {said}" if (said := self.sees(config)) else ""
         described = "" if self._told == self.level else f" It is described by `{self._told}`."
         return f"`{self.where(config)}` with {self.version}, at most {config.limit} moves an episode.{sees}{described}"
 

@@ -148,6 +148,10 @@ class MarsRules:
         """Return level and size in words."""
         return f"level {config.level}, {config.rows} x {config.cols}"
 
+    def sees(self, config: EnvConfig) -> str:
+        """Return nothing: a person's page and a policy's observation hold the same, what was discovered."""
+        return ""
+
     def design(self, config: EnvConfig) -> str:
         """Return level, size, lidar and what is complete."""
         where = f"Level `{config.level}` at {config.rows}x{config.cols}"

@@ -15,6 +15,7 @@ from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import Choice, rules_of
 from app.tasks.gymnasium.description import Description, read_description
+from app.tasks.gymnasium.rules import GymnasiumRules
 from app.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
 from tests.support.servers import eventually
@@ -153,6 +154,22 @@ def test_play_opens_a_browser_at_the_environment(tmp_path):
         finally:
             server.send_signal(signal.SIGINT)
         assert server.wait(20) == 0
+
+
+def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
+    rooms = "minigrid:MiniGrid-FourRooms-v0"
+    assert "People see the whole grid from above" in GymnasiumRules(rooms).design(
+        GymnasiumRules(rooms).default
+    )
+    pov = Description(id=rooms, kwargs={"agent_pov": True})
+    rules = GymnasiumRules(pov.told)
+    assert rules.sees(rules.default) == ""
+    said = Description(
+        id=rooms, kwargs={"agent_pov": True}, people_see="7x7 cells", agents_see="7x7 cells"
+    )
+    rules = GymnasiumRules(said.told)
+    assert rules.sees(rules.default) == "People see 7x7 cells; agents are given the same."
+    assert rules.sees(rules.configuration({"kwargs": {"agent_pov": False}})) == ""
 
 
 def test_a_wrapper_makes_actions_of_a_wheel():

@@ -79,8 +79,12 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert (figure["players"], figure["episodes"]) == (2, 8)
     text = page.read_text()
     assert "Moves to success" in text
+    sees = "People see the whole grid from above; agents are given 7x7 cells before the agent."
+    assert (sees in text) == (ROOMS in report["protocol"]["task"])
     assert [word for word in ("99 %", "lidar", "rover", "obstacle") if word in text] == []
     assert run("release", "--study", "lake", *studies, *database, "--out", tmp_path / "bundle") == 0
+    datasheet = (tmp_path / "bundle/DATASHEET.md").read_text()
+    assert (sees in datasheet) == (ROOMS in report["protocol"]["task"])
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
