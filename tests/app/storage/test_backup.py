@@ -293,6 +293,7 @@ def test_a_file_whose_schema_could_act_is_opened_by_nothing(database, tmp_path, 
 
 OPENING = {
     "serve": "--database FILE --port 0",
+    "play": "--no-browser --database FILE",
     "export": "--database FILE --out new",
     "replay": "a1b2 --database FILE --out new.html",
     "study close": "open --yes --database FILE --studies studies",
