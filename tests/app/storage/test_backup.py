@@ -104,33 +104,31 @@ def test_a_backup_overwrites_nothing_and_leaves_nothing_when_it_is_ended(databas
     assert not list(tmp_path.glob("copy*"))
 
 
-LIMITED = """import resource, signal, sys
-from pathlib import Path
-from app.db.backup import back_up
-from app.db.database import StoreError
-from app.db.merging import merge
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]), int(sys.argv[3])))
-try:
-    back_up(Path(sys.argv[1]), Path(sys.argv[2]))
-except StoreError as error:
-    print(error)
+LIMITED = """import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (8 * 4096, 8 * 4096))
+from app.cli.main import main
+main(sys.argv[1:])
 """
 
 
-def test_a_full_disk_ends_a_backup_in_one_sentence(database, tmp_path):
-    command = [
-        sys.executable,
-        "-c",
-        LIMITED,
-        str(database),
-        str(tmp_path / "copy.db"),
-        str(8 * 4096),
-    ]
-    said = subprocess.run(command, check=True, capture_output=True, text=True)
-    assert said.stdout.startswith(f"cannot copy {database}")
-    assert said.stderr == ""
-    assert not list(tmp_path.glob("copy*"))
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["backup", "copy.db"], "cannot copy play.db"),
+        (["export", "--out", "copy"], "cannot write to copy, choose another --out: file too large"),
+    ],
+)
+def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_path, words, said):
+    with closing(Store(database)) as store:
+        for seed in range(60):
+            play(store, seed=seed, explore=True)
+    (tmp_path / "copy").mkdir()
+    command = [sys.executable, "-c", LIMITED, *words, "--database", "play.db"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith(f"marsexplorer: {said}")
+    assert done.stderr.count("\n") == 1
+    assert [*tmp_path.glob("copy*"), *tmp_path.glob("copy/*")] == [tmp_path / "copy"]
 
 
 def test_the_last_backups_of_hours_days_and_weeks_stay_and_other_files_are_left_alone(
