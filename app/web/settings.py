@@ -79,7 +79,8 @@ class Limits(BaseModel):
     messages         of any one websocket; beyond, they wait, and a flood of them closes it with 1008
     body_s           seconds in which the body of a request has come; beyond, it is answered 408
     answer_s         seconds in which a client takes what is sent to it; beyond, it is disconnected
-    requests_per_address                       HTTP requests
+    requests_per_address                       HTTP requests; beyond, they are refused
+    paced_per_address                          those for no file of a page; beyond, they wait
     joins_per_address, joins_per_player        new and resumed participations
     sessions_per_address, sessions_per_player  new boards and attempts at the daily terrain
     episodes_per_address, episodes_per_player  next episodes
@@ -101,6 +102,7 @@ class Limits(BaseModel):
     body_s: float = Field(default=60.0, gt=0)
     answer_s: float = Field(default=20.0, gt=0)
     requests_per_address: Bucket = "8000+500/s"
+    paced_per_address: Bucket = "1000+100/s"
     joins_per_address: Bucket = "300+1/s"
     joins_per_player: Bucket = "30+0.5/s"
     sessions_per_address: Bucket = "300+2/s"

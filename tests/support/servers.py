@@ -182,7 +182,7 @@ def hasty_limits():
     from app.web.settings import Limits
 
     fast = "100000+100000/s"
-    return Limits(messages=fast, requests_per_address=fast)
+    return Limits(messages=fast, requests_per_address=fast, paced_per_address=fast)
 
 
 @pytest.fixture

@@ -92,6 +92,11 @@ class TokenBucket:
         self._tokens -= 1.0
         return 0.0
 
+    def reserve(self) -> float:
+        """Take a token, also one that is missing, and return for how many seconds it is."""
+        self._tokens = self._refilled() - 1.0
+        return max(0.0, -self._tokens / self._rate)
+
     def owe(self, count: int) -> None:
         """Take so many tokens; the bucket owes no more than that."""
         self._tokens = max(self._refilled() - count, -float(count))
@@ -227,10 +232,13 @@ class Protection:
         given = Headers(scope=scope).get(TOKEN_HEADER, "").encode()
         return bool(self._token) and hmac.compare_digest(given, self._token)
 
-    def admit(self, scope: Scope) -> None:
-        """Count a request; RefusedRequestError (429) where it is one too many."""
+    async def admit(self, scope: Scope) -> None:
+        """Count a request, and let it wait for its turn; RefusedRequestError (429) where it is one too many."""
         address = client_address(HTTPConnection(scope))
-        self._take("requests", f"{address} probes" if scope["path"] in PROBES else address)
+        key = f"{address} probes" if scope["path"] in PROBES else address
+        self._take("requests", key)
+        if "/static/" not in scope["path"]:
+            await asyncio.sleep(self._buckets["paced_per_address"].of(key).reserve())
         if (action := _action_of(scope)) is not None:
             self._take(action, address)
             if (player := _player_of(scope)) is not None:
@@ -315,7 +323,7 @@ class LimitedClients:
             WRITTEN.set(lambda study, size: stored.add(owners_of(scope, study), size))
         if scope["type"] == "http":
             if not self._protection.has_token(scope):
-                self._protection.admit(scope)
+                await self._protection.admit(scope)
             await self._serve_request(scope, receive, send)
         elif scope["type"] == "websocket" and not self._protection.has_token(scope):
             await self._serve_socket(scope, receive, send)

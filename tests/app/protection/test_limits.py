@@ -3,10 +3,13 @@
 import re
 import socket as sockets
 import struct
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
+import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -201,6 +204,22 @@ def test_requests_of_an_address_have_a_rate_and_probes_their_own(serve):
     assert answers[2].headers["retry-after"] == "10"
     assert [client.get("/healthz").status_code for _ in range(3)] == [200, 200, 429]
     assert client.get("/nowhere", headers={"X-Mars-Token": TOKEN}).status_code == 404
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one machine has many addresses there alone")
+def test_requests_of_an_address_wait_beyond_a_pace_and_nobody_elses_do(serve):
+    server = serve(limits=Limits(paced_per_address="5+10/s"))
+    greedy, other = (
+        server.client(transport=httpx.HTTPTransport(local_address=f"127.0.0.{number}"))
+        for number in (2, 3)
+    )
+    began = time.monotonic()
+    with ThreadPoolExecutor(25) as connections:
+        asked = connections.map(greedy.get, ["/api/health"] * 25)
+        assert other.get("/api/health").status_code == 200
+        assert time.monotonic() - began < 1.5
+        assert {each.status_code for each in asked} == {200}
+    assert time.monotonic() - began > 1.9
 
 
 def test_a_request_that_is_refused_closes_its_connection(serve):

@@ -167,7 +167,7 @@ def test_a_table_that_is_sent_has_no_name_and_is_closed_when_its_reader_goes(ser
         assert open_downloads(os.getpid())
         assert server.services.downloads._sent["127.0.0.1"] > 500_000
     eventually(lambda: not open_downloads(os.getpid()))
-    assert not server.services.downloads._sent
+    eventually(lambda: not server.services.downloads._sent)
 
 
 def test_a_table_that_is_sent_for_too_long_is_closed_with_its_connection(serve, monkeypatch):
