@@ -181,15 +181,13 @@ def pins_file() -> Path:
 
 
 def task_name(given: str) -> str:
-    """Return the name of a task as it is recorded, of an id of Gymnasium's or a TOML file; BadParameter where it is none."""
-    from app.tasks.gymnasium.description import read_description
+    """Return the name of a task as it is recorded, of what `told_of` takes; BadParameter where it is none."""
+    from app.tasks.gymnasium.description import told_of
 
     if given == "mars" or given.startswith("gymnasium:"):
         return given
     try:
-        return (
-            f"gymnasium:{read_description(Path(given)).told if given.endswith('.toml') else given}"
-        )
+        return f"gymnasium:{told_of(given)}"
     except OSError as error:
         raise click.BadParameter(f"cannot read {given}: {reason(error)}") from error
     except ValueError as error:

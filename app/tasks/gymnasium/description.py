@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
 from importlib import import_module
-from importlib.metadata import packages_distributions
+from importlib.metadata import entry_points, packages_distributions
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -29,6 +29,10 @@ SPECIAL = {
     1073741905: "ArrowDown", 1073741903: "ArrowRight", 1073741904: "ArrowLeft",
 }  # fmt: skip
 """pygame's codes (before and since 2.0) of the keys that print no letter."""
+
+
+GROUP = "marsexplorer.tasks"
+"""The entry points by which packages offer environments under names of their own."""
 
 
 class Description(BaseModel):
@@ -224,6 +228,22 @@ def completed(given: Description) -> Description:
     if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
         known = {name: value for name, value in known.items() if name != "keys"}
     return Description.model_validate({**known, **given.model_dump(exclude_unset=True)})
+
+
+def told_of(given: str) -> str:
+    """Return what describes an environment that is named by a TOML file, by what a package offers, or by its id.
+
+    A package offers a dictionary of the fields under the entry-point group GROUP. ValueError where what is said is wrong,
+    OSError where a file cannot be read.
+    """
+    if given.endswith(".toml"):
+        return read_description(Path(given)).told
+    for offer in entry_points(group=GROUP, name=given):
+        try:
+            return Description.model_validate(offer.load()).told
+        except ValidationError as error:
+            raise ValueError(f"{given}, which {offer.value} describes: {_first(error)}") from error
+    return given
 
 
 def read_description(path: Path) -> Description:

@@ -382,19 +382,11 @@ class GymnasiumRules:
             else f"the last {score!r} that the environment told"
         )
         if self.description.success:
-            steps, reached, short, counts = (
-                "moves to success",
-                "succeeded",
-                "short of success",
-                "does not succeed",
-            )
+            steps, reached = "moves to success", "succeeded"
+            short, counts = "short of success", "does not succeed"
         else:
-            steps, reached, short, counts = (
-                "moves to the end",
-                "ended by itself",
-                "without an end",
-                "does not end by itself",
-            )
+            steps, reached = "moves to the end", "ended by itself"
+            short, counts = "without an end", "does not end by itself"
         definition = f"An episode that {counts} counts max_steps. The score is the {score}, {what}."
         definition += (
             " Where the environment itself failed, the episode counts as left at that move."

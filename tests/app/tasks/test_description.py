@@ -156,6 +156,23 @@ def test_play_opens_a_browser_at_the_environment(tmp_path):
         assert server.wait(20) == 0
 
 
+def test_a_package_offers_an_environment_under_a_name_of_its_own(tmp_path, monkeypatch, capsys):
+    (tmp_path / "rooms-1.dist-info").mkdir()
+    (tmp_path / "rooms-1.dist-info/METADATA").write_text(
+        "Metadata-Version: 2.1\nName: rooms\nVersion: 1\n"
+    )
+    offered = "[marsexplorer.tasks]\nhome = rooms_of_ours:HOME\nnone = rooms_of_ours:NONE\n"
+    (tmp_path / "rooms-1.dist-info/entry_points.txt").write_text(offered)
+    (tmp_path / "rooms_of_ours.py").write_text(
+        f"HOME = {{'id': '{PATH}', 'title': 'Home', 'max_steps': 6}}\nNONE = {{'idd': 1}}\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    code, printed, _ = command(capsys, "doctor", "home", "--toml")
+    assert (code, 'title = "Home"' in printed, "max_steps = 6" in printed) == (0, True, True)
+    code, _, said = command(capsys, "doctor", "none", "--toml")
+    assert (code, "none, which rooms_of_ours:NONE describes: " in said) == (2, True)
+
+
 def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     rooms = "minigrid:MiniGrid-FourRooms-v0"
     assert "People see the whole grid from above" in GymnasiumRules(rooms).design(
