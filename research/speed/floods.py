@@ -2,6 +2,7 @@
 
     python -m research.speed.floods --database FILE [--seconds 4] [--rounds 3] [--port bare|nginx]
 
+`python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and `FOLDER/studies`.
 A server plays on a copy of the database, alone and behind the nginx of `deploy/`. Eight people make ten moves a second each.
 One client, at another address and with the processor's lowest priority, since elsewhere it is another machine's, floods the
 server in one way after the other. Quiet times and floods take turns. A last row is of another's ghosts while ghosts and regrets
@@ -43,8 +44,8 @@ from tests.support.others import measure
 GREEDY = "127.0.0.2"
 CONNECTIONS = 40
 READS = (
-    "episodes?limit=1000",
-    "episodes?limit=1000&who=human",
+    "episodes?limit=200",
+    "episodes?limit=200&who=human",
     "leaderboard",
     "human-level",
     "daily",
@@ -73,7 +74,7 @@ class Greedy:
 
     def slow_readers(self, number: int) -> None:
         """Ask for what is long, and read a byte a second."""
-        path = "/api/export/episodes.csv" if number % 2 else "/api/episodes?limit=1000"
+        path = "/api/export/episodes.csv" if number % 2 else "/api/episodes?limit=200"
         with self._connected() as connection:
             connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {self._url.netloc}\r\n\r\n".encode())
             while connection.recv(1):
@@ -189,14 +190,13 @@ def served(database: Path, port_kind: str) -> Iterator[SimpleNamespace]:
             subprocess.Popen(
                 [sys.executable, "-m", "app.cli", *map(str, command)],
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
                 text=True,
             )
         )
         stack.callback(process.terminate)
         assert process.stdout is not None
         if not any("is open at" in line for line in process.stdout):
-            sys.exit(f"the server did not start: marsexplorer {' '.join(map(str, command))}")
+            sys.exit("the server did not start: see above")
         url = f"http://127.0.0.1:{port}"
         if port_kind == "nginx":
             text = shipped(front, free_port(), port)
@@ -277,6 +277,7 @@ def main() -> None:
     worst = 0.0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(shutil.copy(given.database, folder))
+        (copy.parent / "studies").symlink_to(given.database.absolute().parent / "studies")
         for port, (what, kind, of) in itertools.product(given.port or ("bare", "nginx"), rows):
             quiet, busy, answers = compare(copy, port, kind, of, given.rounds)
             told = ", ".join(f"{status}: {count:,}" for status, count in sorted(answers.items()))
