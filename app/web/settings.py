@@ -102,7 +102,7 @@ class Limits(BaseModel):
     body_s: float = Field(default=60.0, gt=0)
     answer_s: float = Field(default=20.0, gt=0)
     requests_per_address: Bucket = "8000+500/s"
-    paced_per_address: Bucket = "1000+100/s"
+    paced_per_address: Bucket = "400+100/s"
     joins_per_address: Bucket = "300+1/s"
     joins_per_player: Bucket = "30+0.5/s"
     sessions_per_address: Bucket = "300+2/s"
