@@ -21,6 +21,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal
 
 from app.db.study_rows import SeriesRow
@@ -123,6 +124,21 @@ class Study:
         """Return the seeds of all ranked terrains, then of all warm-up terrains."""
         ranked = [self.seed("ranked", i) for i in range(self.protocol.ranked)]
         return ranked + [self.seed("warm-up", i) for i in range(self.protocol.warm_up)]
+
+
+BEGINNINGS = 20
+"""Seeds whose beginnings are compared when a study is frozen."""
+
+
+def beginnings(protocol: Protocol) -> int:
+    """Return how many different first frames BEGINNINGS seeds have: few, where who knows one instance knows others."""
+    rules, config = protocol.rules, protocol.env_config
+    found = set()
+    for drawn in range(BEGINNINGS):
+        terrain, start = rules.drawn(config, drawn)
+        cause = SimpleNamespace(config=config, seed=drawn, terrain=terrain, start=start)
+        found.add(rules.replay(cause).view().frame(""))
+    return len(found)
 
 
 class Folder:

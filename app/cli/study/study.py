@@ -210,6 +210,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     """
     from app.series.beacon import QUICKNET
     from app.series.files import iso, now_ms
+    from app.series.folder import BEGINNINGS, beginnings
 
     _check_database(database)
     with study_errors():
@@ -224,6 +225,11 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
         click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
+    if (looks := beginnings(found.protocol)) <= BEGINNINGS // 2:
+        click.echo(
+            f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
+            "whoever has played some instances may know the others"
+        )
     click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
     said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"

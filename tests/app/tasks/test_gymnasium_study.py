@@ -100,6 +100,8 @@ def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
         assert run("study", "new", name, *task, *sizes, *studies) == 0
         assert f"which are {spread}" in " ".join(capsys.readouterr().out.split())
         assert run("study", "freeze", name, "--underpowered", *studies) == 0
+        cautioned = "of 20 seeds only 1 looks different at the start" in capsys.readouterr().out
+        assert cautioned == (name == "lake")
     for name, of, plays in (("lake", LAKE, "mars"), ("mars", "mars", LAKE)):
         server = serve(task=plays)
         answer = server.page().post(f"/api/studies/{name}/join")
