@@ -9,12 +9,15 @@ configuration, instance and actions, so that an episode is stored as its cause a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import asyncio
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol, TypeVar, cast
+
+T = TypeVar("T")
 
 MAX_SEED = 2**53 - 1
 """The largest seed of an instance: every whole number up to it is one in JSON and in JavaScript."""
@@ -516,3 +519,9 @@ class Task(Rules, Protocol):
 
     def close(self) -> None:
         """End what runs beside the server for it."""
+
+
+async def on_threads(task: Task, function: Callable[..., T], *arguments: Any) -> T:
+    """Return what a function comes to on a task's threads, or on those of the event loop where it has none."""
+    loop = asyncio.get_running_loop()
+    return await loop.run_in_executor(task.steps_on, function, *arguments)

@@ -20,7 +20,7 @@ from app.board.messages import ChangePace, Pace, PaceMode
 from app.board.session import EPISODE_BYTES, HUMAN, Participation, Session
 from app.board.sources import Sources, WatchIds
 from app.db.store import Control, Resumable, SessionRow, Store, Trial
-from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode
+from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode, on_threads
 
 
 @dataclass
@@ -263,8 +263,8 @@ class Lobby:
     async def _begin_episodes(self, terrain: Choice, boards: int) -> tuple[int | None, list[Run]]:
         """Return the seed, a fresh one where no terrain was chosen and None on a map, and an episode for each board."""
         chosen = terrain if terrain.is_chosen else replace(terrain, seed=self.sources.seed())
-        return chosen.seed, await asyncio.to_thread(
-            lambda: [self.task.begin(chosen) for _ in range(boards)]
+        return chosen.seed, await on_threads(
+            self.task, lambda: [self.task.begin(chosen) for _ in range(boards)]
         )
 
     async def _open_episodes(
@@ -393,7 +393,7 @@ class Lobby:
         self, row: Resumable, participation: Participation | None, hides_scores: bool
     ) -> Session:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
-        run = await asyncio.to_thread(self.task.replay, row.episode, row.actions, row.ended)
+        run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
         session = Session(row.session, self.task, self.store, self.sources.clock_ms, participation)
         session.begin(row.episode, run, hides_scores)
         return session

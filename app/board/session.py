@@ -34,7 +34,7 @@ from app.board.attestation import (
 from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
-from app.task import Run, RunEndedError, Task, View
+from app.task import Run, RunEndedError, Task, View, on_threads
 
 
 class Channel:
@@ -388,7 +388,7 @@ class Session:
 
         if self.task.steps_on is None:
             return step()
-        return await asyncio.get_running_loop().run_in_executor(self.task.steps_on, step)
+        return await on_threads(self.task, step)
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
         """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
@@ -443,7 +443,7 @@ class Session:
         run, self._run = self._run, None
         if run is not None:
             return run
-        return await asyncio.to_thread(self.task.replay, self.current, self.shown.actions)
+        return await on_threads(self.task, self.task.replay, self.current, self.shown.actions)
 
     async def prepare_end(self, current: Trial, last: StepRow | None = None) -> Ending | None:
         """Return what the end of an episode needs of its input events, for `closing`: hold `changing`, so that no more come.

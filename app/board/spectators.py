@@ -18,7 +18,7 @@ from app.board.lobby import Lobby
 from app.board.session import Session
 from app.db.playground import newest_episode, watchable_session
 from app.db.store import Resumable
-from app.task import Run, describe
+from app.task import Run, describe, on_threads
 
 LOOK_S = 2.0
 """Seconds between two looks for a board that is not in memory."""
@@ -76,7 +76,7 @@ class Spectators:
         task, shown = self._lobby.task, run.view()
         driver, about = found.episode.driver, task.describe(found.episode)
         whole = (
-            await asyncio.to_thread(task.frames, run.record(), episode_id) if found.ended else None
+            await on_threads(task, task.frames, run.record(), episode_id) if found.ended else None
         )
         return {
             "episode": episode_id,
@@ -140,7 +140,7 @@ class Spectators:
         try:
             if found.ended:
                 record = await store.read(lambda: store.load_record(episode_id))
-                return found, await asyncio.to_thread(task.replay_record, record)
-            return found, await asyncio.to_thread(task.replay, found.episode, found.actions)
+                return found, await on_threads(task, task.replay_record, record)
+            return found, await on_threads(task, task.replay, found.episode, found.actions)
         except ValueError as error:
             raise UnwatchableError(link) from error

@@ -127,5 +127,14 @@ class Failing(Path):
                     eaten.append(bytearray(2**23))
 
 
-for each in (Path, Failing, Meanings, OwnKeys, Blind, Wheel, Seeded):
+class Sleeper(Path):
+    """Never begins on seed 7."""
+
+    def reset(self, *, seed=None, options=None):
+        if seed == 7:
+            time.sleep(1e9)
+        return super().reset(seed=seed)
+
+
+for each in (Path, Failing, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
     gymnasium.register(f"{each.__name__}-v0", each)

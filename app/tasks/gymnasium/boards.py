@@ -77,15 +77,15 @@ class Boards:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection
 
-    def begin(self, request: Mapping[str, Any]) -> _Board:
-        """Return a new process that plays what is requested.
-
-        TaskFullError where all of them take too much memory, ValueError, saying why, where there is no process.
-        """
+    def check_room(self) -> None:
+        """Check that an episode may begin; TaskFullError where all boards take too much memory."""
         if (taken := sum(map(_Board.resident, self._open))) > self._most:
             raise TaskFullError(
                 f"the boards take {taken >> 20} MB of memory, of at most {self._most >> 20} MB: try again in a minute"
             )
+
+    def begin(self, request: Mapping[str, Any]) -> _Board:
+        """Return a new process that plays what is requested; ValueError, saying why, where there is none."""
         mine, theirs = socket.socketpair()
         with self._changing, theirs:
             for attempt in (0, 1):

@@ -88,6 +88,7 @@ class GymnasiumTask(GymnasiumRules):
         """Return a run at its start, in a process of its own; ValueError before a seed is drawn."""
         if choice.seed is None:
             raise ValueError("an episode begins on a seed")
+        self._boards.check_room()
         return self.run(choice.config, choice.seed)
 
     def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:

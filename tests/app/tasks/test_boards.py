@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -148,9 +149,32 @@ def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
     server = serve(task="gymnasium:FrozenLake-v1")
     client = server.page()
     assert client.post("/api/sessions", json={}).status_code == 201
-    server.app.state.services.lobby.task._boards._most = -1
+    task = server.app.state.services.lobby.task
+    board = task.begin(Choice(task.default, 1))
+    task._boards._most = -1
+    board._board._connection.close()
+    assert board.step(0) is not None, "what runs goes on, and is made again"
     answer = server.page().post("/api/sessions", json={})
     assert (answer.status_code, "MB of memory" in answer.text) == (503, True)
+
+
+def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
+    """As many of them as the event loop has threads of its own, and more."""
+    monkeypatch.setattr(boards, "WAIT_S", 4)
+    server = serve(task="gymnasium:tests.support.environments:Sleeper-v0")
+
+    def begin(_):
+        return server.page().post("/api/sessions", json={"seed": 7})
+
+    with ThreadPoolExecutor(40) as people:
+        answers = [people.submit(begin, number) for number in range(40)]
+        time.sleep(1)
+        began = time.monotonic()
+        assert server.page().post("/api/sessions", json={"seed": 1}).status_code == 201
+        assert time.monotonic() - began < 2
+        refused = [each.result() for each in answers]
+    assert {each.status_code for each in refused} == {422}
+    assert "it gave no answer in 4 s" in refused[0].text
 
 
 def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve, tmp_path):
