@@ -3,8 +3,9 @@
     python -m research.speed.soak [--minutes 360] [--every 60] [--out build/soak]
 
 Ten participants of two studies play at a person's pace, ten people come, move three times and go, and watch now and then.
-A backup and an export are made every 30 minutes, and one client floods the server for a minute in every hour, another way
-each time; a short run has three of each. A sample is taken every `--every` seconds. At the end come SIGTERM and
+A backup and an export are made every 30 minutes, or three of each in a short run. Twenty times, or once an hour in a run of
+more than twenty, one client floods the server for up to a minute, another way each time, so that each quarter has had all five.
+A sample is taken every `--every` seconds. At the end come SIGTERM and
 `verify`. What is written: soak.csv, a line a sample, and soak.svg, its curves. The exit code is 1 where the server does not
 end with 0 within five seconds, `verify` finds something, or the last quarter's median is above that of the second by more than
 5 % of the memory or 15 % of the descriptors.
@@ -155,10 +156,11 @@ def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, An
     with ExitStack() as stack:
         stack.callback(soak.process.kill)
         threads, began, samples = soak.begin(), time.monotonic(), list[dict[str, Any]]()
-        hour_s, half_s = min(3600.0, 20 * minutes), min(1800.0, 20 * minutes)
-        flood_s = min(60.0, hour_s / 4)
+        flooded_s, half_s = min(3600.0, 3 * minutes), min(1800.0, 20 * minutes)
+        flood_s = min(60.0, flooded_s / 4)
         events = [
-            (hour_s * (n + 0.5), KINDS[n % len(KINDS)]) for n in range(int(60 * minutes / hour_s))
+            (flooded_s * (n + 0.5), KINDS[n % len(KINDS)])
+            for n in range(int(60 * minutes / flooded_s))
         ]
         events += [(half_s * (n + 0.75), "export") for n in range(int(60 * minutes / half_s))]
         events.sort()
