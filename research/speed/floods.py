@@ -277,6 +277,7 @@ def main() -> None:
     worst = 0.0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(shutil.copy(given.database, folder))
+        os.sync()  # else the first quiet time waits for the disk
         (copy.parent / "studies").symlink_to(given.database.absolute().parent / "studies")
         for port, (what, kind, of) in itertools.product(given.port or ("bare", "nginx"), rows):
             quiet, busy, answers = compare(copy, port, kind, of, given.rounds)
