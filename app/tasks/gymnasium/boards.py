@@ -292,6 +292,7 @@ def _serve(task: str, descriptor: int) -> None:
     connection = Connection(descriptor)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(5)  # a board that takes all it can get gives way to the server
     rules_of(task).prepare()
     while True:
         try:
