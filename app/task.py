@@ -517,6 +517,9 @@ class Task(Rules, Protocol):
         TaskFullError where no further run can begin at the moment.
         """
 
+    def guards(self) -> str:
+        """Return what guards the server from its runs, a sentence; "" where none is needed. ValueError where none can begin."""
+
     def close(self) -> None:
         """End what runs beside the server for it."""
 

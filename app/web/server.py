@@ -100,7 +100,7 @@ class Prepared:
 
     sources: Sources | None = None
     policies: PolicyCatalogue | None = None
-    maps: MapCatalogue | None = None
+    task: Task | None = None
     store: Store | None = None
 
 
@@ -115,13 +115,11 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        policies = prepared.policies
-        if policies is None:
-            policies = await asyncio.to_thread(PolicyCatalogue, settings.policies)
-        maps = prepared.maps or MapCatalogue.read(settings.maps, settings.cell_m)
-        offered = policies, maps
+        task = prepared.task
+        if task is None:
+            task = await asyncio.to_thread(_task, settings, prepared.policies)
         with _opened(settings, prepared.store, metrics) as store:
-            made = _services(settings, store, offered, prepared.sources or Sources(), password)
+            made = _services(settings, store, task, prepared.sources or Sources(), password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -209,12 +207,11 @@ async def _threads_of(store: Store) -> AsyncIterator[None]:
 def _services(
     settings: Settings,
     store: Store,
-    offered: tuple[PolicyCatalogue, MapCatalogue],
+    task: Task,
     sources: Sources,
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    task = _task(settings.task, *offered)
     policies = task.policies
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
@@ -256,13 +253,15 @@ def _services(
     )
 
 
-def _task(name: str, policies: PolicyCatalogue, maps: MapCatalogue) -> Task:
-    """Return the task with a name; ValueError where there is none."""
-    if rules_of(name).name == Mars.name:
-        return Mars(policies, maps)
+def _task(settings: Settings, policies: PolicyCatalogue | None = None) -> Task:
+    """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
+    if rules_of(settings.task).name == Mars.name:
+        maps = MapCatalogue.read(settings.maps, settings.cell_m)
+        return Mars(policies or PolicyCatalogue(settings.policies), maps)
     from app.tasks.gymnasium.task import GymnasiumTask
 
-    return GymnasiumTask(name.partition(":")[2])
+    hidden = (settings.database, settings.studies, settings.backups)
+    return GymnasiumTask(settings.task.partition(":")[2], hidden)
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
@@ -287,8 +286,7 @@ def _backups(settings: Settings, store: Store) -> Backups | None:
     """Return the backups that the settings ask for, None where they ask for none; the metrics hold them in either case."""
     backups = None
     if settings.backup_every is not None:
-        folder = settings.backup_to or store.path.with_name("backups")
-        backups = Backups(store.path, folder, 60 * settings.backup_every)
+        backups = Backups(store.path, settings.backups, 60 * settings.backup_every)
     metrics, what = store.metrics, "Seconds since the newest backup; -1: there is none."
     metrics.add_gauge(
         "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
@@ -353,14 +351,15 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
         with _file_errors():
             for path in settings.policies:
                 check_file(path)
-            maps = MapCatalogue.read(settings.maps, settings.cell_m)
         print(
             "compiling the rules and loading the policies (some seconds on the first start)",
             flush=True,
         )
         with _file_errors():
             rules_of(settings.task).prepare()
-            policies = PolicyCatalogue(settings.policies)
+            task = _task(settings)
+            if guards := task.guards():
+                print(guards, flush=True)
         # the store comes last: a start that fails leaves no new file behind
         with closing(
             Store(settings.database, settings.durable, metrics, settings.accept_loss)
@@ -372,7 +371,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 print(
                     f"{store.notice}; a power cut can do this, which --durable prevents", flush=True
                 )
-            app = _app_of(settings, Prepared(policies=policies, maps=maps, store=store), password)
+            app = _app_of(settings, Prepared(task=task, store=store), password)
             if password is not None and password.drawn:
                 print(
                     f"the operator's page is /admin, its password until the server stops: {password.drawn}",

@@ -173,3 +173,8 @@ class Settings(BaseSettings):
     idle_s: float = Field(default=600.0, gt=0)
     abandon_after_s: float = Field(default=1800.0, gt=0)
     limits: Limits = Limits()
+
+    @property
+    def backups(self) -> Path:
+        """The folder of the backups."""
+        return self.backup_to or self.database.with_name("backups")

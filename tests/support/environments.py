@@ -4,6 +4,7 @@ import ctypes
 import enum
 import os
 import pathlib
+import socket
 import time
 from typing import ClassVar
 
@@ -136,5 +137,28 @@ class Sleeper(Path):
         return super().reset(seed=seed)
 
 
-for each in (Path, Failing, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
+class Nosy(Path):
+    """Shows what it reads of a file, what a port answers, and who it is."""
+
+    def __init__(self, path, port, render_mode=None):
+        super().__init__(30, render_mode)
+        self.path, self.port = path, port
+
+    def render(self):
+        return f"{tried(pathlib.Path(self.path).read_bytes)}, {tried(self.connect)}"
+
+    def connect(self):
+        socket.create_connection(("127.0.0.1", self.port), timeout=2).close()
+
+
+def tried(what):
+    """The name of the error that a call ends with, "done" where it succeeds."""
+    try:
+        what()
+    except OSError as error:
+        return type(error).__name__
+    return "done"
+
+
+for each in (Path, Failing, Nosy, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
     gymnasium.register(f"{each.__name__}-v0", each)

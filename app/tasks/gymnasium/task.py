@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from app.board.messages import NewBoard, NewEpisode
 from app.task import Cause, Choice, Configuration, Policy
 from app.tasks.gymnasium.boards import BoardRun, Boards
 from app.tasks.gymnasium.rules import GymnasiumConfig, GymnasiumRules, GymnasiumRun
+from app.tasks.processes import guards_of
 
 
 class NoPolicies:
@@ -47,10 +49,11 @@ class NoPolicies:
 class GymnasiumTask(GymnasiumRules):
     """The environment that a description tells of, as a server offers it (`app.task.Task`)."""
 
-    def __init__(self, told: str) -> None:
+    def __init__(self, told: str, hidden: Sequence[Path] = ()) -> None:
+        """Begin no process yet; `hidden` are files and folders that its boards may not read."""
         super().__init__(told)
         self.policies = self.decides = NoPolicies()
-        self._boards = Boards(self.name)
+        self._boards = Boards(self.name, hidden)
         self.steps_on = self._boards.steps_on
 
     def levels(self) -> list[dict[str, Any]]:
@@ -94,6 +97,10 @@ class GymnasiumTask(GymnasiumRules):
     def run(self, config: GymnasiumConfig, seed: int, actions: bytes = b"") -> GymnasiumRun:
         """Return a run after some actions, in a process of its own."""
         return BoardRun(self._boards, config, seed, actions)
+
+    def guards(self) -> str:
+        """Return what guards the server from the environment; ValueError where its process does not start."""
+        return guards_of(self._boards.preparer.confined())
 
     def close(self) -> None:
         """End the processes of the boards."""

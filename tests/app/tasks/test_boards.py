@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -14,10 +15,11 @@ import pytest
 
 from app.series.verification import verify_database
 from app.task import Choice, RunEndedError
-from app.tasks.gymnasium import boards
+from app.tasks import processes
 from app.tasks.gymnasium.description import Description
 from app.tasks.gymnasium.rules import GymnasiumRules
 from app.tasks.gymnasium.task import GymnasiumTask
+from app.tasks.processes import NO_NETWORK, NO_OTHER_FILES
 from tests.support.servers import eventually
 
 FAILING = "tests.support.environments:Failing-v0"
@@ -65,15 +67,14 @@ def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(made):
 
 @pytest.mark.parametrize("how", WAYS)
 def test_what_fails_once_is_made_again_and_what_fails_twice_ends_the_episode(
-    made, how, monkeypatch, tmp_path
+    made, how, monkeypatch
 ):
-    monkeypatch.setattr(boards, "WAIT_S", 1 if how == "sleep" else 30)
-    once = tmp_path / "failed"
-    task = made(failing(how, once))
+    monkeypatch.setattr(processes, "WAIT_S", 1 if how == "sleep" else 30)
+    task = made(failing(how, "failed"))  # a file in the folder of its process
     run = task.begin(Choice(task.default, 1))
     for action in (FORWARD, FORWARD, WAVE, FORWARD):
         run.step(action)
-    assert once.exists()
+    assert (task._boards.preparer.folder / "failed").exists()
     assert (run.outcome, bytes(run.actions)) == ("running", bytes([1, 1, 2, 1]))
     task = made(failing(how))
     run = task.begin(Choice(task.default, 1))
@@ -135,10 +136,24 @@ def test_its_process_holds_nothing_of_the_server_s(made, monkeypatch, tmp_path):
     secret.close()
 
 
+def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        kwargs = {"path": str(tmp_path / "playground.db"), "port": other.getsockname()[1]}
+        told = Description(id="tests.support.environments:Nosy-v0", kwargs=kwargs).told
+        here = GymnasiumRules(told)
+        task = serve(task=f"gymnasium:{told}").app.state.services.lobby.task
+        confined = task._boards.preparer.confined()
+        if confined[NO_NETWORK] or confined[NO_OTHER_FILES]:
+            pytest.skip(task.guards())
+        assert here.run(here.default, 1).view().text == "done, done", "without a guard it does"
+        run = task.begin(Choice(task.default, 1))
+        assert "done" not in run.view().text
+
+
 def test_a_task_s_process_that_is_gone_is_started_again(made):
     task = made("FrozenLake-v1")
     first = task.begin(Choice(task.default, 1))
-    task._boards._process.send_signal(signal.SIGKILL)
+    task._boards.preparer._process.send_signal(signal.SIGKILL)
     eventually(lambda: not alive(first._board.pid))
     second = task.begin(Choice(task.default, 1))
     assert second.view().frame("e") == first.view().frame("e")
@@ -152,7 +167,7 @@ def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
     task = server.app.state.services.lobby.task
     board = task.begin(Choice(task.default, 1))
     task._boards._most = -1
-    board._board._connection.close()
+    board._board.connection.close()
     assert board.step(0) is not None, "what runs goes on, and is made again"
     answer = server.page().post("/api/sessions", json={})
     assert (answer.status_code, "MB of memory" in answer.text) == (503, True)
@@ -160,7 +175,7 @@ def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
 
 def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
     """As many of them as the event loop has threads of its own, and more."""
-    monkeypatch.setattr(boards, "WAIT_S", 4)
+    monkeypatch.setattr(processes, "WAIT_S", 4)
     server = serve(task="gymnasium:tests.support.environments:Sleeper-v0")
 
     def begin(_):

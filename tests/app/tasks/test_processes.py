@@ -1,0 +1,135 @@
+"""Processes of their own: what guards them is on where the system permits it, and what is not on is said."""
+
+import json
+import os
+import pwd
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.tasks import processes
+from app.tasks.processes import (
+    NO_NETWORK,
+    NO_OTHER_FILES,
+    OTHER_USER,
+    LostError,
+    Preparer,
+    guards_of,
+)
+
+CONFINED = "tests.support.confined"
+
+
+@pytest.fixture
+def begun(tmp_path):
+    preparers = []
+
+    def begin(argument="ready", **further):
+        preparers.append(Preparer(CONFINED, argument, **further))
+        guards = preparers[-1].confined()
+        worker = preparers[-1].begin({"steps": 3})
+        assert worker.answer() == argument
+        return guards, worker, preparers[-1]
+
+    yield begin
+    for each in preparers:
+        each.close()
+
+
+def needs(guards, name):
+    if guards[name]:
+        pytest.skip(f"{name} is not on here: {guards[name]}")
+
+
+def test_it_reads_neither_the_database_nor_what_lies_beside_it_nor_writes(begun, tmp_path):
+    """The database lies where its packages do, as in a checkout, and is anybody's to read."""
+    beside = Path(__file__).parents[3] / "tests" / "new.txt"
+    hidden = tmp_path / "playground.db"
+    guards, worker, preparer = begun(readable=[tmp_path], hidden=[hidden])
+    needs(guards, NO_OTHER_FILES)
+    for path in (hidden, tmp_path / "playground.db-wal", tmp_path / "later.txt"):
+        path.write_text("secret")
+        assert worker.ask(["read", str(path)]).startswith("PermissionError"), path
+    assert worker.ask(["write", str(tmp_path / "new")]).startswith("PermissionError")
+    assert worker.ask(["write", str(beside)]).startswith("PermissionError")
+    assert worker.ask(["write", str(preparer.folder / "own")]) == "1"
+    assert worker.ask(["read", __file__]).startswith('"""Processes'), "its packages it reads"
+
+
+def test_what_is_made_before_it_and_not_hidden_is_read(begun, tmp_path):
+    (tmp_path / "policy.onnx").write_text("weights")
+    (tmp_path / "playground.db").write_text("secret")
+    _, worker, _ = begun(readable=[tmp_path], hidden=[tmp_path / "playground.db"])
+    assert worker.ask(["read", str(tmp_path / "policy.onnx")]) == "weights"
+
+
+def test_it_reaches_no_network(begun):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        guards, worker, _ = begun()
+        needs(guards, NO_NETWORK)
+        port = server.getsockname()[1]
+        assert "Error" in worker.ask(["connect", port])
+        assert "Error" in worker.ask(["send", port])
+
+
+def test_it_ends_nobody_else(begun):
+    guards, worker, _ = begun()
+    needs(guards, NO_OTHER_FILES)
+    with subprocess.Popen(["sleep", "60"]) as other:
+        assert worker.ask(["end", other.pid]).startswith("PermissionError")
+        other.kill()
+
+
+def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
+    """By the system's Python where this one lies in a folder of root's own."""
+    if os.getuid() != 0:
+        pytest.skip("these tests do not run as root")
+    pythons = [sys.executable, "/usr/bin/python3"]
+    code = (
+        "import json, os, sys; from pathlib import Path; from app.tasks.processes import confine\n"
+        "sys.path[:] = [each for each in sys.path if 'root' not in each]\n"
+        "print(json.dumps([confine([], [], Path.cwd()), os.getresuid(), os.getgroups()]))"
+    )
+    for python in filter(os.path.exists, pythons):
+        done = subprocess.run(
+            [python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True,
+            env={"PYTHONPATH": str(Path(__file__).parents[3])},
+        )  # fmt: skip
+        guards, users, groups = json.loads(done.stdout)
+        if not guards[OTHER_USER]:
+            assert (users, groups) == ([pwd.getpwnam("nobody").pw_uid] * 3, [])
+            return
+    pytest.skip(guards[OTHER_USER])
+
+
+def test_what_cannot_be_prepared_says_why():
+    preparer = Preparer(CONFINED, "cannot")
+    for ask in (preparer.confined, lambda: preparer.begin({})):
+        with pytest.raises(ValueError, match="there is nothing to prepare"):
+            ask()
+
+
+def test_how_much_is_done_is_told_on_the_way(begun, monkeypatch):
+    _, _, preparer = begun()
+    told = []
+    worker = preparer.begin({"steps": 2_000_000})
+    assert worker.answer(told.append) == "ready"
+    assert told == sorted(told) != []
+
+
+def test_a_message_beyond_the_limit_loses_the_worker(begun, monkeypatch):
+    _, worker, _ = begun()
+    monkeypatch.setattr(processes, "MESSAGE_BYTES", 100)
+    with pytest.raises(LostError):
+        worker.ask(["read", __file__])
+
+
+def test_what_guards_and_what_does_not_is_said():
+    found = {NO_NETWORK: "", OTHER_USER: "the server is not root's", NO_OTHER_FILES: ""}
+    said = guards_of(found)
+    assert "with no network, no other files; not with another user (the server is not" in said
+    assert "against faults, not against malice" in said
+    assert "malice" not in guards_of(found | {OTHER_USER: ""})
