@@ -7,6 +7,9 @@ that `--help` answers at once.
 
 from __future__ import annotations
 
+import difflib
+import re
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -66,19 +69,35 @@ def cli() -> None:
     """
 
 
+KEPT_BY_CTRL_C = frozenset({"train", "refine"})
+"""Commands that keep what they have done when Ctrl-C ends them; SIGTERM ends them the same way."""
+
+
+def _guess(error: click.UsageError) -> str:
+    """Return a question after the command that was meant, if one is near."""
+    found = re.match(r"No such command '(.+)'", error.format_message())
+    if found is None or error.ctx is None or not isinstance(error.ctx.command, click.Group):
+        return ""
+    near = difflib.get_close_matches(found[1], error.ctx.command.list_commands(error.ctx), n=1)
+    return f" Did you mean {near[0]!r}?" if near else ""
+
+
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command and exit with its code. args: the words after `marsexplorer`, those of the process by default."""
+    words = sys.argv[1:] if args is None else args
+    if words and words[0] in KEPT_BY_CTRL_C:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = cli.main(args, prog_name="marsexplorer", standalone_mode=False)
     except click.UsageError as error:
         hint = f" (see {error.ctx.command_path} --help)" if error.ctx else ""
-        click.echo(f"marsexplorer: {error.format_message()}{hint}", err=True)
+        click.echo(f"marsexplorer: {error.format_message()}{_guess(error)}{hint}", err=True)
         sys.exit(2)
     except click.ClickException as error:
         click.echo(f"marsexplorer: {error.format_message()}", err=True)
         sys.exit(1)
     except ModuleNotFoundError as error:
-        if (sentence := missing_extra(error, sys.argv[1:] if args is None else args)) is None:
+        if (sentence := missing_extra(error, words)) is None:
             raise
         click.echo(f"marsexplorer: {sentence}", err=True)
         sys.exit(2)

@@ -343,12 +343,16 @@ def regret_table(found: RegretSummary) -> PageTable:
     """Return the regret of all moves and of each kind of loss, beside the policy's own."""
     who = f"{len(found.by_player)} players, {found.episodes} episodes"
     parts = {"all moves": found.total, **found.by_kind}
-    return _regret_parts(f"Regret, moves an episode, over {who}", "loss", parts, found.policy)
+    caption = (
+        f"Regrets of an episode's moves, added up, over {who}; each is measured from its own move on, so their sum may exceed "
+        "the moves made"
+    )
+    return _regret_parts(caption, "loss", parts, found.policy)
 
 
 def _by_tenth(found: RegretSummary) -> PageTable:
     parts = {f"{10 * at} to {10 * at + 10} %": each for at, each in enumerate(found.by_tenth)}
-    caption = "Regret, moves an episode, by what was known before the move"
+    caption = "Regrets of an episode's moves, added up, by what was known before the move"
     return _regret_parts(caption, "cells known", parts, found.policy)
 
 

@@ -52,6 +52,11 @@ _BY_HAND = re.compile(
     re.IGNORECASE,
 )
 """A number of 2 or more directly before a word for episodes; "which of two rounds" compares and counts none."""
+_ONE_OF_MANY = re.compile(
+    rf"(?<![\w.,-])(1(?:[\s\u00a0-]+(?:{_KINDS}))*[\s\u00a0-]+(?:round|episode|terrain|trial|question|participant))s\b",
+    re.IGNORECASE,
+)
+"""What a filled-in 1 leaves in the plural."""
 
 
 def fill(protocol: Protocol) -> Protocol:
@@ -70,6 +75,13 @@ def fill(protocol: Protocol) -> Protocol:
             _filled(f"{where}.choices", choice, values) for choice in question["choices"]
         ]
     return parse_protocol(data)
+
+
+def filled(text: str, protocol: Protocol) -> str:
+    """Return a text that goes with a study, its placeholders filled in; `{title}` is the study's title."""
+    values = placeholder_values(protocol)
+    title = _filled("title", protocol.title, values)
+    return _filled("the text", text, {**values, "title": title})
 
 
 def placeholder_values(protocol: Protocol) -> dict[str, str]:
@@ -124,7 +136,7 @@ def _filled(where: str, text: str, values: dict[str, str]) -> str:
         raise StudyError(
             f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"
         ) from error
-    return "".join(found)
+    return _ONE_OF_MANY.sub(r"\1", "".join(found))
 
 
 def _value(where: str, name: str, values: dict[str, str]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import FileResponse, HTMLResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -114,6 +114,12 @@ for _path, _folder in PAGES.items():
     _serve(router, _path, _folder, NO_CACHE)
 _serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(framed="'none'")})
 # it stands in no frame: nobody can be made to press a button that they do not see
+
+
+@router.get("/studies")
+async def studies_page() -> Response:
+    """Lead whoever guesses the address of the studies to their page."""
+    return RedirectResponse("study", 308)
 
 
 @router.get("/docs")

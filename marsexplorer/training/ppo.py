@@ -202,10 +202,12 @@ def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Mo
 def postponed_interrupt() -> Iterator[None]:
     """Let a Ctrl-C that comes in the block wait for its end, and raise KeyboardInterrupt there; a second one does not wait.
 
-    Where Ctrl-C is handled otherwise, and outside of the main thread, where it never arrives, the block runs as it is.
+    So does SIGTERM where it is handled like Ctrl-C. Where neither is, and outside of the main thread, where they never arrive,
+    the block runs as it is.
     """
-    is_ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if not is_ours or threading.current_thread() is not threading.main_thread():
+    both = (signal.SIGINT, signal.SIGTERM)
+    ours = [each for each in both if signal.getsignal(each) is signal.default_int_handler]
+    if not ours or threading.current_thread() is not threading.main_thread():
         yield
         return
     waiting: list[int] = []
@@ -215,11 +217,13 @@ def postponed_interrupt() -> Iterator[None]:
             signal.default_int_handler(number, frame)
         waiting.append(number)
 
-    signal.signal(signal.SIGINT, wait)
+    for each in ours:
+        signal.signal(each, wait)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for each in ours:
+            signal.signal(each, signal.default_int_handler)
     if waiting:
         raise KeyboardInterrupt
 

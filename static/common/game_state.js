@@ -78,7 +78,9 @@ export function apply(state, event) {
       const rival = about.rival
         ? { ...boardOf(task, about.rival.session, about.rival.policy, about.rival.frame, state.rival), pace: about.rival.pace } : kept;
       const link = about.session === state.player?.session ? state.link : "connecting"; // another session has a socket of its own
-      return { ...state, task, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link };
+      const isNext = state.player !== null && player.frame.episode !== state.player.frame.episode;
+      const notices = isNext ? [] : state.notices;
+      return { ...state, task, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link, notices };
     }
     case "watched": {
       const { level, size, frame, episode: session, history, task } = event.watched;
@@ -99,6 +101,7 @@ export function apply(state, event) {
     }
     case "link": return { ...state, link: event.link };
     case "notice": return noticed(state, event.text, event.tone ?? "error");
+    case "moved": return state.notices.length ? { ...state, notices: [] } : state; // what they said was read before the key
     case "dismiss": return { ...state, notices: state.notices.filter((notice) => notice.id !== event.id) };
   }
 }

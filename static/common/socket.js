@@ -20,7 +20,6 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
   let round = 0;
   let isClosed = false;
   let timer = 0;
-  let lastMessageAt_ms = performance.now();
   let doubt = 0; // the timer of a socket that has to show that it still works
 
   function connect() {
@@ -28,7 +27,6 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
     const mine = new WebSocket(url);
     socket = mine;
     mine.onmessage = (event) => {
-      lastMessageAt_ms = performance.now();
       attempt = 0;
       if (doubt && mine === socket) {
         endDoubt();
@@ -74,8 +72,6 @@ export function follow({ url, onMessage, onLink, beforeRetry }) {
       socket.send(JSON.stringify(message));
       return true;
     },
-    /** ms since the last message. */
-    silence_ms: () => performance.now() - lastMessageAt_ms,
     /** Drop the present socket and start again at once: the network says that it is back. */
     restart,
     /** Find out whether the socket still answers, now that the server does after a silence. It was only slow, and
@@ -104,21 +100,21 @@ export function socketUrl(session, folder = "ws/sessions", root = ROOT) {
   return url.href;
 }
 
-/** How often a page in use asks api/health when no message came, to find out whether a quiet connection is a lost one: a socket that
- * broke says so itself, a network that went silent does not. A page left alone asks rarely.
- *   silence_ms   ms since the server's last message
- *   idle_ms      ms since the player last did something
+/** How long an answer may take, and how far apart the questions of a lost connection are, ms. */
+const DUE_MS = 1000;
+
+/** Ask api/health while an answer is overdue or the connection is lost: a socket that broke says so itself, a network that
+ * went silent does not. While the socket is open and nothing is due, nothing is asked.
+ *   waited_ms    ms for which the server has owed an answer; Infinity while the connection is lost
  *   onFailure    called with the number of failures in a row
  *   onSuccess    called when an answer came after a failure
- * @param {{silence_ms: () => number, idle_ms: () => number,
- *   onFailure: (inARow: number) => void, onSuccess: () => void}} how */
-export function startHeartbeat({ silence_ms, idle_ms, onFailure, onSuccess }) {
+ * @param {{waited_ms: () => number, onFailure: (inARow: number) => void, onSuccess: () => void}} how */
+export function startHeartbeat({ waited_ms, onFailure, onSuccess }) {
   let failures = 0;
   let isAsking = false;
   let askedAt_ms = 0;
   return setInterval(async () => {
-    const every_ms = failures > 0 || idle_ms() < 60000 ? 1000 : 15000;
-    if (isAsking || document.hidden || silence_ms() < every_ms || performance.now() - askedAt_ms < every_ms) return;
+    if (isAsking || document.hidden || (failures === 0 && waited_ms() < DUE_MS) || performance.now() - askedAt_ms < DUE_MS) return;
     isAsking = true;
     askedAt_ms = performance.now();
     try {
@@ -139,15 +135,18 @@ export function startHeartbeat({ silence_ms, idle_ms, onFailure, onSuccess }) {
  * @param {{moves: {receive: (message: FromServer) => Pending[], drop: () => void},
  *   telemetry: Pick<Telemetry, "answered" | "reconnected">,
  *   dispatch: (event: GameEvent) => void, isLost: () => boolean,
- *   idle_ms: () => number, silence_ms?: () => number, onAnswered?: (moves: Pending[], message: FromServer) => void,
- *   onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
-export function startBoards({ moves, telemetry, dispatch, isLost, idle_ms, silence_ms, onAnswered, onBack, beforeRetry }) {
+ *   onAnswered?: (moves: Pending[], message: FromServer) => void, onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
+export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, onBack, beforeRetry }) {
+  /** When the oldest message left that nothing has followed yet. */
+  let owedSince_ms = Infinity;
   /** @type {Map<Role, {session: string, follower: ReturnType<typeof follow>, askedFor: unknown}>} */
   const open = new Map();
   /** @param {Role} role @param {FromServer} message */
   function onMessage(role, message) {
     if (role === "player") {
+      owedSince_ms = Infinity;
       const answered = moves.receive(message);
+      if (answered.length) dispatch({ kind: "moved" });
       onAnswered?.(answered, message);
     }
     if (message.kind === "kept") telemetry.answered(message);
@@ -160,11 +159,11 @@ export function startBoards({ moves, telemetry, dispatch, isLost, idle_ms, silen
     if (link === "open") telemetry.reconnected();
     dispatch({ kind: "link", link });
   }
-  const quiet_ms = () => open.get("player")?.follower.silence_ms() ?? Infinity;
   const restart = () => open.forEach(({ follower }) => follower.restart());
   startHeartbeat({
-    silence_ms: silence_ms ?? quiet_ms, idle_ms,
+    waited_ms: () => (isLost() ? Infinity : performance.now() - owedSince_ms),
     onSuccess() {
+      owedSince_ms = Infinity;
       if (!isLost()) return;
       open.forEach(({ follower }) => follower.check());
       onBack?.();
@@ -200,7 +199,10 @@ export function startBoards({ moves, telemetry, dispatch, isLost, idle_ms, silen
     },
     /** Send a message of a player's; return whether it left.
      * @param {Role} role @param {object} message */
-    send: (role, message) => open.get(role)?.follower.send(message) ?? false,
-    silence_ms: quiet_ms,
+    send(role, message) {
+      const hasLeft = open.get(role)?.follower.send(message) ?? false;
+      if (hasLeft && role === "player") owedSince_ms = Math.min(owedSince_ms, performance.now());
+      return hasLeft;
+    },
   };
 }

@@ -93,7 +93,7 @@ type GameState = {
 type GameEvent = {kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer}
   | {kind: "link", link: GameState["link"]} | {kind: "watched", watched: Watched, name: string}
   | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"}
-  | {kind: "dismiss", id: number};
+  | {kind: "dismiss", id: number} | {kind: "moved"};
 /** Step: the number of moves made before the loss; actions in words. */
 type Loss = {step: number, regret: number, action: string, best_action: string, kind: string};
 type Regret = {policy: string, total: number, given_up: number, by_kind: Record<string, number>, losses: Loss[]};

@@ -11,7 +11,6 @@ import { capital } from "../common/words.js";
 import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
-let actedAt_ms = performance.now();
 /** @type {Daily.Today | null} */
 let today = null;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
@@ -34,12 +33,11 @@ addEventListener("theme", () => repaint());
 const { moves, telemetry } = startInput({
   task, board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
-  onActivity: () => { actedAt_ms = performance.now(); }, send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
+  onActivity() {}, send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
-  moves, telemetry, dispatch, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
-  silence_ms: () => (state.mode === "spectator" ? 0 : connections.silence_ms()),
+  moves, telemetry, dispatch, isLost: () => state.link === "lost" && state.mode !== "spectator",
   async beforeRetry(_, session) {
     const about = await api.about(session);
     dispatch({ kind: "begun", about });
@@ -63,6 +61,7 @@ function paint() {
   document.body.dataset.ended = String(Boolean(frame.outcome));
   document.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
   by("prompt").hidden = frame.step > 0 || Boolean(frame.outcome);
+  views?.placeMap(panel, board);
   views?.load(panel, board.session || null);
   views?.paintCamera(frame);
   painted = board;

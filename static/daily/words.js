@@ -1,5 +1,5 @@
 // The sentences of the daily page; no document here, so that node can test every one.
-import { many, wholePercent } from "../common/words.js";
+import { many, percent } from "../common/words.js";
 
 /** The policy that the shared text names. */
 const NAMED = "ppo";
@@ -22,7 +22,7 @@ export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 /** Return what an attempt came to, in a few words.
  * @param {Task} task @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
 export function resultText(task, { outcome, moves, coverage }) {
-  const share = wholePercent(coverage ?? 0);
+  const share = `${percent(coverage ?? 0)} %`;
   if (outcome === "explored") return `${many(moves, "move")}, ${share} mapped`;
   const how = outcome === "abandoned" ? "left" : task.outcome(outcome) || "ended";
   return `${how} at ${share} after ${many(moves, "move")}`;
@@ -61,5 +61,5 @@ export function peopleText({ target }, { players, unfinished }) {
 /** @param {Daily.PolicyResult} policy @returns what a policy did */
 export function policyText({ state, moves, coverage }) {
   if (state !== "ready") return state === "failed" ? "not available" : "still exploring";
-  return moves === null ? `stopped at ${wholePercent(coverage ?? 0)}` : many(moves, "move");
+  return moves === null ? `stopped at ${percent(coverage ?? 0)} %` : many(moves, "move");
 }

@@ -14,7 +14,6 @@ import { createLeaving, createSessions, findBoard, patiently, showInstead } from
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
 let state = initialState();
-let actedAt_ms = performance.now();
 /** Whether the task is known, and all is wired. */
 let isReady = false;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; }, get latencies() { return [...latencies]; } }) });
@@ -75,7 +74,7 @@ const parts = {
   views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
   thinking: modules?.createThinking({ send: (role, message) => connections.send(role, message), onChange: () => repaint(true) }) ?? null,
   losses: modules?.createLosses({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.regret,
-    tryFrom: (on, step) => sessions.tryFrom(on, step), onChange: () => repaint(true) }) ?? null,
+    tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
   onStart: (wish) => setTimeout(() => leaving.start(state.mode, wish)), // once the dialog is closed
@@ -94,12 +93,12 @@ const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { s
 const { moves, telemetry } = startInput({
   task, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
   isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"),
-  frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: () => { actedAt_ms = performance.now(); },
+  frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity() {},
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
-  moves, telemetry, dispatch, isLost: () => state.link === "lost", idle_ms: () => performance.now() - actedAt_ms,
+  moves, telemetry, dispatch, isLost: () => state.link === "lost",
   onAnswered: (answered) => waiting.push(...answered),
   async beforeRetry(role, session) {
     try {
@@ -163,6 +162,7 @@ function paintPanels(before) {
     paintPanel(panels[role], task, state[role]);
     paintPick(panels[role], state[role]);
     paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
+    parts.views?.placeMap(panels[role], state[role]);
     parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
   }
 }
@@ -194,7 +194,7 @@ function paint() {
   if (state.player !== before?.player || state.rival !== before?.rival) paintCurves();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");
-  const hasJustEnded = paintEndCard(panels.player.part, task, state, terrainDialog?.paysBonus(state.level) ?? false);
+  const hasJustEnded = paintEndCard(panels.player.part, task, state, parts.losses?.triedText() ?? "");
   if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
   if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
 }

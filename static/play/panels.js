@@ -5,8 +5,8 @@ import { score, signed } from "../common/words.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
  * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
- * @param {boolean} paysBonus whether the level pays for finishing */
-export function paintEndCard(part, task, { mode, player, rival }, paysBonus) {
+ * @param {string} tried how it compares with the episode that was tried again, if any */
+export function paintEndCard(part, task, { mode, player, rival }, tried) {
   const frame = player?.frame;
   const wasHidden = part.end.hidden;
   part.end.hidden = !frame?.outcome;
@@ -16,10 +16,9 @@ export function paintEndCard(part, task, { mode, player, rival }, paysBonus) {
   put(part["end-line"], line);
   put(part["end-score"], score(frame.score));
   part["end-score-line"].hidden = frame.score === null;
-  put(part["end-why"], mode === "watch" ? "" : task.scoreWhy(frame, paysBonus));
   const compared = task.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
-  put(part["end-compare"], compared);
-  part["end-compare"].hidden = !compared;
+  put(part["end-compare"], [tried, compared].filter(Boolean).join(" "));
+  part["end-compare"].hidden = !tried && !compared;
   part.again.hidden = mode === "ranked"; // a terrain counts once
   /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
   return wasHidden;

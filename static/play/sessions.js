@@ -121,13 +121,14 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       begin(await api.nextEpisode(session, seed === null ? {} : terrainOf(chosen && { ...chosen, map: null }, seed))); // a map stays when nothing is said
     }),
     /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
-     * @param {GameState} state @param {number} moves */
-    tryFrom: ({ mode, player }, moves) => once(async () => {
+     * @param {GameState} state @param {number} moves @param {(episode: string) => void} onBegun with the new episode */
+    tryFrom: ({ mode, player }, moves, onBegun) => once(async () => {
       if (!player) return;
       const { level, rows, cols, seed, actions } = await api.episode(player.frame.episode);
       const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
       const about = await (mode === "practice" ? api.nextEpisode(player.session, terrain)
         : api.createSession({ ...terrain, player: "human", rival: wish()?.rival }));
+      onBegun(about.frame.episode);
       begin(about);
       for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
       note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);

@@ -46,7 +46,7 @@ const keyOf = (/** @type {Action} */ action) => keyName(settings.get().keys[acti
 recordPauses(telemetry);
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.game.link === "lost",
-  idle_ms: () => (idle.isOver(60) ? Infinity : 0), onBack: refresh,
+  onBack: refresh,
   onAnswered(_, message) {
     if (message.kind === "refused" || (message.kind === "kept" && message.reason !== null)) refresh();
   },

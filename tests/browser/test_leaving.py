@@ -70,6 +70,8 @@ def test_a_copied_address_can_only_watch_one_terrain_after_the_other(serve, play
     friend.page.goto(f"{me.url}/#watch=0123456789abcdef")
     friend.page.get_by_text("leads to no episode that can be watched").wait_for()
     friend.wait("window.mars?.state.player?.frame.step === 1")  # their own board again
+    friend.press(there_and_back(friend)[1])
+    friend.shows("notices", "")  # a notice leaves with the next key
     assert problems == []
     assert (me.errors, friend.errors) == ([], [])
 

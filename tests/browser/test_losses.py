@@ -5,6 +5,7 @@ import pytest
 
 from marsexplorer.observation import valid_actions
 from tests.browser.test_attested import there_and_back
+from tests.browser.test_play_page import fits
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
@@ -46,9 +47,11 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")
     plain = me.still("canvas-player")
     ask.click()
+    me.page.locator("[data-part=losses] progress").wait_for()
+    fits(me.page, ("next-terrain",), 1440, 900)  # not cut off while the moves are judged
     first = me.page.get_by_test_id("loss-1")
     first.wait_for()
-    assert first.inner_text().split(" cost about ")[0].split()[-2:] == ["Move", "3"]
+    assert "Move 3 ended the episode: " in first.inner_text()
     assert "you drove over the edge of the map" in first.inner_text()
     marked, chart = me.still("canvas-player"), me.still("chart")
     assert marked != plain
@@ -65,6 +68,11 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     me.shows("badge", "practice")
     assert "Practice from move 3" in me.page.get_by_test_id("notices").inner_text()
     assert not ask.is_visible()
+    for action in (there, back, "north"):
+        me.press(action)
+        me.shows("notices", "")
+    said = "Not finished before, not finished now, from move 3."
+    assert said in me.page.get_by_test_id("end-compare-player").inner_text()
     assert me.errors == []
 
 
@@ -85,7 +93,7 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
     answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/regret").json()
     biggest = answer["losses"][0]
     assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")
-    first.click()
+    # to be seen without choosing a loss first
     me.page.get_by_role("button", name="Try from here").first.click()
     me.wait(f"window.mars.state.player.frame.step === {biggest['step']}")
     me.wait("!window.mars.state.player.frame.outcome")

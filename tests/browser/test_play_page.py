@@ -8,6 +8,7 @@ import signal
 import sqlite3
 from contextlib import closing
 
+import numpy as np
 import pytest
 
 from marsexplorer import policies
@@ -27,6 +28,8 @@ MATRIX_HAS_THE_STAGE = """() => {
 def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve, player, tmp_path):
     server = serve()
     me = player(server, AS_A_PERSON, *SMALL)
+    asked = []
+    me.page.on("request", lambda request: asked.append(request.url))
     about = me.begin(size=[9, 12])
     me.page.frame_locator("[data-testid=viewer-player]").locator("canvas").first.wait_for()
     # until the board is drawn in 3-D there is a matrix to play on, then it is a small map in a corner
@@ -49,6 +52,12 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     me.changes("canvas-player", matrix)
     me.changes("stage-player", view)
 
+    assert not [url for url in asked if url.endswith("/api/health")], (
+        "an open socket needs no polls"
+    )
+    corner = "() => document.querySelector('[data-testid=board-player]').dataset.corner"
+    assert me.page.evaluate(corner) == "north-east"
+
     # from here on the matrix alone
     me.page.route("**/viewer/**", lambda route: route.fulfill(body=""))
     me.page.reload()
@@ -60,6 +69,7 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     assert frame["outcome"] == "explored"
     me.page.get_by_test_id("end-card").wait_for(state="visible")
     moves = frame["step"]
+    assert_map_is_beside_the_route(me)
 
     table = me.page.request.get(f"{server.url}/api/export/steps.csv?who=human").text()
     exported = list(csv.DictReader(io.StringIO(table)))
@@ -81,6 +91,17 @@ def test_keys_drive_inside_and_outside_the_3d_view_and_every_step_is_kept(serve,
     assert me.page.url.endswith(f"#watch={about['watch']}"), "the board keeps its link"
     assert about["session"] not in me.page.url
     assert me.errors == []
+
+
+def assert_map_is_beside_the_route(me):
+    """The small map lies over a corner where the rover has never been, or it is not shown."""
+    corner = me.page.get_by_test_id("board-player").get_attribute("data-corner")
+    frame = me.state()
+    down, across = [np.array(each) for each in zip(*me.state("player.trail"), strict=True)]
+    down = down if corner.startswith("north") else frame["rows"] - 1 - down
+    across = across if corner.endswith("west") else frame["cols"] - 1 - across
+    is_covered = (down < frame["rows"] / 4) & (across < frame["cols"] / 4)
+    assert corner == "none" or not is_covered.any()
 
 
 def test_a_driven_browser_is_never_human(serve, player):
@@ -181,9 +202,9 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     sockets = []
     me.page.on("websocket", lambda socket: sockets.append(socket.url))
     os.kill(again.process.pid, signal.SIGSTOP)
-    me.wait("window.mars.state.link === 'lost'")
-    os.kill(again.process.pid, signal.SIGCONT)
     me.page.keyboard.press(KEY_OF["west"])
+    me.wait("window.mars.state.link === 'lost'")  # its answer is overdue
+    os.kill(again.process.pid, signal.SIGCONT)
     me.wait("window.mars.state.link === 'open' && window.mars.state.player.frame.step === 3")
     # a server that was only slow keeps its connection
     assert not [url for url in sockets if "/ws/sessions/" in url]
@@ -250,7 +271,8 @@ def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
     me = player(serve(), NO_3D, 390, 844, **phone)
     me.begin(size=[9, 12], rival="frontier-cost")
     page = me.page
-    own = ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south")
+    own = ("board-player", "steps-player", "canvas-player", "pad-north", "pad-south", "daily-link")
+    own = (*own, "leaderboard-link")
     fits(page, own, 390, 844)
     apart(page, "board-player", "pad-north")
     assert page.get_by_test_id("board-rival").is_hidden()

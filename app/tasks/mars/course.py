@@ -135,7 +135,7 @@ def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode
 
 def sentence(course: Course) -> str:
     """Return what a course came to, after the name: `mapped 99 % of the ground in 75 moves`."""
-    share, moves = f"{floor(100 * course.coverage(course.moves) + 1e-9)} %", course.moves
+    share, moves = f"{floor(1000 * course.coverage(course.moves) + 1e-6) / 10:.1f} %", course.moves
     count = f"{moves} move" if moves == 1 else f"{moves} moves"
     return {
         "explored": f"mapped {share} of the ground in {count}",

@@ -286,13 +286,13 @@ def _questions() -> list[dict[str, Any]]:
             "why": "Not quite: the rover need not drive everywhere; {coverage} seen by its lidar are enough.",
         },
         {
-            "question": "Which of two complete rounds scores higher?",
+            "question": "Of two complete rounds on the same terrain that discovered equally many cells, which scores higher?",
             "choices": [
                 "The one with more moves",
                 "The one with fewer moves",
                 "Both score the same",
             ],
             "answer": 1,
-            "why": "Not quite: every move costs a little, so of two complete rounds the one with fewer moves scores higher.",
+            "why": "Not quite: every move takes a little off the score, so the one with fewer moves scores higher.",
         },
     ]

@@ -6,6 +6,8 @@ import { cellAfter, markAt, WAYS } from "./ground.js";
 import { chartMarkAt, numberAt, paintOnCurve, placeOnCurve } from "./loss_marks.js";
 
 const ASK = "Where did I lose moves?";
+/** Where the newest episode that tries another again is kept. */
+const TRIED = "mars.tried";
 
 /** @param {Mars.Frame | undefined} frame @returns whether all cells count, as the analysis of moves takes it */
 const isWhole = (frame) => frame !== undefined && frame.cells === frame.rows * frame.cols;
@@ -19,10 +21,11 @@ export function boardBefore(board, { step, grid, position, discovered, previous 
 
 /**
  *   tryFrom   begins the same terrain in practice and makes the first moves of the episode once more
+ *   storage   of this tab: what is tried again, and what it came to before
  * @param {{part: Record<string, HTMLElement>, canvas: HTMLCanvasElement, chart: HTMLElement,
- *   state: () => GameState, load: (episode: string) => Promise<Mars.Analysis>, tryFrom: (state: GameState,
- *   step: number) => void, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
-export function createLosses({ part, canvas, chart, state, load, tryFrom, onChange }) {
+ *   state: () => GameState, load: (episode: string) => Promise<Mars.Analysis>, tryFrom: (state: GameState, step: number,
+ *   onBegun: (episode: string) => void) => void, storage: Storage, onChange: () => void}} how part of the player's panel, whose matrix is `canvas` */
+export function createLosses({ part, canvas, chart, state, load, tryFrom, storage, onChange }) {
   const playerOf = () => /** @type {Mars.Board | null} */ (state().player);
   /** @type {string | null} the episode whose moves are shown or asked for */
   let episode = null;
@@ -101,7 +104,10 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, onChan
       const again = create("button", "Try from here", { type: "button", class: "quiet", "aria-label": `Try from here: move ${loss.step + 1}` });
       const item = create("li", [choose, again]);
       choose.addEventListener("click", () => pin(index));
-      again.addEventListener("click", () => tryFrom(state(), loss.step));
+      again.addEventListener("click", () => {
+        const before = playerOf()?.frame;
+        tryFrom(state(), loss.step, (begun) => storage.setItem(TRIED, JSON.stringify({ episode: begun, move: loss.step + 1, before: before?.outcome === "explored" ? before.step : null })));
+      });
       item.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") point(index); });
       item.addEventListener("pointerleave", (event) => { if (event.pointerType === "mouse") point(null); });
       item.addEventListener("focusin", () => { if (choose.matches(":focus-visible") || again.matches(":focus-visible")) point(index); });
@@ -150,6 +156,12 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, onChan
       if (analysis) show(null);
       part.losses.hidden = true;
       part.ask.hidden = ended === null || player?.frame.step === 0 || !isWhole(player?.frame);
+    },
+    /** Return how the player's episode compares with the one that it tries again, "" while there is nothing to compare. */
+    triedText() {
+      const { episode: of, move, before } = /** @type {{episode?: string, move: number, before: number | null}} */ (JSON.parse(storage.getItem(TRIED) ?? "{}"));
+      const frame = playerOf()?.frame;
+      return frame?.outcome && frame.episode === of ? triedText(before, frame.outcome === "explored" ? frame.step : null, move) : "";
     },
     /** Return what is to be marked on the player's board, the same object as long as it stays the same. */
     marks: () => marks,
@@ -206,8 +218,18 @@ function whatWasBetter({ step, best_action: better, missed, seen_at, grid, kind 
   return kind === "last cells" ? `going ${better} was the shorter way to the last cells` : `going ${better} was the shorter way`;
 }
 
-/** @param {Mars.CostlyMove} loss @returns the sentence about a move */
-export const sentenceOf = (loss) => `Move ${loss.step + 1} cost about ${many(loss.regret, "move")}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
+/** @param {Mars.CostlyMove} loss @returns the sentence about a move; an end for good costs no number of moves */
+export function sentenceOf(loss) {
+  const cost = loss.kind === "ended early" ? "ended the episode" : `cost about ${many(loss.regret, "move")}`;
+  return `Move ${loss.step + 1} ${cost}: ${whatWasDone(loss)}; ${whatWasBetter(loss)}.`;
+}
+
+/** Return what an episode tried again from a move came to: "80 moves before, 76 now, from move 9."
+ * @param {number | null} before moves to the goal, null where it was not reached @param {number | null} now @param {number} move */
+export function triedText(before, now, move) {
+  const was = before === null ? "Not finished before" : `${many(before, "move")} before`;
+  return `${was}, ${now ?? "not finished"} now, from move ${move}.`;
+}
 
 /** @param {Mars.Analysis} analysis @returns the sentence above the list of moves */
 export function summaryOf({ policy, losses, given_up }) {

@@ -70,8 +70,6 @@ export function createTerrainDialog(dialog, handlers) {
     handlers.onWrong(wish);
   });
   return {
-    /** @param {string} level @returns whether a level pays for finishing an episode */
-    paysBonus: (level) => levels.find(({ name }) => name === level)?.pays_bonus ?? true,
     /** @returns {Play.Wish} the wish as it stands; a form with an error counts as an untouched one */
     wish() {
       const wish = read();

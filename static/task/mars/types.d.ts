@@ -15,7 +15,7 @@ declare namespace Mars {
   };
   type Task = TaskOf<Frame, Cell, Course, MoveHistory>;
   type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "headline" | "ending"
-    | "trialEnding" | "scoreWhy" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
+    | "trialEnding" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   type MoveHistory = {kind: "history", episode: string, positions: Cell[], discovered: number[]};
   /** What a policy computed at the frame of `step` on its own board: probabilities of ACTIONS, in their order, what it
    * expects to earn, and the cell that it heads for. Networks have the first two, rules the last. */

@@ -71,12 +71,33 @@ export function createViews({ panels, onChange }) {
       if (view !== "3d" || viewer.dataset.name === (name ?? "")) return;
       showBoard(viewer, name, isSoftware);
     },
+    /** Put the small map over a corner of the stage where it covers neither the rover nor the route.
+     * @param {Play.Panel} panel @param {Board | null} board */
+    placeMap({ root }, board) {
+      if (!board) return;
+      const { frame, trail } = /** @type {Mars.Board} */ (board);
+      const isFollowed = cameraOf(localStorage.getItem("mars.camera"), Math.max(frame.rows, frame.cols)) === "follow";
+      root.dataset.corner = isFollowed ? CORNERS[0] : freeCorner(frame, trail);
+    },
     /** @param {Frame | null | undefined} frame */
     paintCamera(frame) {
       const { rows = 0, cols = 0 } = /** @type {Mars.Frame | undefined} */ (frame ?? undefined) ?? {};
       repaintCamera(Math.max(rows, cols));
     },
   };
+}
+
+/** Where the small map may lie, the first free one is taken; none where the route has been in all of them. */
+const CORNERS = Object.freeze(["north-east", "south-east", "south-west", "north-west"]);
+/** Share of a side of the board that the small map covers at most, as the 3-D view of all of it is drawn. */
+const COVERED = 0.36;
+
+/** @param {{rows: number, cols: number, position: Cell}} board @param {Cell[]} trail @returns the corner without rover and route */
+export function freeCorner({ rows, cols, position }, trail) {
+  const cells = [...trail, position];
+  return CORNERS.find((corner) => !cells.some(([row, col]) =>
+    (corner.startsWith("north") ? row + 1 : rows - row) <= Math.ceil(COVERED * rows)
+    && (corner.endsWith("west") ? col + 1 : cols - col) <= Math.ceil(COVERED * cols))) ?? "none";
 }
 
 /** A board with a longer side, cells, is followed until somebody chooses (app/tasks/mars/viewer3d/scene.py). */

@@ -1,6 +1,6 @@
 // MarsExplorer in words; no document here, so that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
-import { many, percent, score, wholePercent } from "../../common/words.js";
+import { many, percent, score } from "../../common/words.js";
 import { CELL_STATES, cellAfter, markAt, WAYS } from "./ground.js";
 
 const TARGET = "99 %";
@@ -73,7 +73,7 @@ export const words = {
   headline: ({ coverage }) => ({ value: percent(coverage), unit: "% mapped", share: coverage }),
   ending(frame) {
     const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
-    return { title: title.replace("{coverage}", wholePercent(frame.coverage)).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
+    return { title: title.replace("{coverage}", `${percent(frame.coverage)} %`).replace("{moves}", many(frame.step, "move")), line: line.replace("{ground}", ground(frame)) };
   },
   trialEnding({ outcome: found, step, coverage, score: value }, wanted) {
     const [title, line] = ENDINGS[found ?? ""]?.trial ?? [found ?? "", ""];
@@ -82,14 +82,6 @@ export const words = {
     /** @type {[string, string][]} */
     const figures = [["Moves", String(step)], ["Coverage", `${percent(coverage)} %`]];
     return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
-  },
-  scoreWhy({ outcome: found, score: value }, paysBonus) {
-    if (value === null) return "";
-    const earned = "The score adds up what you discovered";
-    const scale = "0 is a crash on the first move, and nobody reaches 1.";
-    if (!paysBonus) return `${earned}, less a little for each move. ${scale}`;
-    if (found === "explored") return `${earned} and a bonus for finishing, less a little for each move. ${scale}`;
-    return `${earned}, less a little for each move${found === "timed_out" || found === "abandoned" ? "" : " and a fine for the accident"}. Finishing would have added a bonus. ${scale}`;
   },
   compare(mine, theirs, rival, who = "You") {
     if (!theirs) return "";

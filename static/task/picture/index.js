@@ -83,7 +83,6 @@ export function taskOf(about) {
       const figures = [["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
       return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, ["Score", score(frame.score)]] };
     },
-    scoreWhy: () => "",
     compare(_, theirs, rival) {
       return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${many(theirs.step, "move")}, ${shown(progress(theirs))}.` : "";
     },

@@ -165,7 +165,9 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         ("serve nonsense", "unexpected argument 'nonsense'"),
         ("export", "--out"),
         ("export --out x --format xml", "--format"),
-        ("fly", "No such command 'fly'"),
+        ("fly", "No such command 'fly'. (see"),
+        ("sevre", "No such command 'sevre'. Did you mean 'serve'? (see"),
+        ("study freze", "No such command 'freze'. Did you mean 'freeze'? (see"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_exit_code_2(run, args, part):

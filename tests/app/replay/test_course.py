@@ -38,16 +38,21 @@ def test_a_course_shows_at_each_move_what_was_known_then():
     text = "".join(answer["grid"]).encode()
     assert text == course.codes.tobytes().translate(CELL_CHARACTERS)
     assert b"@" not in text
-    assert answer["sentence"] == f"mapped 99 % of the ground in {course.moves} moves"
+    assert answer["sentence"] == f"mapped {share(again)} of the ground in {course.moves} moves"
     assert record.seed is not None
     assert str(record.terrain.hex()) not in str(answer)
+
+
+def share(episode):
+    """Coverage as the pages write it: in tenths of a percent, rounded down."""
+    return f"{int(1000 * episode.coverage + 1e-6) / 10:.1f} %"
 
 
 @pytest.mark.parametrize(("before", "moves"), [(0, "1 move"), (2, "3 moves")])
 def test_an_ending_in_words(before, moves):
     episode = played(lambda episode: [*free_moves(episode)[:before], 0])
     said = sentence(course_of("A person", episode.record()))
-    assert said == f"drove off the map at {int(100 * episode.coverage)} % after {moves}"
+    assert said == f"drove off the map at {share(episode)} after {moves}"
 
 
 def test_an_abandoned_episode_was_left():
@@ -55,7 +60,7 @@ def test_an_abandoned_episode_was_left():
     episode.abandon()
     course = course_of("A person", episode.record())
     assert (course.outcome, course.score) == ("abandoned", episode.score)
-    assert course.headline == f"A person left at {int(100 * episode.coverage)} % after 4 moves"
+    assert course.headline == f"A person left at {share(episode)} after 4 moves"
 
 
 def test_a_ghost_is_the_policys_own_episode_on_that_terrain():

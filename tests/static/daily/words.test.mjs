@@ -10,8 +10,8 @@ const ppo = { name: "ppo", state: "ready", moves: 75, coverage: 0.99 };
 const people = (you, players = 3) => ({ players, unfinished: 1, moves: [[87, 2]], table: [], you });
 
 test("a shared text says the day, the result and the policy, and nothing else", () => {
-  assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99 % mapped, ppo needed 75\nhttp://here/daily");
-  assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed at 28 % after 16 moves\nx");
+  assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99.3 % mapped, ppo needed 75\nhttp://here/daily");
+  assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed at 28.5 % after 16 moves\nx");
 });
 
 test("each ending has words of its own", () => {
@@ -34,5 +34,5 @@ test("times, days, streaks and counts are said as people say them", () => {
   assert.deepEqual([streakText(0), streakText(1), streakText(3)], ["", "", "3 days in a row"]);
   assert.equal(peopleText(task, people(null)), "3 people; 1 of them did not reach 99 %. Each has one attempt.");
   assert.equal(peopleText(task, { ...people(null), players: 0 }), "Nobody has a rank yet.");
-  assert.deepEqual([ppo, { ...ppo, moves: null, coverage: 0.56 }, { ...ppo, state: "waiting" }].map(policyText), ["75 moves", "stopped at 56 %", "still exploring"]);
+  assert.deepEqual([ppo, { ...ppo, moves: null, coverage: 0.56 }, { ...ppo, state: "waiting" }].map(policyText), ["75 moves", "stopped at 56.0 %", "still exploring"]);
 });

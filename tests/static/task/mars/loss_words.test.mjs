@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placeOf, sentenceOf, summaryOf } from "../../../../static/task/mars/losses.js";
+import { placeOf, sentenceOf, summaryOf, triedText } from "../../../../static/task/mars/losses.js";
 
 const GRID = ["@.#??", "...??", "?????"];
 const loss = (rest = {}) => ({ step: 22, regret: 4, action: "west", best_action: "south", kind: "early detour", previous: "east", position: [0, 0],
@@ -38,4 +38,11 @@ test("the summary says by what moves are judged", () => {
   assert.match(summaryOf(analysis()), /^These 2 moves cost you the most\. Judged by how ppo would have finished/);
   assert.match(summaryOf(analysis({ losses: [] })), /^No single move cost you much/);
   assert.match(summaryOf(analysis({ given_up: 7 })), /^Giving up cost 7 moves/);
+});
+
+test("an end of one's own costs no number of moves, and what is tried again is compared with what it came to before", () => {
+  assert.match(sentenceOf(loss({ kind: "ended early", regret: 375, missed: [], action: "north", position: [0, 1] })), /^Move 23 ended the episode: you drove/);
+  assert.equal(triedText(80, 76, 9), "80 moves before, 76 now, from move 9.");
+  assert.equal(triedText(null, 76, 1), "Not finished before, 76 now, from move 1.");
+  assert.equal(triedText(1, null, 9), "1 move before, not finished now, from move 9.");
 });

@@ -6,23 +6,15 @@ import { describe, stepsToGoal, words } from "../../../../static/task/mars/words
 const frame = (changes = {}) => ({ episode: "e", step: 16, rows: 3, cols: 4, coverage: 0.2899, score: 0.281, outcome: null, ...changes });
 
 test("a crash says at what coverage and after how many moves, never a number of steps that nobody made", () => {
-  assert.equal(words.ending(frame({ outcome: "collided" })).title, "Crashed at 28 % after 16 moves");
-  assert.equal(words.ending(frame({ outcome: "out_of_bounds", step: 1, coverage: 0 })).title, "Off the map at 0 % after 1 move");
+  assert.equal(words.ending(frame({ outcome: "collided" })).title, "Crashed at 28.9 % after 16 moves");
+  assert.equal(words.ending(frame({ outcome: "out_of_bounds", step: 1, coverage: 0 })).title, "Off the map at 0.0 % after 1 move");
   assert.equal(words.ending(frame({ outcome: "explored", coverage: 0.9912 })).title, "Mapped in 16 moves");
-});
-
-test("the score is explained as the level pays, and nothing is said of one that is not known", () => {
-  assert.match(words.scoreWhy(frame({ outcome: "explored" }), true), /and a bonus for finishing, less a little for each move/);
-  assert.match(words.scoreWhy(frame({ outcome: "collided" }), true), /fine for the accident. Finishing would have added a bonus/);
-  assert.doesNotMatch(words.scoreWhy(frame({ outcome: "timed_out" }), true), /accident/);
-  assert.doesNotMatch(words.scoreWhy(frame({ outcome: "collided" }), false), /bonus|fine/);
-  assert.equal(words.scoreWhy(frame({ outcome: "collided", score: null }), true), "");
 });
 
 test("a screen reader hears tenths without a score, the end with it, and new terrains", () => {
   assert.equal(words.announcement(frame({ coverage: 0.41 }), frame({ coverage: 0.44 })), "");
   assert.equal(words.announcement(frame({ coverage: 0.39 }), frame({ coverage: 0.44 })), "40 percent mapped in 16 moves.");
-  assert.equal(words.announcement(frame(), frame({ outcome: "collided" })), "Crashed at 28 percent after 16 moves. Score 0.281.");
+  assert.equal(words.announcement(frame(), frame({ outcome: "collided" })), "Crashed at 28.9 percent after 16 moves. Score 0.281.");
   assert.match(words.announcement(null, frame()), /^New terrain, 3 by 4/);
 });
 
