@@ -152,6 +152,12 @@ class Run(Protocol):
     def view(self) -> View:
         """Return what may be seen of the run as it stands."""
 
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return what an agent may see of the run as it stands, ready for JSON; None for what is not asked for or not there.
+
+        `picture` (a PNG as a data URL) or `text` is what people see, `observation` what policies are given.
+        """
+
     def record(self) -> Record:
         """Return the cause, with what it came to: outcome, return and digest among it."""
 

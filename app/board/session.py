@@ -369,6 +369,14 @@ class Session:
             await self._store.write(record, notice, publish)
         self.count_written(STEP_BYTES)
 
+    async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
+        """Return the newest frame's view, and what an agent may see of it (`app.task.Run.seen`)."""
+        async with self.changing:
+            run = await self._take_run()
+            seen = await on_threads(self.task, run.seen, picture, observation)
+            self._run = run
+            return self.shown, seen
+
     async def abandon(
         self, episode: str, step: int | None, note: Callable[[], None] | None = None
     ) -> None:

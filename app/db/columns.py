@@ -121,6 +121,8 @@ def _read(text: str) -> dict[str, Table]:
             table.rules.append(rest)
         elif first == "index":
             table.indexes.append(f"CREATE INDEX {rest}")
+        elif first == "unique":
+            table.indexes.append(f"CREATE UNIQUE INDEX {rest}")
         elif first == "keyed":
             table.keys = tuple(rest.split()[1:])
         elif line == "without rowid":

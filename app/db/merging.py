@@ -232,6 +232,10 @@ def _check_equal(
             )
 
 
+ENDS = ("closed_ms", "secret", "sealed_ms")
+"""What the end of a study writes into its row."""
+
+
 def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where: str) -> None:
     for row in rows(source, "SELECT * FROM series"):
         known = rows(target, "SELECT * FROM series WHERE name = ?", row["name"])
@@ -239,12 +243,12 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
             target.execute(TABLES["series"].insert(), list(row.values()))
             continue
         _check_same_series(known[0], row, where)
-        if all(known[0][name] is not None or row[name] is None for name in ("closed_ms", "secret")):
+        if all(known[0][name] is not None or row[name] is None for name in ENDS):
             continue
         with chain.changing(target, "series", row["name"]):
             target.execute(
-                "UPDATE series SET closed_ms = coalesce(closed_ms, ?), secret = coalesce(secret, ?) WHERE name = ?",
-                (row["closed_ms"], row["secret"], row["name"]),
+                f"UPDATE series SET {', '.join(f'{name} = coalesce({name}, ?)' for name in ENDS)} WHERE name = ?",
+                (*(row[name] for name in ENDS), row["name"]),
             )
 
 

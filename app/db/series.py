@@ -35,7 +35,7 @@ _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHER
 _NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
     JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
 _IS_OPEN = "SELECT 1 FROM series WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
-_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ? WHERE name = ?"
+_NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ?, sealed_ms = ? WHERE name = ?"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM series_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
 
@@ -64,13 +64,14 @@ class StudyStore:
         return self._store.connection
 
     def note_closed(self, study: SeriesRow) -> None:
-        """Write the end and the secret of a closed study, if anybody had joined it; an open study changes nothing."""
-        if study.closed_ms is None:
+        """Write that a study was sealed, or its end and secret, if anybody had joined it; a running study changes nothing."""
+        if study.closed_ms is None and study.sealed_ms is None:
             return
         with self._store.transaction():
             if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
                 with chain.changing(self._conn, "series", study.name):
-                    self._conn.execute(_NOTE_CLOSED, (study.closed_ms, study.secret, study.name))
+                    values = (study.closed_ms, study.secret, study.sealed_ms, study.name)
+                    self._conn.execute(_NOTE_CLOSED, values)
                 chain.append_marks(self._conn)
 
     def note_freezing(self, study: SeriesRow) -> None:
@@ -84,14 +85,10 @@ class StudyStore:
         found = self._conn.execute(sql, [name]).fetchone()
         return found is not None
 
-    def open_names(self) -> list[str]:
-        """Return the names of studies that the database does not know to be closed."""
-        return [
-            row[0]
-            for row in self._conn.execute(
-                "SELECT name FROM series WHERE closed_ms IS NULL"
-            ).fetchall()
-        ]
+    def open_names(self) -> dict[str, bool]:
+        """Return the names of studies that the database does not know to be closed, each with whether it is sealed there."""
+        sql = "SELECT name, sealed_ms IS NOT NULL FROM series WHERE closed_ms IS NULL"
+        return {name: bool(is_sealed) for name, is_sealed in self._conn.execute(sql).fetchall()}
 
     def participant(self, participant_id: str) -> Participant:
         """Return a participant as the database has them now."""
@@ -104,8 +101,14 @@ class StudyStore:
         return self._find("study = ? AND player_id = ?", study, player_id)
 
     def participant_of_session(self, session_id: str) -> Participant | None:
-        """Return the participant whose board a session is; None when it is nobody's."""
-        return self._find("session_id = ?", session_id)
+        """Return the participant whose board a session is, or one of whose boards; None when it is nobody's."""
+        sql = """id = (SELECT participant_id FROM series_episodes x JOIN episodes e ON e.id = x.episode_id
+            WHERE e.session_id = ? LIMIT 1)"""
+        return self._find(f"session_id = ?1 OR {sql.replace('?', '?1')}", session_id)
+
+    def card(self, evaluation: str, ident: str) -> Participant | None:
+        """Return the participant who plays an evaluation with a card; None before its first use."""
+        return self._find("study = ? AND invitation = ? AND kind = 'script'", evaluation, ident)
 
     def participant_with_identity(self, study: str, name: str, value: str) -> Participant | None:
         """Return the participant who came with an outside id; None when nobody did."""

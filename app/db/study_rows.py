@@ -21,6 +21,7 @@ class SeriesRow(NamedTuple):
 
     closed_ms  from when on everything of it is public; None while a study is open
     secret     hex; None while a study is open. That of a day is told to nobody before the day is over
+    sealed_ms  since when nobody can take part in a study whose secret is kept for agents; None where it was not sealed
     beacon     JSON; with its signature (hex) None where none was named (`app.series.beacon`)
     """
 
@@ -34,6 +35,7 @@ class SeriesRow(NamedTuple):
     kind: SeriesKind = "study"
     beacon: str | None = None
     beacon_signature: str | None = None
+    sealed_ms: int | None = None
 
 
 @dataclass(frozen=True)

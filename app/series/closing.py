@@ -19,37 +19,43 @@ ACTIVE_MS = 10 * 60_000
 """Who has moved within this time before the end is interrupted by it; who has not had left."""
 
 
-def close_study(folder: Folder, reader: Reader | None, name: str, now_ms: int, now: bool) -> Study:
+def close_study(
+    folder: Folder, reader: Reader | None, name: str, now_ms: int, now: bool, seals: bool = False
+) -> Study:
     """Close a study and return it; StudyError while somebody is at it, unless `now`.
 
     reader  of the database in which it is played; None where there is none
+    seals   keep its terrains secret (`Folder.close`)
     """
     active = 0 if now or reader is None else len(_active(reader, name, now_ms))
-    if active and folder.study(name).is_open:
+    if active and folder.study(name).is_running:
         people = "1 person has" if active == 1 else f"{active} people have"
         raise StudyError(
             f"{people} moved in the study {name!r} within the last ten minutes: nothing was closed; wait until they have "
             "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
         )
-    return folder.close(name)
+    return folder.close(name, seals)
 
 
 def note_closed(store: Store, study: Study) -> list[str]:
-    """Write the end of a closed study into the database, if anybody had joined it, and abandon what is open in it.
+    """Write the end of a closed or sealed study into the database, if anybody had joined it, and abandon what is open in it.
 
-    Return the sessions whose episodes were abandoned. An open study, or one whose end is written already, changes nothing.
+    Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
     """
-    known, closed_ms, row = StudyStore(store), study.closed_ms, find_study(store, study.name)
-    if closed_ms is None or row is None or row.closed_ms is not None:
+    known, row = StudyStore(store), find_study(store, study.name)
+    ended_ms = study.closed_ms if study.sealed_ms is None else study.sealed_ms
+    if ended_ms is None or row is None or row.closed_ms is not None:
+        return []
+    if study.is_open and row.sealed_ms is not None:
         return []
     if row.protocol_hash != study.protocol_hash:  # another study of this name
         return []
     with store.transaction():
-        for participant_id in _active(store, study.name, closed_ms):
-            known.add_stage_event(participant_id, closed_ms, INTERRUPTED, {})
+        for participant_id in _active(store, study.name, ended_ms) if row.sealed_ms is None else ():
+            known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
         running = [trial for trial in study_trials(store, study.name) if trial.ended_ms is None]
         for trial in running:
-            store.next_episode([_abandoned(store, known, trial, closed_ms)], ())
+            store.next_episode([_abandoned(store, known, trial, ended_ms)], ())
         known.note_closed(study.row())
     return [trial.session_id for trial in running]
 

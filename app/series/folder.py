@@ -5,9 +5,11 @@
     NAME/frozen.json     its hash, the commitment to the secret, the beacon's round, when and by what it was frozen
     NAME/opened.json     the beacon's signature, and when it was entered; only where a round was named
     NAME/secret          the study's secret (hex): whoever reads it knows every terrain
+    NAME/sealed.json     when nobody could take part any more, while the secret is kept for agents; only where it was sealed
     NAME/closed.json     the secret revealed, and when
     NAME/policies/       see `app.series.policy_files`
     NAME/invitations.json   see `app.series.invitations`
+    NAME/cards.json      of an evaluation of agents, see `app.series.evaluation`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
 """
@@ -18,6 +20,7 @@ import hashlib
 import re
 import secrets
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -45,8 +48,9 @@ from app.task import PolicyError
 
 __all__ = ["Folder", "Study", "StudyError"]
 
-Status = Literal["draft", "frozen", "open", "closed"]
-"""A study that names a beacon is `frozen` until it is opened; others are open once they are frozen."""
+Status = Literal["draft", "frozen", "open", "sealed", "closed"]
+"""A study that names a beacon is `frozen` until it is opened; others are open once they are frozen. Of a sealed one nobody can
+take part any more, and its terrains stay secret until agents have been evaluated on them."""
 Advance = Callable[[int, int], None]
 
 
@@ -59,6 +63,8 @@ class Study:
     beacon      whose round was named at freezing; None for none
     beacon_signature  hex, entered at opening
     policy_files  of the policies that it compares with
+    sealed_ms   since when nobody can take part while the secret is kept; None where it was not sealed
+    paired      the study whose ranked terrains an evaluation of agents plays; None for any other
     """
 
     name: str
@@ -71,16 +77,25 @@ class Study:
     beacon: Beacon | None = None
     beacon_signature: str | None = None
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False, compare=False)
+    sealed_ms: int | None = None
+    paired: Study | None = field(default=None, repr=False)
 
     @property
     def is_open(self) -> bool:
-        """Whether the study is not closed."""
+        """Whether the study is not closed: its terrains are secret."""
         return self.closed_ms is None
 
     @property
+    def is_running(self) -> bool:
+        """Whether people, or cards of an evaluation, can go on: it is neither sealed nor closed."""
+        return self.closed_ms is None and self.sealed_ms is None
+
+    @property
     def status(self) -> Status:
-        """How far it is: `frozen` (it waits for its beacon), `open` or `closed`."""
-        return "closed" if not self.is_open else "frozen" if self.waits_for_beacon else "open"
+        """How far it is: `frozen` (it waits for its beacon), `open`, `sealed` or `closed`."""
+        if self.is_running:
+            return "frozen" if self.waits_for_beacon else "open"
+        return "sealed" if self.is_open else "closed"
 
     @property
     def waits_for_beacon(self) -> bool:
@@ -101,6 +116,7 @@ class Study:
             secret=secret,
             beacon=self.beacon.to_json() if self.beacon else None,
             beacon_signature=self.beacon_signature,
+            sealed_ms=self.sealed_ms,
         )
 
     @property
@@ -113,7 +129,9 @@ class Study:
         return key_of(self.secret, self.beacon_signature)
 
     def seed(self, label: SeedLabel, i: int) -> int:
-        """Return the seed of a terrain of this study."""
+        """Return the seed of a terrain of this study, which is that of the study whose terrains are played."""
+        if self.paired is not None:
+            return self.paired.seed(label, i)
         return seed(self.key, self.protocol_hash, label, i)
 
     def balanced_order(self, group: str, number: int) -> list[int]:
@@ -168,8 +186,10 @@ class Folder:
         path = self._existing(name)
         if not (path / "frozen.json").exists():
             return "draft"
-        if (path / "closed.json").exists():
-            return "closed"
+        ended: tuple[Status, ...] = ("closed", "sealed")
+        for status in ended:
+            if (path / f"{status}.json").exists():
+                return status
         named = read_object(path / "frozen.json").get("beacon") is not None
         return "frozen" if named and not (path / "opened.json").exists() else "open"
 
@@ -193,6 +213,7 @@ class Folder:
                     path / "protocol.json",
                     path / "frozen.json",
                     path / "opened.json",
+                    path / "sealed.json",
                     path / "closed.json",
                     path / "secret",
                 ),
@@ -200,7 +221,8 @@ class Folder:
         )
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
-            return known[1]
+            of = known[1].paired
+            return known[1] if of is None else replace(known[1], paired=self.study(of.name))
         study = self._load(name, path)
         self._known[name] = (stamp, study)
         return study
@@ -235,7 +257,8 @@ class Folder:
         path = self.path(name)
         template = self._template(name)
         protocol = fill(template)  # every field set from now on
-        if unanswered := protocol.declarations.unanswered():
+        unanswered = protocol.declarations.unanswered()
+        if unanswered and protocol.agents is None:
             raise StudyError(
                 f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
                 f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
@@ -255,8 +278,25 @@ class Folder:
             update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
         )
         secret, now = draw(32), now_ms()
+        paired = self._paired(protocol)
+        if paired is not None and not paired.is_open:
+            raise StudyError(
+                f"the study {paired.name!r} was closed meanwhile, and its terrains are known: begin another evaluation of it, "
+                "which draws its own"
+            )
+        if paired is not None and (other := self.evaluation_of(paired.name)) is not None:
+            raise StudyError(
+                f"the evaluation {other!r} plays the terrains of {paired.name!r} already: close that first"
+            )
         study = Study(
-            name, protocol, protocol_hash(protocol), commitment(secret), now, None, secret
+            name,
+            protocol,
+            protocol_hash(protocol),
+            commitment(secret),
+            now,
+            None,
+            secret,
+            paired=paired,
         )
         _check_terrains(
             study, advance
@@ -295,19 +335,60 @@ class Folder:
         write_object(self.path(name) / "opened.json", opened)
         return self.study(name)
 
-    def close(self, name: str) -> Study:
-        """Close a study and return it: nobody can join or go on, and its secret is revealed."""
+    def close(self, name: str, seals: bool = False) -> Study:
+        """Close a study and return it: nobody can join or go on, and its secret is revealed.
+
+        seals  keep the secret until an evaluation of agents on its terrains closes
+
+        Closing an evaluation reveals the secret of the study whose terrains it played too.
+        """
         study = self.study(name)
         _ = study.key  # nobody can have taken part before
         if not study.is_open:
+            why = ": its terrains are known, and it cannot be sealed" if seals else ""
             raise StudyError(
-                f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}"
+                f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}{why}"
             )
-        write_object(
-            self.path(name) / "closed.json",
-            {"secret": study.secret.hex(), "closed_at": iso(now_ms())},
-        )
+        if seals:
+            if study.protocol.agents is not None or not study.is_running:
+                what = "an evaluation" if study.protocol.agents is not None else "sealed already"
+                raise StudyError(f"{name!r} is {what}: there is nothing to seal")
+            write_object(self.path(name) / "sealed.json", {"sealed_at": iso(now_ms())})
+            return self.study(name)
+        if (evaluation := self.evaluation_of(name)) is not None:
+            raise StudyError(
+                f"agents are evaluated on the terrains of the study {name!r} (`{evaluation}`): close it with --sealed, and "
+                f"`marsexplorer evaluation close {evaluation}` reveals them"
+            )
+        closed_at = iso(now_ms())
+        if (paired := study.paired) is not None and paired.is_open:
+            if paired.is_running:
+                raise StudyError(
+                    f"people still play these terrains in the study {paired.name!r}: close that first, with --sealed"
+                )
+            self._reveal(paired, closed_at)
+        self._reveal(study, closed_at)
         return self.study(name)
+
+    def _reveal(self, study: Study, closed_at: str) -> None:
+        told = {"secret": study.secret.hex(), "closed_at": closed_at}
+        write_object(self.path(study.name) / "closed.json", told)
+
+    def evaluations(self) -> list[Study]:
+        """Return the frozen evaluations of agents, those with damaged files left out."""
+        found = []
+        for name in self.names():
+            with suppress(StudyError):  # a draft, or `evaluation show` says what is wrong with it
+                study = self.study(name)
+                found += [study] if study.protocol.agents is not None else []
+        return found
+
+    def evaluation_of(self, name: str) -> str | None:
+        """Return the evaluation that plays the terrains of a study and is not closed; None for none."""
+        open_ones = (each for each in self.evaluations() if each.is_open)
+        return next(
+            (each.name for each in open_ones if each.paired and each.paired.name == name), None
+        )
 
     def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
         """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
@@ -351,6 +432,7 @@ class Folder:
             )
         closed = read_object(path / "closed.json") if (path / "closed.json").exists() else None
         opened = read_object(path / "opened.json") if (path / "opened.json").exists() else {}
+        sealed = read_object(path / "sealed.json") if (path / "sealed.json").exists() else None
         try:
             secret = bytes.fromhex(
                 closed["secret"] if closed else (path / "secret").read_text().strip()
@@ -363,6 +445,7 @@ class Folder:
                 "frozen_ms": frozen_ms,
                 "beacon": Beacon(**frozen["beacon"]) if frozen.get("beacon") else None,
                 "beacon_signature": opened.get("beacon_signature"),
+                "sealed_ms": ms_of(sealed["sealed_at"]) if sealed else None,
             }
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise StudyError(
@@ -375,8 +458,21 @@ class Folder:
         protocol = parse_protocol(raw)
         files = PolicyFiles.of(protocol, path / FOLDER)
         return Study(
-            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files
-        )
+            name, protocol, **fixed, closed_ms=closed_ms, secret=secret, policy_files=files,
+            paired=self._paired(protocol),
+        )  # fmt: skip
+
+    def _paired(self, protocol: Protocol) -> Study | None:
+        """Return the study whose terrains an evaluation plays, None for none; StudyError where it is not what was frozen."""
+        of = None if protocol.agents is None else protocol.agents.study
+        if of is None:
+            return None
+        study = self.study(of.name)
+        if (study.protocol_hash, study.commitment) != (of.protocol_hash, of.commitment):
+            raise StudyError(
+                f"the evaluation {protocol.name!r} is of another study {of.name!r} than the one in {self.root}: put that back"
+            )
+        return study
 
 
 def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:

@@ -66,7 +66,7 @@ class Invitations:
     def issue(self, name: str, count: int) -> list[Invitation]:
         """Issue new invitations to an open study and return them; StudyError when it takes none."""
         study = self._folder.study(name)
-        if not study.is_open:
+        if not study.is_running:
             raise StudyError(f"the study {name!r} is closed: nobody can be invited to it any more")
         if study.protocol.recruitment != "invitation":
             raise StudyError(

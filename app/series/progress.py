@@ -74,6 +74,8 @@ class ParticipantProgress:
         """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
         try:
             study = self.folder.study(name)
+            if study.protocol.agents is not None:
+                raise UnknownStudyError(f"{name!r} is an evaluation of agents: no people take part")
         except (UnknownStudyError, DraftStudyError):
             raise
         except StudyError as error:
@@ -84,9 +86,12 @@ class ParticipantProgress:
         return study
 
     async def note_if_closed(self, study: Study) -> None:
-        """Note in the database that a study is closed, where it does not know so yet."""
+        """Note in the database that a study is closed or sealed, where it does not know so yet."""
         store = self.lobby.store
-        if not study.is_open and study.name in await store.read(self.study_store.open_names):
+        if study.is_running:
+            return
+        is_sealed = (await store.read(self.study_store.open_names)).get(study.name)
+        if is_sealed is not None and not (study.is_open and is_sealed):
             await store.write(partial(note_closed, store, study), then=self.lobby.forget)
 
     async def note_all_closed(self) -> None:
@@ -104,14 +109,18 @@ class ParticipantProgress:
             for name in await self.lobby.store.read(self.study_store.open_names):
                 # one that cannot be read is named at its next use; a refused write is tried again
                 with suppress(StudyError, StoreError):
-                    if self.folder.status(name) == "closed":
+                    if self.folder.status(name) in ("closed", "sealed"):
                         await self.note_if_closed(self.folder.study(name))
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
-        study = self.study(name)
+        return self.check_open(self.study(name))
+
+    def check_open(self, study: Study) -> Study:
+        """Return a study, or an evaluation of agents, that can be played; StageError when it is not open or of other rules."""
+        name = study.name
         note_closed(self.lobby.store, study)
-        if not study.is_open or self.study_store.is_closed(name):
+        if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
         if study.waits_for_beacon:
             raise StageError(
@@ -168,7 +177,7 @@ class ParticipantProgress:
         if found is not None:
             self._note_return(found, invitation, now)
             return self.study_store.participant(found.id), False
-        self._add_study(study)
+        self.add_study(study)
         new = Participant(
             id=self._sources.participant_id(), study=name, player_id=player_id, session_id=None,
             kind="human" if script is None else "script", script=script, stage="consent",
@@ -277,7 +286,7 @@ class ParticipantProgress:
         participant = await self.lobby.store.read(partial(self.participant, name, player_id))
         session = await self.session(participant)
         note = partial(self._note_withdrawal, participant.id)
-        if session is None or session.shown.ended or not self.study(name).is_open:
+        if session is None or session.shown.ended or not self.study(name).is_running:
             await self.lobby.store.write(note)
             return
         try:
@@ -358,7 +367,7 @@ class ParticipantProgress:
                 new, kept, {} if id_is is None else {"outside_id": id_is}
             )
 
-    def _add_study(self, study: Study) -> None:
+    def add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
         known = add_series(self.lobby.store, study.row())
         if (known.protocol_hash, known.commitment) == (study.protocol_hash, study.commitment):

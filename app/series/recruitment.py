@@ -139,7 +139,7 @@ class Recruitment:
 
     def obstacle(self, study: Study, participant: Participant) -> str | None:
         """Return why somebody at the consent cannot agree any more, in a sentence; None when nothing stands in the way."""
-        if participant.stage != "consent" or participant.kind != "human" or not study.is_open:
+        if participant.stage != "consent" or participant.kind != "human" or not study.is_running:
             return None
         try:
             self.check_consent(study, participant)
@@ -260,10 +260,10 @@ def panel_token(study: Study, value: str) -> str:
 def panel_link(study: Study, value: str, base: str) -> str:
     """Return the link of a panel's id below the server's address `base`; StudyError where links are not signed or needed."""
     protocol = study.protocol
-    if not study.is_open or (protocol.recruitment, protocol.panel_links) != ("panel", "signed"):
+    if not study.is_running or (protocol.recruitment, protocol.panel_links) != ("panel", "signed"):
         raise StudyError(
             f"only an open study with recruitment panel and panel_links signed takes signed ids; {study.name!r} is "
-            f"{'open' if study.is_open else 'closed'}, with {protocol.recruitment} and {protocol.panel_links}"
+            f"{study.status}, with {protocol.recruitment} and {protocol.panel_links}"
         )
     query = urlencode({protocol.outside_ids[0]: value, PARAMETER: panel_token(study, value)})
     return f"{base.rstrip('/')}/study/{study.name}?{query}"

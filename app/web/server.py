@@ -29,6 +29,7 @@ from app.db.metrics import Metrics
 from app.db.series import StudyStore
 from app.db.store import Store
 from app.jobs import Jobs
+from app.series.cards import Cards
 from app.series.daily import DailyBoards
 from app.series.debrief import Debriefs
 from app.series.folder import Folder
@@ -243,6 +244,7 @@ def _services(
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
+        cards=Cards(progress),
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, policies.offers(), settings.studies, jobs),
         replays=Replays(store.path, policies.offers(), jobs),

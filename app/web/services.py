@@ -12,6 +12,7 @@ from app.board.sources import PlayerTokens
 from app.board.spectators import Spectators
 from app.db.store import Store
 from app.jobs import Jobs
+from app.series.cards import Cards
 from app.series.daily import DailyBoards
 from app.series.debrief import Debriefs
 from app.series.progress import ParticipantProgress
@@ -38,6 +39,7 @@ class Services:
     viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
+    cards          what agents with cards do in sealed evaluations
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
     replays        finished episodes as they went, and policies on their terrains
@@ -56,6 +58,7 @@ class Services:
     viewer: Any
     player_tokens: PlayerTokens
     progress: ParticipantProgress
+    cards: Cards
     debriefs: Debriefs
     leaderboard: Leaderboard
     replays: Replays

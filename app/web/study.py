@@ -186,7 +186,7 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
         return WITHDRAWN.format(label=participant_label(participant.id))
-    if not study.is_open and participant.stage not in ("debrief", "complete"):
+    if not study.is_running and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
     return progress.recruitment.obstacle(study, participant)
 

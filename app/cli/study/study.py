@@ -208,18 +208,13 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     With --beacon the terrains follow from a round of the public beacon drand quicknet too, which comes out ten minutes later:
     the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
     """
-    from app.series.beacon import QUICKNET
-    from app.series.files import iso, now_ms
+    from app.series.files import iso
     from app.series.folder import BEGINNINGS, beginnings
 
-    _check_database(database)
     with study_errors():
         is_draft = folder.status(name) == "draft"
         plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
-    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
-        named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
-        found = folder.freeze(name, advance, named)
-    is_noted = _note_freezing(found, database)
+    found = frozen(name, beacon, folder, database)
     click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
         _echo_plan(plan, found.protocol.rules.words)
@@ -230,10 +225,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
             f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
             "whoever has played some instances may know the others"
         )
-    click.echo(f"The study {name!r} is frozen.\n{_hashes(found)}")
-    said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
-    later = f"There is no database {database} yet: the server that makes it notes this in its chain"
-    click.echo(said if is_noted else later)
+    click.echo(f"The study {name!r} is frozen.\n{hashes(found)}")
     if found.beacon is not None:
         out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"
         click.echo(f"{out}; then `marsexplorer study open {name}`")
@@ -248,7 +240,23 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         )
 
 
-def _hashes(found: Study) -> str:
+def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
+    """Freeze a study or an evaluation, note it in the chain of the database, say so, and return it."""
+    from app.series.beacon import QUICKNET
+    from app.series.files import now_ms
+
+    _check_database(database)
+    with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
+        named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
+        found = folder.freeze(name, advance, named)
+    said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
+    later = f"There is no database {database} yet: the server that makes it notes this in its chain"
+    click.echo(said if _note_freezing(found, database) else later)
+    return found
+
+
+def hashes(found: Study) -> str:
+    """Return what freezing fixed, as it is printed."""
     named = (
         ""
         if found.beacon is None
@@ -391,7 +399,7 @@ def show(name: str, folder: Folder) -> None:
         found = None if status == "draft" else folder.study(name)
     click.echo(f"{name}: {status}, {folder.path(name)}")
     if found is not None:
-        click.echo(_hashes(found))
+        click.echo(hashes(found))
         if not found.is_open:
             click.echo(f"secret         {found.secret.hex()}")
     click.echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
@@ -609,7 +617,7 @@ def supervise(name: str, folder: Folder) -> None:
 
     with study_errors():
         study = folder.study(name)
-    if not study.is_open:
+    if not study.is_running:
         why = "nobody can be supervised in it any more"
         raise click.UsageError(f"the study {name!r} is closed: {why}")
     now = now_ms()

@@ -11,7 +11,7 @@ from weakref import WeakSet
 
 from app.task import RunEndedError, TaskFullError, rules_of
 from app.tasks.gymnasium.description import described
-from app.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
+from app.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView, plain
 from app.tasks.processes import LostError, Preparer, Work, Worker
 
 ALL_OF_MEMORY = 0.5
@@ -83,7 +83,7 @@ class BoardRun(GymnasiumRun):
         self._rewards += told["rewards"]
         self._scores += told["scores"]
         self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
-        self._picture, self._text = told["picture"], told["text"]
+        self._picture, self._text, self._last = told["picture"], told["text"], told["observation"]
 
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
@@ -121,6 +121,21 @@ class BoardRun(GymnasiumRun):
         """Return what may be seen of the run as it stands."""
         return GymnasiumView(self, self._picture, self._text)
 
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return picture or text, and the observation, which is asked of the process; ValueError where it is lost twice."""
+        given = self._last if observation else None
+        if observation and self.outcome == "running":
+            try:
+                given = self._board.ask(None)["observation"]
+            except LostError:
+                try:
+                    self._board = self._begun(bytes(self.actions))
+                    given = self._board.ask(None)["observation"]
+                except LostError as error:
+                    raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
+        shown = (self._picture, self._text) if picture else (None, None)
+        return {"picture": shown[0], "text": shown[1], "observation": given}
+
     def observation(self) -> Any:
         """Raise LookupError: what the environment shows a policy does not leave its process."""
         raise LookupError("the observation of a board stays in the environment's process")
@@ -145,6 +160,8 @@ def work(task: str, request: Mapping[str, Any]) -> Work:
     since = -1
     while True:
         action = yield _told(run, since)
+        while action is None:  # an agent that is shown the observation asks for it
+            action = yield {"observation": run.seen(picture=False, observation=True)["observation"]}
         since = len(run.actions)
         run.step(action)
 
@@ -160,4 +177,5 @@ def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
         "digest": run.digest,
         "picture": shown.picture,
         "text": shown.text,
+        "observation": plain(run.observation()) if run.outcome != "running" else None,
     }

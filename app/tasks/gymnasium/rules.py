@@ -171,6 +171,15 @@ class GymnasiumRun:
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown), seen)
         return GymnasiumView(self, _picture(shown), None, seen)
 
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return picture or text, and the observation as numbers, texts, lists and objects."""
+        shown = self.view() if picture else None
+        return {
+            "picture": shown and shown.picture,
+            "text": shown and shown.text,
+            "observation": plain(self._observation) if observation else None,
+        }
+
     @property
     def digest(self) -> str:
         """SHA-256 (hex) over configuration, seed, moves, rewards and observations."""
@@ -555,6 +564,21 @@ def bytes_of(observation: Any) -> bytes:
         return observation.encode()
     array = np.asarray(observation)
     return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
+
+
+def plain(observation: Any) -> Any:
+    """Return an observation as JSON holds it: arrays as nested lists, numbers that are not finite as null."""
+    if isinstance(observation, Mapping):
+        return {str(key): plain(value) for key, value in observation.items()}
+    if isinstance(observation, (tuple, list)):
+        return [plain(value) for value in observation]
+    if isinstance(observation, str):
+        return observation
+    values = np.asarray(observation)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        values = values.astype(object)
+        values[~np.isfinite(values.astype(float))] = None
+    return values.tolist()
 
 
 def _picture(pixels: Any) -> str:

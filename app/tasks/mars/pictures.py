@@ -4,6 +4,7 @@ and the one that a preview of its link shows.
 
 from __future__ import annotations
 
+import base64
 import io
 import itertools
 import textwrap
@@ -236,6 +237,14 @@ def png(picture: Image.Image) -> bytes:
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
+
+
+def data_url(codes: NDArray[np.uint8]) -> str:
+    """Return what is known (uint8[rows, cols], codes of a view) as the data URL of a PNG, its longer side near 480 pixels."""
+    colours = np.array([NIGHT, SOIL, AMBER, ROCK], np.uint8)
+    cell = max(1, 480 // max(codes.shape))
+    pixels: NDArray[np.uint8] = np.repeat(np.repeat(colours[codes], cell, 0), cell, 1)
+    return f"data:image/png;base64,{base64.b64encode(png(Image.fromarray(pixels))).decode()}"
 
 
 def percent(share: float) -> str:

@@ -31,6 +31,17 @@ class MarsRun:
         """Return a copy of what is known: uint8[rows, cols]."""
         return self._episode.codes.copy()
 
+    def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
+        """Return the known map as a picture and as what a frame holds of it: no reward, return, score or outcome."""
+        from app.tasks.mars.pictures import data_url
+
+        view = self.view()
+        names = ("rows", "cols", "grid", "position", "discovered", "cells", "coverage", "heading")
+        frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
+        drawn = data_url(view.codes) if picture else None
+        given = {name: frame[name] for name in names} if observation else None
+        return {"picture": drawn, "text": None, "observation": given}
+
     def rewards(self) -> Sequence[float]:
         """Return the reward of each move."""
         return self._episode.rewards

@@ -163,14 +163,14 @@ def recruiting(
     for each in invitations.of(study.name).values():
         use = uses.get(each.id)
         state = state_of(each, use)
-        lets_in = study.is_open and state in ("issued", "opened")
+        lets_in = study.is_running and state in ("issued", "opened")
         token = token_of(study, each.id) if lets_in else None
         label, at_ms = (use.label, use.at_ms) if use else (None, None)
         times = {"issued_ms": each.issued_ms, "revoked_ms": each.revoked_ms, "at_ms": at_ms}
         listed.append({"id": each.id, "state": state, "label": label, "token": token, **times})
     return {
         "recruitment": study.protocol.recruitment,
-        "code": code_of(study, now_ms) if study.is_open else None,
-        "code_until_ms": valid_until_ms(now_ms) if study.is_open else None,
+        "code": code_of(study, now_ms) if study.is_running else None,
+        "code_until_ms": valid_until_ms(now_ms) if study.is_running else None,
         "invitations": listed,
     }

@@ -1,0 +1,151 @@
+"""A sealed evaluation of agents: a study whose protocol has `agents`, in which nobody but holders of cards takes part.
+
+It plays the ranked terrains of a study of people, which stay secret until the evaluation closes, or terrains of its own. The
+operator issues cards, one for each author; a further one of the same author is numbered, has seen these instances, and never
+ranks. A card's token is its id and a signature under the evaluation's secret, so the list alone lets nobody in:
+
+    NAME/cards.json   each card by its id: its author, its number among that author's, when it was issued, and when revoked
+"""
+
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from app.series.files import iso, locked, now_ms, read_object, stamp_of, write_object
+from app.series.folder import Folder, Study
+from app.series.invitations import ALPHABET, read_code, signature
+from app.series.protocol import Agents, PairedStudy, Protocol, StudyError, default_protocol
+from app.task import Configuration
+
+UNPAIRED = "the study {!r} was closed without --sealed, so that its terrains are known: these are others like them"
+SEEN_BEFORE = "has seen these instances"
+_ID_LENGTH, _SIGNATURE_LENGTH = 4, 20  # 100 bits that nobody can guess
+_FORMAT = "marsexplorer-cards-1"
+_CONSENT = "Agents are evaluated here; no people take part."
+
+
+@dataclass(frozen=True)
+class IssuedCard:
+    """A card as the operator issued it; `number` counts the cards of its author from 1, times are ISO 8601."""
+
+    id: str
+    author: str
+    number: int
+    issued_at: str
+    revoked_at: str | None = None
+
+
+def evaluation_of_study(folder: Folder, name: str, study: str, agents: Agents) -> Protocol:
+    """Return the protocol of an evaluation on a study's ranked terrains, or on others like them where these are known."""
+    of = folder.study(study)
+    if of.protocol.agents is not None:
+        raise StudyError(
+            f"{study!r} is an evaluation itself: name the study whose terrains it plays"
+        )
+    paired = PairedStudy(name=of.name, protocol_hash=of.protocol_hash, commitment=of.commitment)
+    changed: dict[str, Any] = (
+        {"study": paired} if of.is_open else {"unpaired": UNPAIRED.format(study)}
+    )
+    agents = agents.model_copy(update=changed)
+    config, task = of.protocol.env_config, of.protocol.task
+    policies = {"policies": of.protocol.policies, "debrief_policy": None}
+    return evaluation_of_task(name, config, task, of.protocol.ranked, agents, **policies)
+
+
+def evaluation_of_task(
+    name: str, config: Configuration, task: str, instances: int, agents: Agents, **rest: Any
+) -> Protocol:
+    """Return the protocol of an evaluation of a task on so many instances."""
+    fixed: dict[str, Any] = {
+        "title": f"Agents: {name}", "warm_up": 0, "ranked": instances, "players": 1, "questions": (),
+        "consent": {"text": _CONSENT}, "recruitment": "invitation", "agents": agents.model_dump(),
+    }  # fmt: skip
+    return default_protocol(name, config, task, **{**fixed, **rest})
+
+
+class CardList:
+    """The cards of every evaluation in a folder; a file is read again when it has changed."""
+
+    def __init__(self, folder: Folder) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[object, dict[str, IssuedCard]]] = {}
+
+    def of(self, name: str) -> dict[str, IssuedCard]:
+        """Return an evaluation's cards by id, in the order of issuing; StudyError when the file is damaged."""
+        path = self._folder.path(name) / "cards.json"
+        stamp = stamp_of(path)
+        known = self._known.get(name)
+        if known is None or known[0] != stamp:
+            try:
+                rows = [] if stamp is None else read_object(path)["cards"]
+                found = {row["id"]: IssuedCard(**row) for row in rows}
+            except (KeyError, TypeError) as error:
+                raise StudyError(
+                    f"{path} is damaged: {error!r}; restore it from a backup"
+                ) from error
+            known = self._known[name] = (stamp, found)
+        return known[1]
+
+    def issue(self, name: str, author: str) -> IssuedCard:
+        """Issue a card to an author and return it, numbered among theirs; StudyError unless the evaluation is open."""
+        study, author = self._folder.study(name), re.sub(r"\s+", " ", author).strip()
+        if study.protocol.agents is None or not study.is_running:
+            what = "no evaluation of agents" if study.protocol.agents is None else study.status
+            raise StudyError(f"{name!r} is {what}: only an open evaluation has cards")
+        if not (1 <= len(author) <= 100 and author.isprintable()):
+            raise StudyError(f"an author is named by 1 to 100 printable characters, got {author!r}")
+        with locked(self._folder.path(name)):
+            found = dict(self.of(name))
+            number = 1 + sum(_same(each.author, author) for each in found.values())
+            while (ident := "".join(secrets.choice(ALPHABET) for _ in range(_ID_LENGTH))) in found:
+                pass
+            found[ident] = IssuedCard(ident, author, number, iso(now_ms()))
+            self._write(name, found)
+        return found[ident]
+
+    def revoke(self, name: str, ident: str) -> IssuedCard:
+        """Revoke a card and return it: nobody can go on with it, and it counts as it stands; StudyError for an unknown id."""
+        with locked(self._folder.path(name)):
+            found = dict(self.of(name))
+            if ident not in found:
+                raise StudyError(
+                    f"the evaluation {name!r} has no card {ident!r}; it has {', '.join(found) or 'none'}"
+                )
+            found[ident] = replace(
+                found[ident], revoked_at=found[ident].revoked_at or iso(now_ms())
+            )
+            self._write(name, found)
+        return found[ident]
+
+    def read_token(self, study: Study, token: str) -> IssuedCard | None:
+        """Return the card that a token was signed for and that holds; None for any other text."""
+        typed = read_code(token)
+        signed = _signed(study, typed[:_ID_LENGTH])
+        if not hmac.compare_digest(typed.encode(), signed.encode()):
+            return None
+        card = self.of(study.name).get(typed[:_ID_LENGTH])
+        return None if card is None or card.revoked_at is not None else card
+
+    def _write(self, name: str, found: dict[str, IssuedCard]) -> None:
+        told = {"format": _FORMAT, "cards": [asdict(each) for each in found.values()]}
+        write_object(self._folder.path(name) / "cards.json", told)
+
+
+def card_link(study: Study, ident: str, base: str) -> str:
+    """Return the base address of a card's routes on the server at `base`: whoever has it plays with the card."""
+    return f"{base.rstrip('/')}/agents/{_signed(study, ident)}"
+
+
+def _signed(study: Study, ident: str) -> str:
+    text = f"{study.protocol_hash}|card|{ident}"
+    return ident + signature(study.secret, text, _SIGNATURE_LENGTH)
+
+
+def _same(one: str, other: str) -> bool:
+    """Return whether two authors are one, whatever the case and the marks between the letters."""
+    plain = [re.sub(r"\W+", "", each).casefold() for each in (one, other)]
+    return plain[0] == plain[1] or one == other

@@ -1,0 +1,156 @@
+"""Agents play a sealed evaluation with cards: once at each instance, from what was seen alone, and without a score."""
+
+import dataclasses
+import json
+
+import pytest
+
+from app.series.cards import NO_CARD, CardError
+from app.series.evaluation import CardList
+from app.series.folder import Folder
+from tests.support.agents import Agent, own, sealed, token_of
+from tests.support.study import freeze
+
+
+@pytest.fixture
+def root(tmp_path):
+    freeze(tmp_path / "studies")
+    sealed(tmp_path / "studies")
+    return tmp_path / "studies"
+
+
+@pytest.fixture
+def agent(serve, root):
+    token = token_of(root)
+    return Agent(serve(), token)
+
+
+def refused(agent, *given, **named):
+    """Return status and sentence of a refusal."""
+    with pytest.raises(CardError) as refusal:
+        agent.call(*given, **named)
+    return refusal.value.status, str(refusal.value)
+
+
+def test_an_agent_plays_each_instance_once_and_is_told_no_score(agent, root):
+    seen = agent.play(1)
+    assert seen[-1].done
+    assert len(seen) > 5
+    assert [each.step for each in seen] == list(range(len(seen)))
+    told = json.dumps([dataclasses.asdict(each) for each in seen])
+    assert not any(word in told for word in ("reward", "return", "score", "outcome", "explored"))
+    status, said = refused(agent, "begin", 1)
+    assert (status, said) == (
+        409,
+        "instance 1 is finished: a card has one attempt at each instance",
+    )
+    assert refused(agent, "act", 1, 0)[0] == 409
+    assert refused(agent, "act", 0, 0)[0] == 409  # it has not begun
+    state = agent.call("state")
+    assert (state["begun"], state["finished"], state["closed"]) == ([1], [1], False)
+    (row,) = agent.server.services.store.connection.execute(
+        "SELECT e.driver, e.attestation, p.kind, x.terrain, e.outcome, e.seed FROM episodes e JOIN series_episodes x "
+        "ON x.episode_id = e.id JOIN participants p ON p.id = x.participant_id"
+    ).fetchall()
+    study = Folder(root).study("small")
+    assert row == ("script", None, "script", 1, "explored", study.seed("ranked", 1))
+
+
+def test_an_unfinished_attempt_goes_on_where_its_record_stands(agent, serve, root):
+    before = agent.play(0, moves=4)[-1]
+    agent.server.stop()
+    again = Agent(serve(), agent.token)
+    assert again.call("begin", 0) == before
+    assert again.call("observe", 0) == before
+    assert not again.play(0)[-1].step <= before.step
+
+
+def test_attempts_run_at_the_same_time(agent):
+    first, second = agent.play(0, moves=2)[-1], agent.play(2, moves=3)[-1]
+    assert (first.step, second.step) == (2, 3)
+    assert agent.call("observe", 0) == first
+    assert agent.call("state")["begun"] == [0, 2]
+
+
+def test_an_unknown_a_revoked_and_a_closed_card_are_one_answer(agent, root):
+    agent.play(0, moves=2)
+    other, last = token_of(root, "Bo"), token_of(root, "Cy")
+    CardList(Folder(root)).revoke("agents", other[:4])
+    agent.call("close")
+    Agent(agent.server, last)
+    guessed = last[:-1] + ("A" if last[-1] != "A" else "B")
+    for token in (agent.token, other, guessed, "", "x" * 500, last[:4]):
+        with pytest.raises(CardError) as refusal:
+            Agent(agent.server, token)
+        assert (refusal.value.status, str(refusal.value)) == (404, NO_CARD), token
+    outcomes = agent.server.services.store.connection.execute(
+        "SELECT outcome FROM episodes"
+    ).fetchall()
+    assert outcomes == [("abandoned",)]
+
+
+def test_the_address_of_a_card_is_of_no_use_once_the_evaluation_is_closed(agent, root):
+    agent.play(0, moves=2)
+    folder = Folder(root)
+    folder.close("small", seals=True)
+    folder.close("agents")
+    assert refused(agent, "act", 0, 1) == (404, NO_CARD)
+
+
+def test_what_is_said_of_an_agent_is_fixed_by_its_first_attempt_but_for_the_cost(agent):
+    card = agent.call("describe", {"agent": "Rule", "version": "1", "model": "none"})
+    assert (card.author, card.number, card.description["agent"]) == ("Ann", 1, "Rule")
+    assert refused(agent, "describe", {"score": "1"})[0] == 422
+    assert refused(agent, "describe", {"agent": 3})[0] == 422
+    agent.play(0, moves=1)
+    assert refused(agent, "describe", {"agent": "Other"})[0] == 409
+    assert agent.call("describe", {"cost": "3 USD"}).description["cost"] == "3 USD"
+    assert agent.call("describe", {}).description["agent"] == "Rule"
+
+
+@pytest.mark.parametrize(
+    ("sees", "kinds"),
+    [("picture", (True, False)), ("observation", (False, True)), ("both", (True, True))],
+)
+def test_agents_are_shown_what_the_protocol_says(serve, tmp_path, sees, kinds):
+    freeze(tmp_path / "studies")
+    sealed(tmp_path / "studies", sees=sees)
+    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    seen = agent.call("begin", 0)
+    assert (seen.picture is not None, seen.observation is not None) == kinds
+    assert agent.call("act", 0, "north") is not None
+
+
+def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
+    freeze(tmp_path / "studies")
+    sealed(tmp_path / "studies", calls=3, minutes=5, hours=1)
+    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    agent.play(0, moves=1)
+    agent.server.clock.wait(6 * 60_000)
+    status, said = refused(agent, "act", 0, 0)
+    assert (status, "abandoned" in said) == (409, True)
+    agent.play(1, moves=0)
+    for _ in range(9 - 4):
+        agent.call("observe", 1)
+    assert refused(agent, "observe", 1)[0] == 429
+    agent.server.clock.wait(3_600_000)
+    assert refused(agent, "observe", 1) == (404, NO_CARD)
+    outcomes = agent.server.services.store.connection.execute(
+        "SELECT outcome FROM episodes"
+    ).fetchall()
+    assert outcomes == [("abandoned",)] * 2
+
+
+def test_another_environment_is_played_the_same_way(serve, tmp_path):
+    own(tmp_path / "studies", instances=2)
+    agent = Agent(serve(task="gymnasium:FrozenLake-v1"), token_of(tmp_path / "studies"))
+    about = agent.cards.about(agent.card)
+    assert about["actions"] == ["left", "down", "right", "up"]
+    assert agent.cards.task_name(agent.card) == "FrozenLake-v1"
+    seen = agent.call("begin", 0)
+    assert isinstance(seen.observation, int)
+    assert seen.picture.startswith("data:image/png")
+    while not seen.done:
+        seen = agent.call("act", 0, "down")
+    assert isinstance(seen.observation, int)
+    assert agent.call("observe", 0) == seen

@@ -1,0 +1,71 @@
+"""A sealed evaluation, and agents who play it with cards through the server's own `Cards`."""
+
+import re
+
+import numpy as np
+
+from app.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
+from app.series.folder import Folder
+from app.series.protocol import Agents
+from marsexplorer.policies import load
+from marsexplorer.terrain import generate
+
+CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
+
+
+def sealed(root, name="agents", of="small", **agents):
+    """Return a frozen evaluation on the ranked terrains of a frozen study."""
+    folder = Folder(root)
+    folder.create(evaluation_of_study(folder, name, of, Agents(**agents)))
+    return folder.freeze(name)
+
+
+def own(root, name="agents", task="gymnasium:FrozenLake-v1", instances=3, config=None, **agents):
+    """Return a frozen evaluation of a task on instances of its own."""
+    from app.task import rules_of
+
+    folder = Folder(root)
+    config = rules_of(task).configuration({}) if config is None else config
+    folder.create(evaluation_of_task(name, config, task, instances, Agents(**agents)))
+    return folder.freeze(name)
+
+
+def token_of(root, author="Ann", name="agents"):
+    """Issue a card and return its token."""
+    folder = Folder(root)
+    issued = CardList(folder).issue(name, author)
+    return re.search(r"/agents/(\w+)$", card_link(folder.study(name), issued.id, "http://h"))[1]
+
+
+class Agent:
+    """Who plays with a card of a server in this process."""
+
+    def __init__(self, server, token):
+        self.server, self.cards = server, server.services.cards
+        self.token, self.card = token, server.on_loop(server.services.cards.find(token))
+
+    def call(self, name, *given, **named):
+        """Return what a method of `Cards` returns; the card is looked up as for each request."""
+        card = self.server.on_loop(self.cards.find(self.token))
+        return self.server.on_loop(getattr(self.cards, name)(card, *given, **named))
+
+    def play(self, index, policy="frontier-cost", moves=10_000):
+        """Play an attempt by a rule from what is seen, and return all that was seen."""
+        rule = load(policy)
+        rule.reset(1)
+        seen = [self.call("begin", index)]
+        while not seen[-1].done and len(seen) <= moves:
+            grid = seen[-1].observation["grid"]
+            codes = np.array([[CODES[each] for each in row] for row in grid], np.uint8)
+            seen.append(self.call("act", index, int(rule.act(codes))))
+        return seen
+
+    def play_all(self, policy="frontier-cost"):
+        """Play every attempt."""
+        for index in range(self.call("state")["instances"]):
+            self.play(index, policy)
+
+
+def known_terrain(study, index):
+    """Return the terrain of an instance, as only somebody who has seen it can know it."""
+    return generate(study.protocol.env_config, study.seed("ranked", index))
