@@ -82,7 +82,7 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
     advance  called with (episodes written, of how many), both tables counted
     """
     reader = Reader.open(database)
-    total = 2 * reader.count(who)
+    total, sealed = 2 * reader.count(who), ", ".join(reader.sealed())
     reader.close()
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{table}.csv" for table in COLUMNS]
@@ -101,6 +101,10 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
         if unverified
         else ""
     )
+    if sealed:
+        warning += (
+            f"; left out: {sealed}, whose terrains are sealed until the evaluation of agents closes"
+        )
     return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
 
 

@@ -36,6 +36,9 @@ make a figure of their own."""
 FINISHED_CONDITION = """(e.ended_ms IS NOT NULL AND NOT EXISTS (SELECT 1 FROM episodes o WHERE o.session_id = s.rival_of
     AND o.ended_ms IS NULL AND o.terrain_hash = e.terrain_hash))"""
 
+SEALED_CONDITION = "(y.sealed_ms IS NOT NULL AND y.closed_ms IS NULL)"
+"""The condition (SQL) for a series to be an evaluation of agents that is open, or a study whose terrains are kept for one."""
+
 TRIAL = "e.*, s.owner_id, x.series"
 """What `Trial.of` takes of an episode `e`, its session `s` and its place `x` in a series `y` (SQL)."""
 JOINED = """JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x ON x.episode_id = e.id
@@ -61,7 +64,7 @@ class Reader:
     """Queries over finished episodes.
 
     A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
-    over. It reads at `at_ms` (None: now).
+    over. It reads at `at_ms` (None: now). None sees anything of one that is sealed (`SEALED_CONDITION`).
     """
 
     def __init__(
@@ -70,7 +73,7 @@ class Reader:
         self._db = db
         self.path = path
         at_ms = now_ms() if at_ms is None else at_ms
-        is_over = f"y.closed_ms <= {at_ms:d}" if public else "1"
+        is_over = f"y.closed_ms <= {at_ms:d}" if public else f"NOT {SEALED_CONDITION}"
         self._select = f"{_SELECT} AND (x.series IS NULL OR {is_over})"
         self._select_played = f"{_SELECT} AND (x.participant_id IS NULL OR {is_over})"
         self._release = hold(path)
@@ -102,6 +105,11 @@ class Reader:
         """Return the number of finished episodes."""
         (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
         return int(row["n"])
+
+    def sealed(self) -> list[str]:
+        """Return the names of the series whose episodes are left out, since their terrains are sealed."""
+        found = self.query(f"SELECT name FROM series y WHERE {SEALED_CONDITION} ORDER BY name")
+        return [str(row["name"]) for row in found]
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.

@@ -21,7 +21,7 @@ class SeriesRow(NamedTuple):
 
     closed_ms  from when on everything of it is public; None while a study is open
     secret     hex; None while a study is open. That of a day is told to nobody before the day is over
-    sealed_ms  since when nobody can take part in a study whose secret is kept for agents; None where it was not sealed
+    sealed_ms  since when terrains are kept for agents alone: of an evaluation of agents its freezing; None where they are not
     beacon     JSON; with its signature (hex) None where none was named (`app.series.beacon`)
     """
 

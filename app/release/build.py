@@ -43,7 +43,7 @@ from app.report.statistics.formatting import utc
 from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
 from app.series.files import now_ms
-from app.series.folder import Advance, Folder
+from app.series.folder import SEALED, Advance, Folder
 from app.series.invitations import Invitation, Invitations
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.series.policy_files import FOLDER, PolicyFiles
@@ -192,6 +192,11 @@ def _new_header(
             f"nobody has joined a study {request.study!r} in {request.database}; {known}"
         )
     row = found[0]
+    if _protocol(row).agents is not None:
+        raise ReleaseError(
+            f"{request.study!r} is an evaluation of agents: its opening and receipts are published when it closes, and are "
+            "in the release of the study whose people it is compared with"
+        )
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:
         closed_ms, secret = request.secrets[request.study]
@@ -200,6 +205,8 @@ def _new_header(
             WHERE x.series = ? AND e.ended_ms IS NULL"""
         if closed_ms is not None and rows(conn, running, request.study):
             raise ReleaseError(UNNOTED.format(request.study, request.database))
+    if closed[0] is None and row["sealed_ms"] is not None:
+        raise ReleaseError(SEALED.format(request.study))
     if closed[0] is None or closed[1] is None:
         raise ReleaseError(
             f"the study {request.study!r} is still open and a release would give its terrains away: close it first with "

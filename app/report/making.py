@@ -19,7 +19,7 @@ from app.report.statistics.summaries import curve_and_visits, summarize_groups, 
 from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
 from app.series.flow import with_invitations
-from app.series.folder import Folder
+from app.series.folder import SEALED, Folder
 from app.series.invitations import Invitations
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.policy_files import FOLDER
@@ -142,7 +142,12 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
     """
     study = folder.study(name) if name in folder.names() else None
     policies = folder.root / name / FOLDER
-    joined = find_study(reader, name) is not None
+    row = find_study(reader, name)
+    joined = row is not None
+    if (study is not None and study.is_sealed) or (
+        study is None and row is not None and row.sealed_ms is not None and row.closed_ms is None
+    ):
+        raise StudyError(SEALED.format(name))
     if study is None:
         data = load(reader, name).with_policies_in(policies)
         return data, data.seeds()

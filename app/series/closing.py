@@ -29,9 +29,11 @@ def close_study(
     """
     active = 0 if now or reader is None else len(_active(reader, name, now_ms))
     if active and folder.study(name).is_running:
-        people = "1 person has" if active == 1 else f"{active} people have"
+        is_of_agents = folder.study(name).protocol.agents is not None
+        one, many = ("1 agent has", "agents") if is_of_agents else ("1 person has", "people")
+        people = one if active == 1 else f"{active} {many} have"
         raise StudyError(
-            f"{people} moved in the study {name!r} within the last ten minutes: nothing was closed; wait until they have "
+            f"{people} moved in {name!r} within the last ten minutes: nothing was closed; wait until they have "
             "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
         )
     return folder.close(name, seals)
@@ -61,11 +63,13 @@ def note_closed(store: Store, study: Study) -> list[str]:
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
-    """Return the people who have moved shortly before a time, and have neither ended all their episodes nor withdrawn."""
+    """Return the people, and agents with cards, who have moved shortly before a time, and have not come to their end."""
     unfinished = {
         person.id
         for person in participants(reader, name)
-        if person.kind == "human" and person.completed_ms is None and person.stage != "withdrawn"
+        if (person.kind == "human" or person.invitation is not None)
+        and person.completed_ms is None
+        and person.stage not in ("withdrawn", "complete")
     }
     moved = {
         trial.participant

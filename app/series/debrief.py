@@ -14,7 +14,7 @@ from typing import Any, Literal
 from app.db.store import Store
 from app.db.study_rows import Participant
 from app.db.trial import Trial
-from app.series.folder import Study
+from app.series.folder import SEALED, Study
 from app.series.progress import StageError
 from app.task import PolicyError, Record
 
@@ -103,6 +103,8 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
 
     StageError for a ranked one of an open study, NoTerrainError when there is none.
     """
+    if phase == "ranked" and study.is_sealed:
+        raise StageError(SEALED.format(study.name))
     if phase == "ranked" and study.is_open:
         raise StageError("ranked terrains are shown once the study is closed: come back then")
     for trial in trials:

@@ -47,10 +47,8 @@ def evaluation_of_study(folder: Folder, name: str, study: str, agents: Agents) -
             f"{study!r} is an evaluation itself: name the study whose terrains it plays"
         )
     paired = PairedStudy(name=of.name, protocol_hash=of.protocol_hash, commitment=of.commitment)
-    changed: dict[str, Any] = (
-        {"study": paired} if of.is_open else {"unpaired": UNPAIRED.format(study)}
-    )
-    agents = agents.model_copy(update=changed)
+    unpaired = "" if of.is_open else UNPAIRED.format(study)
+    agents = agents.model_copy(update={"study": paired, "unpaired": unpaired})
     config, task = of.protocol.env_config, of.protocol.task
     policies = {"policies": of.protocol.policies, "debrief_policy": None}
     return evaluation_of_task(name, config, task, of.protocol.ranked, agents, **policies)

@@ -54,6 +54,12 @@ take part any more, and its terrains stay secret until agents have been evaluate
 Advance = Callable[[int, int], None]
 
 
+SEALED = (
+    "{!r} is sealed: nothing of its terrains is shown, released or exported before the evaluation of agents on them closes, by "
+    "`marsexplorer evaluation close`"
+)
+
+
 @dataclass(frozen=True)
 class Study:
     """A frozen study.
@@ -91,6 +97,11 @@ class Study:
         return self.closed_ms is None and self.sealed_ms is None
 
     @property
+    def is_sealed(self) -> bool:
+        """Whether its terrains are secret while agents play them, or until they do."""
+        return self.is_open and (self.sealed_ms is not None or self.protocol.agents is not None)
+
+    @property
     def status(self) -> Status:
         """How far it is: `frozen` (it waits for its beacon), `open`, `sealed` or `closed`."""
         if self.is_running:
@@ -116,7 +127,7 @@ class Study:
             secret=secret,
             beacon=self.beacon.to_json() if self.beacon else None,
             beacon_signature=self.beacon_signature,
-            sealed_ms=self.sealed_ms,
+            sealed_ms=self.sealed_ms if self.protocol.agents is None else self.frozen_ms,
         )
 
     @property
@@ -465,7 +476,7 @@ class Folder:
     def _paired(self, protocol: Protocol) -> Study | None:
         """Return the study whose terrains an evaluation plays, None for none; StudyError where it is not what was frozen."""
         of = None if protocol.agents is None else protocol.agents.study
-        if of is None:
+        if of is None or (protocol.agents is not None and protocol.agents.unpaired):
             return None
         study = self.study(of.name)
         if (study.protocol_hash, study.commitment) != (of.protocol_hash, of.commitment):

@@ -110,8 +110,8 @@ class Agents(_Part):
     hours     from a card's first attempt until it is closed, with what runs abandoned
     minutes   from the beginning of an attempt until it is abandoned; None: no limit but that of the moves
     calls     calls that a card may make for each of its attempts, of whatever kind, since the server's start
-    study     whose ranked terrains are played; None: terrains of their own
-    unpaired  why terrains of their own are played, where people played others of the same distribution; "" otherwise
+    study     whose ranked terrains are played, or with `unpaired` others of the same distribution; None: of a task alone
+    unpaired  why terrains of their own are played although a study is named; "" otherwise
     """
 
     sees: Sees = "both"

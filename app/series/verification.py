@@ -42,7 +42,7 @@ from app.series import seeds
 from app.series.beacon import Beacon
 from app.series.daily import START_SLACK_MS, DailyTerrain
 from app.series.folder import Advance, Folder
-from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
+from app.series.protocol import Agents, Protocol, StudyError, canonical_json, parse_protocol
 from app.task import rules_of
 
 PARALLEL_FROM = 4_000
@@ -192,11 +192,15 @@ Level = tuple[str | None, str | None]
 
 @dataclass(frozen=True)
 class _Expected:
-    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known."""
+    """What the episodes of a series are checked against; `key`, which the seeds follow from, is None where it is not known.
+
+    of  hash of the protocol that the seeds follow from
+    """
 
     series: SeriesRow
     config_hash: str
     key: bytes | None
+    of: str
 
 
 def check_series(
@@ -207,11 +211,11 @@ def check_series(
     secrets  of open studies, where they are known
     """
     for row in series(conn, only):
-        yield from _check_series(conn, row, secrets.get(row.name))
+        yield from _check_series(conn, row, secrets)
 
 
 def _check_series(
-    conn: sqlite3.Connection, row: SeriesRow, known: bytes | None
+    conn: sqlite3.Connection, row: SeriesRow, secrets: Mapping[str, bytes]
 ) -> Iterator[Finding]:
     where = f"{row.kind} {row.name}"
     try:
@@ -219,9 +223,11 @@ def _check_series(
         found = hashlib.sha256(canonical_json(data)).hexdigest()
         of = parse_protocol(data) if row.kind == "study" else DailyTerrain.of(row)
         config = of.env_config if isinstance(of, Protocol) else of.config
-        secret = bytes.fromhex(row.secret) if row.secret else known
-        beacon = Beacon.parse(row.beacon)
-        key = None if secret is None else seeds.key_of(secret, row.beacon_signature)
+        secret, beacon = _secret(row, secrets), Beacon.parse(row.beacon)
+        drawn_by = _paired(conn, of.agents, row) if isinstance(of, Protocol) and of.agents else row
+        key = None
+        if drawn_by is not None and (own := _secret(drawn_by, secrets)) is not None:
+            key = seeds.key_of(own, drawn_by.beacon_signature)
     except (ValueError, TypeError, KeyError, StudyError) as error:
         yield Finding(where, "protocol or secret", "something unreadable", str(error))
         return
@@ -230,11 +236,23 @@ def _check_series(
     if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret")
     yield from _check_beacon(row, beacon)
-    expected = _Expected(row, config.hash, key)
+    expected = _Expected(row, config.hash, key, (drawn_by or row).protocol_hash)
     if isinstance(of, Protocol):
         yield from _check_participants(conn, of, expected)
     else:
         yield from _check_attempts(conn, of, expected)
+
+
+def _secret(row: SeriesRow, secrets: Mapping[str, bytes]) -> bytes | None:
+    return bytes.fromhex(row.secret) if row.secret else secrets.get(row.name)
+
+
+def _paired(conn: sqlite3.Connection, agents: Agents, row: SeriesRow) -> SeriesRow | None:
+    """Return the series whose terrains an evaluation plays: its own, or the study's, None where that is not in the database."""
+    if agents.study is None or agents.unpaired:
+        return row
+    found = (each for each in series(conn, agents.study.name) if each.kind == "study")
+    return next((each for each in found if each.protocol_hash == agents.study.protocol_hash), None)
 
 
 def _check_beacon(row: SeriesRow, beacon: Beacon | None) -> Iterator[Finding]:
@@ -257,7 +275,9 @@ def _check_participants(
     """Yield what is wrong with the episodes of a study's participants."""
     for participant in participants_of(conn, expected.series.name):
         episodes = episodes_of(conn, participant)
-        order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
+        order = None
+        if protocol.agents is None:  # agents choose theirs
+            order = yield from _ranked_order(conn, participant, episodes, protocol, expected)
         yield from _check_order(participant, episodes, protocol, order)
         for row in episodes:
             yield from _check_cause(row, expected)
@@ -344,8 +364,7 @@ def _check_cause(row: dict[str, Any], expected: _Expected) -> Iterator[Finding]:
         seed = seeds.TUTORIAL_SEED
     elif expected.key is not None:
         label: Literal["ranked", "warm-up"] = "ranked" if row["phase"] == "ranked" else "warm-up"
-        of = expected.series.protocol_hash
-        seed = seeds.seed(expected.key, of, label, row["terrain_index"])
+        seed = seeds.seed(expected.key, expected.of, label, row["terrain_index"])
     if seed is not None and row["seed"] != seed:
         what = f"seed of {row['phase']} terrain {row['terrain_index']} (trial {row['trial']})"
         yield Finding(where, what, row["seed"], f"{seed} from the secret")

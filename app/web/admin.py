@@ -22,6 +22,7 @@ from app.board.messages import Message
 from app.board.session import Session
 from app.db.reader import Reader
 from app.series.closing import close_study as close_study_of
+from app.series.folder import SEALED
 from app.series.invitations import MAX_INVITATIONS, token_of
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.web import cookies
@@ -278,6 +279,8 @@ async def begin_export(
 ) -> dict[str, Any]:
     """Begin to make the report or the release; a release needs a closed study."""
     found = admin.progress.folder.study(name)
+    if found.is_sealed:
+        raise HTTPException(409, SEALED.format(name))
     if what == "release" and found.is_open:
         raise HTTPException(409, f"the study {name!r} is open: close it first, then release it")
     admin.exports.begin(name, what, tuple(wanted.authors) if wanted else ())

@@ -10,10 +10,12 @@ from click import argument, option
 
 from app.cli.console import (
     DATABASE,
+    PATH,
     STUDIES,
     SizeType,
     default_config,
     env_config_of,
+    failures,
     print_table,
     study_errors,
     task_name,
@@ -173,3 +175,132 @@ def list_(folder: Folder) -> None:
         )
         return
     print_table("Evaluations", ("name", "status", "instances", "of"), rows)
+
+
+@evaluation.command(short_help="End an evaluation, reveal its terrains, and sign the receipts.")
+@argument("name")
+@option("--yes", is_flag=True, help="Do not ask.")
+@option("--now", is_flag=True, help="Close it also while an agent is at it.")
+@DATABASE
+@STUDIES
+def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
+    """End an evaluation: attempts that run are abandoned and count, the secrets are revealed, and every card gets its receipt.
+
+    The secret of the study whose terrains were played is revealed too. Receipts and the opening are written into the
+    evaluation's folder, signed by the server's key, and are to be had on its page; called again it writes them again.
+    """
+    with study_errors():
+        status = folder.status(name)
+        if folder.draft(name).agents is None:
+            raise click.UsageError(
+                f"{name!r} is a study of people: `marsexplorer study close {name}`"
+            )
+    if status != "closed":
+        question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
+        studies.closed(name, None if yes else question, now, False, folder, database)
+    from app.release.receipts import publish
+
+    cards: list[str] = []
+    if database.exists():
+        with failures(f"cannot sign the receipts of {name!r}"), study_errors():
+            cards = publish(database, folder, name)
+    click.echo(
+        f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening in {folder.path(name)}"
+    )
+
+
+@evaluation.command(short_help="Check a receipt, without the server.")
+@argument("receipt", type=PATH)
+@option(
+    "--opening",
+    type=PATH,
+    metavar="FILE",
+    help="The evaluation's opening: simulate every episode again.",
+)
+@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
+@option("--card", "ident", metavar="ID", help="The card that it must be of.")
+@option("--evaluation", "of", metavar="NAME|HASH", help="The evaluation that it must be of.")
+def verify(
+    receipt: Path, opening: Path | None, key: str | None, ident: str | None, of: str | None
+) -> int:
+    """Check the signature and the chain of a receipt; with the opening, the commitments and every episode too.
+
+    Exit code 1 where anything differs. A valid signature says who wrote the receipt only as far as the key is known: give the
+    fingerprint that the server's operator published with --key.
+
+    \b
+    Examples:
+      marsexplorer evaluation verify 7K3M.json --key 15f592c2...
+      marsexplorer evaluation verify 7K3M.json --opening opening.json --card 7K3M
+    """
+    from app.db.resimulation import Finding
+    from app.release import receipts, signing
+
+    with failures("cannot read {file}"):
+        content = receipts.read_signed(receipt, receipts.RECEIPT_FORMAT)
+        found = list(receipts.check_receipt(content, ident, of))
+        if opening is not None:
+            opened = receipts.read_signed(opening, receipts.OPENING_FORMAT)
+            found += receipts.check_opened(content, opened)
+        signer = signing.fingerprint(content["public_key"].encode())
+        wanted = None if key is None else signing.fingerprint_of(key)
+    if wanted is not None and wanted != signer:
+        found.append(Finding("receipt", "the signing key", signer, wanted))
+    for each in found:
+        click.echo(str(each))
+    card, agent = content["card"], content["agent"].get("agent", "an agent without a name")
+    click.echo(
+        f"{agent}, card {card['id']} of {card['author']}, evaluation {content['evaluation']}"
+    )
+    if card["note"]:
+        click.echo(card["note"])
+    checked = signing.SignerCheck(signer, "key" if wanted == signer else None)
+    click.echo(checked.sentence())
+    what = (
+        "every episode simulated again" if opening else "no episode simulated: give the --opening"
+    )
+    click.echo(f"{len(found) or 'nothing'} wrong; {len(content['episodes'])} instances, {what}")
+    return 1 if found else 0
+
+
+@evaluation.command(short_help="Show an evaluation and its cards.")
+@argument("name")
+@STUDIES
+def show(name: str, folder: Folder) -> None:
+    """Print how far an evaluation is, what was frozen, and its cards; never a secret of an open one, never a card's address."""
+    from app.series.evaluation import CardList
+
+    with study_errors():
+        status, protocol = folder.status(name), folder.draft(name)
+        found = None if status == "draft" else folder.study(name)
+        cards = CardList(folder).of(name)
+    agents = protocol.agents
+    if agents is None:
+        raise click.UsageError(f"{name!r} is a study of people: `marsexplorer study show {name}`")
+    of = protocol.task if agents.study is None else f"the ranked terrains of {agents.study.name}"
+    of = f"instances of its own: {agents.unpaired}" if agents.unpaired else of
+    click.echo(f"{name}: {status}, {folder.path(name)}\n{protocol.ranked} instances: {of}")
+    click.echo(
+        f"agents see {agents.sees}; {agents.hours:g} hours a card, {agents.calls} calls an instance"
+    )
+    if found is not None:
+        click.echo(studies.hashes(found))
+    rows = [
+        (each.id, each.author, str(each.number), each.issued_at, each.revoked_at or "")
+        for each in cards.values()
+    ]
+    if rows:
+        print_table("Cards", ("id", "author", "number", "issued", "revoked"), rows)
+
+
+@evaluation.command(short_help="Take a card back.")
+@argument("name")
+@argument("ident", metavar="CARD")
+@STUDIES
+def revoke(name: str, ident: str, folder: Folder) -> None:
+    """Take a card back by its id: nobody can go on with it, and what was played with it counts."""
+    from app.series.evaluation import CardList
+
+    with study_errors():
+        CardList(folder).revoke(name, ident)
+    click.echo(f"revoked: {ident}")

@@ -322,32 +322,55 @@ def open_(name: str, signature: str | None, relay: str, folder: Folder, database
 @argument("name")
 @option("--yes", is_flag=True, help="Do not ask.")
 @option("--now", is_flag=True, help="Close it also while somebody is at it.")
+@option(
+    "--sealed",
+    is_flag=True,
+    help="Keep the secret, so that agents can be evaluated on the same terrains.",
+)
 @DATABASE
 @STUDIES
-def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
+def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, database: Path) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
+
+    With --sealed the secret is kept until an evaluation of agents on these terrains closes (`marsexplorer evaluation`), or the
+    study is closed again without it. Till then debrief, report, regret, replays, exports and release show nothing of them.
 
     Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
     with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
     sees it at once.
+    """
+    question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
+    found = closed(name, None if yes else question, now, sealed, folder, database)
+    if found.is_open:
+        click.echo(f"The study {name!r} is sealed: `marsexplorer evaluation new NAME --of {name}`")
+    else:
+        click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+
+
+def closed(
+    name: str, question: str | None, now: bool, seals: bool, folder: Folder, database: Path
+) -> Study:
+    """Close a study or an evaluation, have it noted in the database, and return it.
+
+    question  what is asked before an open one is closed; None: nothing is
     """
     from app.db.reader import Reader, now_ms
     from app.series.closing import close_study
 
     with failures(f"cannot close {name!r}"), study_errors(), ExitStack() as stack:
         folder.study(name)
-        if folder.status(name) == "open" and not yes:
-            _confirm(f"Close the study {name!r} for ever? Participants on their way cannot finish")
+        if folder.status(name) == "open" and question is not None:
+            _confirm(question)
         has_file = database.exists()
         reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
-        found = close_study(folder, reader, name, now_ms(), now)
-    is_noted = _note_in_database(found, database)
-    click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
-    if not is_noted:
-        click.echo(
-            f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and no "
-            "report or release is made while episodes of the study are open"
-        )
+        found = close_study(folder, reader, name, now_ms(), now, seals)
+    for each in (found, *([] if found.paired is None else [found.paired])):
+        if not _note_in_database(each, database):
+            click.echo(
+                f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
+                "no report or release is made while episodes of the study are open"
+            )
+    return found
 
 
 def _confirm(question: str) -> None:
@@ -376,6 +399,8 @@ def _note_in_database(found: Study, database: Path) -> bool:
         with closing(Reader.open(database)) as reader:
             row = find_study(reader, found.name)
         if row is None or row.closed_ms is not None or row.protocol_hash != found.protocol_hash:
+            return True
+        if found.is_open and row.sealed_ms is not None:
             return True
         time.sleep(0.1)
     return False

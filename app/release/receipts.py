@@ -1,0 +1,307 @@
+"""The receipts of a closed evaluation of agents, and its opening: written, signed by the server's key, and checked anywhere.
+
+    NAME/opening.json      the protocol and the secrets, from which every instance follows, and the chain of each card
+    NAME/receipts/ID.json  what came of a card: every action and outcome, in a chain of hashes
+
+A receipt alone proves that the holder of the key wrote it and that nothing in it was changed; with the opening every episode is
+simulated again. Both are the same bytes whenever they are written again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from app.db.reader import Reader
+from app.db.resimulation import Finding
+from app.db.series import participants, study_trials
+from app.db.study_rows import Participant
+from app.db.trial import Trial
+from app.release import signing
+from app.release.errors import ReleaseError
+from app.series.closing import UNNOTED
+from app.series.evaluation import SEEN_BEFORE, CardList, IssuedCard
+from app.series.files import iso, write_object
+from app.series.folder import Folder, Study
+from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
+from app.series.seeds import commitment, key_of, seed
+
+OPENING, RECEIPTS = "opening.json", "receipts"
+OPENING_FORMAT, RECEIPT_FORMAT = "marsexplorer-opening-1", "marsexplorer-receipt-1"
+CAME_TO = ("outcome", "steps", "score", "total", "trajectory_hash")
+"""What an episode came to, as a receipt says it and as it is simulated again."""
+NOTE = "What the author says of the agent is not checked; what it did is."
+
+
+def publish(database: Path, folder: Folder, name: str) -> list[str]:
+    """Write the opening and the receipts of a closed evaluation into its folder, and return the ids of the cards with one.
+
+    StudyError while it is open, or where its end is not noted in the database; ReleaseError for the key.
+    """
+    study = folder.study(name)
+    if study.protocol.agents is None or study.is_open:
+        what = "no evaluation of agents" if study.protocol.agents is None else "not closed"
+        raise StudyError(f"{name!r} is {what}: receipts are written when an evaluation closes")
+    key, issued = signing.signing_key(database), CardList(folder).of(name)
+    reader = Reader.open(database)
+    try:
+        with reader.snapshot():
+            trials, people = study_trials(reader, name), participants(reader, name)
+            if any(each.ended_ms is None for each in trials):
+                raise StudyError(UNNOTED.format(name, database))
+            seen = _seen_by(reader, study)
+            made = []
+            for person in people:
+                own = [each for each in trials if each.participant == person.id]
+                card = issued.get(person.invitation or "")
+                if card is not None and own:
+                    others = {
+                        each.participant for each in trials if each.started_ms < own[0].started_ms
+                    }
+                    content = _receipt(reader, study, card, person, own)
+                    content["seen_by"] = {**seen, "other_cards_before": len(others - {person.id})}
+                    made.append((card, sign(content, key)))
+    finally:
+        reader.close()
+    path = folder.path(name)
+    for card, receipt in made:
+        write_object(path / RECEIPTS / f"{card.id}.json", receipt)
+    write_object(path / OPENING, sign(_opening(study, [receipt for _, receipt in made]), key))
+    return [card.id for card, _ in made]
+
+
+def sign(content: dict[str, Any], key: Any) -> dict[str, Any]:
+    """Return the content with the public half of a key and its signature over the canonical JSON of both."""
+    whole = {**content, "public_key": signing.public_pem(key).decode()}
+    return {**whole, "signature": key.sign(canonical_json(whole)).hex()}
+
+
+def chained(start: str, episodes: Sequence[Mapping[str, Any]]) -> str:
+    """Return the head (hex) of the chain of some episodes: each link is SHA-256 over the one before it and the episode."""
+    head = hashlib.sha256(start.encode()).hexdigest()
+    for each in episodes:
+        head = hashlib.sha256(head.encode() + canonical_json(each)).hexdigest()
+    return head
+
+
+def _seen_by(reader: Reader, study: Study) -> dict[str, Any]:
+    """Return who could have seen the instances before the agents, and since when."""
+    whose = study.paired or study
+    begun = [] if study.paired is None else study_trials(reader, whose.name)
+    ranked = [each for each in begun if each.phase == "ranked"]
+    return {
+        "participants": len({each.participant for each in ranked}),
+        "participants_since": iso(min(each.started_ms for each in ranked)) if ranked else None,
+        "operators": "whoever could read the folder of studies or the database of the server",
+        "operators_since": iso(whose.frozen_ms),
+    }
+
+
+def _receipt(
+    reader: Reader, study: Study, card: IssuedCard, person: Participant, own: Sequence[Trial]
+) -> dict[str, Any]:
+    protocol, agents = study.protocol, study.protocol.agents
+    assert agents is not None
+    assert study.closed_ms is not None
+    episodes = [
+        {
+            "index": each.terrain_index,
+            "begun": True,
+            "actions": bytes(step["action"] for step in reader.steps(each.id)).hex(),
+            **{name: getattr(each, name) for name in CAME_TO},
+        }
+        for each in sorted(own, key=lambda each: each.trial)
+    ]
+    for index in sorted(set(range(protocol.ranked)) - {each.terrain_index for each in own}):
+        came_to = _simulated(protocol, study.seed("ranked", index), b"")
+        episodes.append({"index": index, "begun": False, "actions": "", **came_to})
+    start = f"{study.protocol_hash}|{card.id}"
+    return {
+        "format": RECEIPT_FORMAT,
+        "evaluation": study.name,
+        "title": protocol.title,
+        "task": protocol.task,
+        "protocol_hash": study.protocol_hash,
+        "commitment": study.commitment,
+        "study": None if agents.study is None else agents.study.model_dump(),
+        "unpaired": agents.unpaired or None,
+        "sees": agents.sees,
+        "card": {
+            "id": card.id, "author": card.author, "number": card.number, "ranks": card.number == 1,
+            "note": None if card.number == 1 else f"card {card.number} of this author: it {SEEN_BEFORE}, and does not rank",
+        },
+        "agent": json.loads(person.settings),
+        "agent_note": NOTE,
+        "versions": {
+            "core": protocol.core_version,
+            "software": version("marsexplorer-playground"),
+        },
+        "began_at": iso(min(each.started_ms for each in own)),
+        "ended_at": iso(max(each.ended_ms or 0 for each in own)),
+        "closed_at": iso(study.closed_ms),
+        "episodes": episodes,
+        "chain": chained(start, episodes),
+    }  # fmt: skip
+
+
+def _opening(study: Study, receipts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        "format": OPENING_FORMAT,
+        "evaluation": study.name,
+        "protocol": json.loads(study.row().protocol),
+        "closed_at": iso(study.closed_ms or 0),
+        **_secret_of(study),
+        "study": None if study.paired is None else _secret_of(study.paired),
+        "cards": [{"id": each["card"]["id"], "chain": each["chain"]} for each in receipts],
+    }
+
+
+def _secret_of(study: Study) -> dict[str, Any]:
+    return {
+        "protocol_hash": study.protocol_hash, "commitment": study.commitment, "secret": study.secret.hex(),
+        "beacon_signature": study.beacon_signature,
+    }  # fmt: skip
+
+
+def _simulated(protocol: Protocol, number: int, actions: bytes) -> dict[str, Any]:
+    """Return what an episode on a seed comes to; ValueError or RuntimeError where its actions do not fit."""
+    config, rules = protocol.env_config, protocol.rules
+    terrain, start = rules.drawn(config, number)
+    cause: Any = SimpleNamespace(config=config, seed=number, terrain=terrain, start=start)
+    record = rules.replay(cause, actions, True).record()
+    return {name: getattr(record, name) for name in CAME_TO}
+
+
+def read_signed(path: Path, form: str) -> dict[str, Any]:
+    """Return a receipt or an opening; ReleaseError where the file is none."""
+    try:
+        content = json.loads(path.read_bytes())
+        if content["format"] != form:
+            raise ValueError(f"its format is {content['format']!r}, expected {form!r}")
+        if not all(isinstance(content[name], str) for name in ("public_key", "signature")):
+            raise ValueError("it is not signed")
+        return dict(content)
+    except OSError as error:
+        raise ReleaseError(
+            f"cannot read {path}: {(error.strerror or str(error)).lower()}"
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise ReleaseError(f"{path} is no file of format {form}: {error}") from error
+
+
+def check_receipt(
+    receipt: Mapping[str, Any], card: str | None = None, of: str | None = None
+) -> Iterator[Finding]:
+    """Yield what is wrong with a receipt by itself: its signature, its chain, its instances.
+
+    card, of  the card and the evaluation (its name or its protocol's hash) that it is presented for; None: any
+    """
+    where = "receipt"
+    yield from _check_signature(receipt, where)
+    try:
+        episodes, own = receipt["episodes"], receipt["card"]
+        start = f"{receipt['protocol_hash']}|{own['id']}"
+        if (head := chained(start, episodes)) != receipt["chain"]:
+            yield Finding(where, "chain", receipt["chain"], head)
+        indices = sorted(each["index"] for each in episodes)
+        if indices != list(range(len(indices))):
+            yield Finding(where, "instances", indices, "each of them once")
+        if own["ranks"] != (own["number"] == 1):
+            yield Finding(
+                where, "ranks", own["ranks"], f"{own['number'] == 1} of card {own['number']}"
+            )
+        if card is not None and own["id"] != card:
+            yield Finding(where, "card", own["id"], card)
+        if of is not None and of not in (receipt["evaluation"], receipt["protocol_hash"]):
+            yield Finding(where, "evaluation", receipt["evaluation"], of)
+    except (KeyError, TypeError) as error:
+        yield Finding(where, "it", "damaged", repr(error))
+
+
+def check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield what is wrong with a receipt by the opening of its evaluation: every episode is simulated again."""
+    yield from _check_signature(opening, "opening")
+    try:
+        yield from _check_opened(receipt, opening)
+    except (KeyError, TypeError, ValueError, StudyError) as error:
+        yield Finding("opening", "it", "damaged", str(error))
+
+
+def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iterator[Finding]:
+    names = ("evaluation", "protocol_hash", "commitment", "public_key")
+    found = [
+        Finding("receipt", name, receipt[name], opening[name])
+        for name in names
+        if receipt[name] != opening[name]
+    ]
+    yield from found
+    if found:
+        return
+    protocol = parse_protocol(opening["protocol"])
+    listed = {each["id"]: each["chain"] for each in opening["cards"]}
+    if listed.get(receipt["card"]["id"]) != receipt["chain"]:
+        yield Finding(
+            "receipt", "chain", receipt["chain"], listed.get(receipt["card"]["id"], "no such card")
+        )
+    yield from check_opening(opening)
+    if protocol.core_version != protocol.rules.version:
+        version_here = (
+            f"version {protocol.rules.version} of the rules: install the release that has the other"
+        )
+        yield Finding("receipt", "core version", protocol.core_version, version_here)
+        return
+    for each in receipt["episodes"]:
+        try:
+            made = _simulated(
+                protocol, seed_of(opening, each["index"]), bytes.fromhex(each["actions"])
+            )
+        except (ValueError, RuntimeError, IndexError) as error:
+            yield Finding(f"instance {each['index']}", "actions", "unplayable", str(error))
+            continue
+        for name, value in made.items():
+            if each[name] != value:
+                yield Finding(f"instance {each['index']}", name, each[name], value)
+    if len(receipt["episodes"]) != protocol.ranked:
+        yield Finding("receipt", "instances", len(receipt["episodes"]), protocol.ranked)
+
+
+def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield what of an opening does not fit the commitments and the protocol's hash."""
+    digest = hashlib.sha256(canonical_json(opening["protocol"])).hexdigest()
+    if digest != opening["protocol_hash"]:
+        yield Finding("opening", "protocol_hash", opening["protocol_hash"], digest)
+    for what in filter(None, (opening, opening["study"])):
+        if (bound := commitment(bytes.fromhex(what["secret"]))) != what["commitment"]:
+            yield Finding("opening", "commitment", what["commitment"], f"{bound} from the secret")
+    named = opening["protocol"]["agents"]
+    told = opening["study"] and {
+        name: opening["study"][name] for name in ("protocol_hash", "commitment")
+    }
+    wanted = None
+    if named["study"] is not None and not named["unpaired"]:
+        wanted = {name: named["study"][name] for name in ("protocol_hash", "commitment")}
+    if told != wanted:
+        yield Finding("opening", "the study", told, wanted)
+
+
+def seed_of(opening: Mapping[str, Any], index: int) -> int:
+    """Return the seed of an instance, by the secrets of an opening."""
+    of = opening["study"] or opening
+    key = key_of(bytes.fromhex(of["secret"]), of["beacon_signature"])
+    return seed(key, of["protocol_hash"], "ranked", index)
+
+
+def _check_signature(content: Mapping[str, Any], where: str) -> Iterator[Finding]:
+    whole = {name: value for name, value in content.items() if name != "signature"}
+    pem = str(content["public_key"]).encode()
+    try:
+        is_good = signing.is_signed(pem, bytes.fromhex(content["signature"]), canonical_json(whole))
+    except (ValueError, ReleaseError):
+        is_good = False
+    if not is_good:
+        yield Finding(where, "its signature", "invalid", "one of the key in it over all of it")

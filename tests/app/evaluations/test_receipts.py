@@ -1,0 +1,218 @@
+"""What came of a card, signed: checked by itself, and with the opening by simulating every episode again."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.release import signing
+from app.release.receipts import chained, read_signed, sign
+from app.series.folder import Folder
+from app.series.verification import verify_database
+from tests.support.agents import Agent, known_terrain, sealed, token_of
+from tests.support.command import command
+from tests.support.stored_studies import freeze, play_study
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory, shipped_policies):
+    """A closed evaluation: Ann's card played all, a second one of hers knew the maps, Bo's left most."""
+    from tests.support.servers import hasty_limits, running_server
+
+    root = tmp_path_factory.mktemp("evaluation")
+    studies, database = root / "studies", root / "playground.db"
+    study = freeze(studies, close=False)
+    play_study(database, study)
+    Folder(studies).close("dunes", seals=True)
+    sealed(studies, of="dunes")
+    tokens = [token_of(studies, author) for author in ("Ann", "ann ", "Bo")]
+    where = {"database": database, "studies": studies, "limits": hasty_limits()}
+    with running_server(shipped_policies, **where) as server:
+        first, second, third = (Agent(server, token) for token in tokens)
+        first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
+        first.play_all()
+        study = Folder(studies).study("dunes")
+        for index in range(
+            3
+        ):  # it has seen the maps: the shortest way that a search finds is not needed, the terrain is
+            assert known_terrain(study, index).shape == (7, 9)
+            second.play(index)
+        third.play(1)
+        third.play(2, moves=2)
+    with pytest.raises(SystemExit) as left:
+        from app.cli.main import main
+
+        main(["evaluation", "close", "agents", "--yes", "--now", *paths(root)])
+    assert left.value.code in (0, None)
+    return root
+
+
+def paths(root):
+    return ["--database", str(root / "playground.db"), "--studies", str(root / "studies")]
+
+
+def receipts_of(root):
+    """The receipts by author and number."""
+    found = {}
+    for path in (root / "studies/agents/receipts").iterdir():
+        content = json.loads(path.read_text())
+        found[content["card"]["author"], content["card"]["number"]] = path
+    return found
+
+
+@pytest.fixture
+def files(closed, tmp_path):
+    """A copy of Ann's first receipt, and of the opening."""
+    receipt = tmp_path / "receipt.json"
+    shutil.copy(receipts_of(closed)["Ann", 1], receipt)
+    return receipt, closed / "studies/agents/opening.json"
+
+
+def verify(capsys, receipt, *more):
+    return command(capsys, "evaluation", "verify", receipt, *more)
+
+
+def changed(receipt, change):
+    """Change a receipt's content and write it."""
+    content = json.loads(Path(receipt).read_text())
+    change(content)
+    Path(receipt).write_text(json.dumps(content))
+    return content
+
+
+def test_a_receipt_is_checked_alone_and_by_the_opening(files, closed, capsys):
+    receipt, opening = files
+    code, said, _ = verify(capsys, receipt)
+    assert (code, "nothing wrong; 3 instances, no episode simulated" in said) == (0, True)
+    content = json.loads(receipt.read_text())
+    fingerprint = signing.fingerprint(content["public_key"].encode())
+    card = content["card"]["id"]
+    code, said, _ = verify(
+        capsys, receipt, "--opening", opening, "--key", fingerprint, "--card", card
+    )
+    assert (code, "every episode simulated again" in said, "signer checked" in said) == (
+        0,
+        True,
+        True,
+    )
+    assert content["agent"] == {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64}
+    assert content["seen_by"]["participants"] == 3
+    assert content["seen_by"]["participants_since"].startswith("2026-09")
+    assert verify(capsys, receipt, "--key", "0" * 64)[0] == 1
+
+
+def test_what_was_left_or_never_begun_counts_as_abandoned(closed, capsys):
+    path = receipts_of(closed)["Bo", 1]
+    content = json.loads(path.read_text())
+    came = {each["index"]: each for each in content["episodes"]}
+    assert [came[i]["outcome"] for i in range(3)] == ["abandoned", "explored", "abandoned"]
+    assert [came[i]["begun"] for i in range(3)] == [False, True, True]
+    assert came[0]["score"] <= came[2]["score"] < came[1]["score"]
+    assert verify(capsys, path, "--opening", closed / "studies/agents/opening.json")[0] == 0
+
+
+def test_a_further_card_of_an_author_says_what_it_has_seen_and_does_not_rank(closed, capsys):
+    path = receipts_of(closed)["ann", 2]
+    content = json.loads(path.read_text())
+    assert content["card"]["ranks"] is False
+    assert (
+        content["card"]["note"]
+        == "card 2 of this author: it has seen these instances, and does not rank"
+    )
+    assert content["seen_by"]["other_cards_before"] == 1
+    assert "has seen these instances" in verify(capsys, path)[1]
+
+    def ranks(content):
+        content["card"].update(ranks=True, note=None)
+
+    key = signing.signing_key(closed / "playground.db")
+    forged = dict(content)
+    ranks(forged)
+    forged.pop("public_key"), forged.pop("signature")
+    path = path.with_name("forged.json")
+    path.write_text(json.dumps(sign(forged, key)))
+    try:
+        code, said, _ = verify(capsys, path)
+        assert (code, "ranks" in said) == (1, True)
+    finally:
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content["episodes"][0].update(score=1.0),
+        lambda content: content["agent"].update(agent="Another"),
+        lambda content: content["seen_by"].update(participants=0),
+        lambda content: content.update(sees="picture"),
+        lambda content: content["episodes"].pop(),
+    ],
+    ids=["score", "agent", "seen by", "sees", "an episode less"],
+)
+def test_a_changed_receipt_is_found(files, capsys, change):
+    receipt, _ = files
+    changed(receipt, change)
+    code, said, _ = verify(capsys, receipt)
+    assert (code, "its signature is invalid" in said) == (1, True)
+
+
+def test_a_receipt_signed_anew_is_found_by_its_key_and_by_the_simulation(
+    files, closed, tmp_path, capsys
+):
+    receipt, opening = files
+
+    def better(content):
+        content["episodes"][0]["score"] = 1.0
+        start = f"{content['protocol_hash']}|{content['card']['id']}"
+        content["chain"] = chained(start, content["episodes"])
+
+    content = changed(receipt, better)
+    del content["public_key"], content["signature"]
+    own = signing.signing_key(tmp_path / "own.db")
+    receipt.write_text(json.dumps(sign(content, own)))
+    assert verify(capsys, receipt)[0] == 0  # by itself it is sound: somebody else's
+    code, said, _ = verify(capsys, receipt, "--opening", opening)
+    assert (code, "public_key" in said) == (1, True)
+    servers = signing.signing_key(closed / "playground.db")
+    receipt.write_text(json.dumps(sign(content, servers)))
+    code, said, _ = verify(capsys, receipt, "--opening", opening)
+    assert (code, "chain" in said, "instance" in said) == (1, True, True)
+
+
+def test_a_receipt_presented_for_another_card_or_series_is_refused(files, closed, tmp_path, capsys):
+    receipt, opening = files
+    other = json.loads(receipts_of(closed)["Bo", 1].read_text())["card"]["id"]
+    code, said, _ = verify(capsys, receipt, "--card", other)
+    assert (code, "card" in said) == (1, True)
+    assert verify(capsys, receipt, "--evaluation", "another")[0] == 1
+    assert verify(capsys, receipt, "--evaluation", "agents")[0] == 0
+    content = json.loads(opening.read_text())
+    del content["public_key"], content["signature"]
+    content["evaluation"] = "another"
+    renamed = tmp_path / "opening.json"
+    key = signing.signing_key(closed / "playground.db")
+    renamed.write_text(json.dumps(sign(content, key)))
+    assert verify(capsys, receipt, "--opening", renamed)[0] == 1
+    content["evaluation"], content["secret"] = "agents", "00" * 32
+    renamed.write_text(json.dumps(sign(content, key)))
+    code, said, _ = verify(capsys, receipt, "--opening", renamed)
+    assert (code, "commitment" in said) == (1, True)
+
+
+def test_a_file_that_is_no_receipt_is_refused(tmp_path, capsys, files):
+    (tmp_path / "none.json").write_text("[]")
+    code, _, said = verify(capsys, tmp_path / "none.json")
+    assert (code, "is no file of format marsexplorer-receipt-1" in said) == (1, True)
+    assert verify(capsys, files[1])[0] == 1
+
+
+def test_receipts_are_the_same_bytes_when_they_are_written_again(closed, capsys):
+    before = {path: path.read_bytes() for path in receipts_of(closed).values()}
+    assert command(capsys, "evaluation", "close", "agents", "--yes", *paths(closed))[0] == 0
+    assert {path: path.read_bytes() for path in receipts_of(closed).values()} == before
+    assert read_signed(closed / "studies/agents/opening.json", "marsexplorer-opening-1")
+
+
+def test_the_database_verifies_with_its_evaluations(closed):
+    assert verify_database(closed / "playground.db").findings == ()
