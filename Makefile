@@ -11,6 +11,8 @@ AUDIT   := $(VENV)/.audit
 SBOM    := dist/marsexplorer-playground.cdx.json
 # tianshou wants an older pandas than the rest, so research has an environment of its own
 RESEARCH := .venv-research
+# and so have the clients that other people's agents use
+AGENTS  := .venv-agents
 PIP     := -m pip --disable-pip-version-check install --progress-bar on
 INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 
@@ -18,13 +20,15 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play test test-long paper test-research check check-types check-rest format docs bench audit sbom clean browser
+.PHONY: help play agents test test-long paper test-research check check-types check-rest format docs bench audit sbom clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
 
 play: $(PLAY) ## serve the playground on http://127.0.0.1:8000 (PORT=... for another)
 	$(BIN)/marsexplorer serve --port $(PORT)
+
+agents: $(AGENTS)/.done ## what the agents in examples/agents need, in an environment of its own (docs/agents.md)
 
 test: $(DEV) browser ## all tests but the long campaigns, real browser included (WORKERS=... for fewer processes)
 	@$(BIN)/python -m tests.support.compile_kernels
@@ -99,5 +103,11 @@ $(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints
 	$(RESEARCH)/bin/python $(PIP) --constraint research/constraints.txt --requirement research/requirements.txt --editable '.[study,train]'
 	@touch $@
 
+$(AGENTS)/.done: constraints-agents.txt
+	@$(MAKE) --no-print-directory VENV=$(AGENTS) $(AGENTS)/bin/python
+	@echo "Installing what agents need into $(AGENTS): about 0.8 GB, some minutes when nothing has been downloaded before."
+	$(AGENTS)/bin/python $(PIP) --no-deps --requirement constraints-agents.txt
+	@touch $@
+
 clean: ## remove the virtual environments and caches (never data/)
-	rm -rf $(VENV) $(RESEARCH) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	rm -rf $(VENV) $(RESEARCH) $(AGENTS) .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
