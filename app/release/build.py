@@ -8,7 +8,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from app.release.errors import ReleaseError, check_libraries
 from app.release.manifest import BUNDLE_DATABASE, COUNTED_TABLES, ReleaseHeader, write_manifest
 from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
+from app.release.receipts import EVALUATIONS, Published, published_of
 from app.release.tables import QUERIES, released_episodes, write_tables
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
 from app.report.regret import (
@@ -63,6 +64,7 @@ class ReleaseRequest:
     without_policies  that the report leaves out although the protocol names them
     invitations  of the study by id; None where it has none, or its folder is not at hand
     policy_folder  in which the files of the policies are kept; None where it is not at hand
+    evaluations  of agents on its terrains: the folders of what was published, by name
     with_report  False: a release without the study's report, and without the tables that it is made from
     """
 
@@ -75,6 +77,7 @@ class ReleaseRequest:
     without_policies: tuple[str, ...] = ()
     invitations: Mapping[str, Invitation] | None = None
     policy_folder: Path | None = None
+    evaluations: Mapping[str, Path] = field(default_factory=dict)
     with_report: bool = False
 
 
@@ -98,6 +101,7 @@ def request_of(
         without_policies=without_policies,
         invitations=Invitations(folder).of(study) or None,
         policy_folder=folder.root / study / FOLDER,
+        evaluations=published_of(folder, study),
         with_report=True,
     )
 
@@ -177,6 +181,8 @@ def _write_report(
             source, players = data.policy_files.source(POLICY), data.protocol.rules.players
             assert players is not None  # where there are regrets, there are policies
             header = replace(header, regret_policy_hash=players.hash_of(source) or "")
+        for name, path in request.evaluations.items():
+            Published.read(path).write_to(folder / EVALUATIONS / name, data)
     _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets)
     return header
 

@@ -2,9 +2,11 @@
 
     NAME/opening.json      the protocol and the secrets, from which every instance follows, and the chain of each card
     NAME/receipts/ID.json  what came of a card: every action and outcome, in a chain of hashes
+    NAME/policies.json     the moves of policies on the same instances
+    NAME/comparison.json   what `app.report.agents` derives from these and from the study of people
 
 A receipt alone proves that the holder of the key wrote it and that nothing in it was changed; with the opening every episode is
-simulated again. Both are the same bytes whenever they are written again.
+simulated again. The release of the study of people holds it all. Receipts are the same bytes whenever they are written again.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,29 +22,80 @@ from typing import Any
 
 from app.db.reader import Reader
 from app.db.resimulation import Finding
-from app.db.series import participants, study_trials
+from app.db.series import find_study, participants, study_trials
 from app.db.study_rows import Participant
 from app.db.trial import Trial
 from app.release import signing
 from app.release.errors import ReleaseError
+from app.report.agents import compare_agents
+from app.report.making import load_with_folder
+from app.report.regret import ProgressBar, no_bar
 from app.series.closing import UNNOTED
+from app.series.data import StudyData
 from app.series.evaluation import SEEN_BEFORE, CardList, IssuedCard
 from app.series.files import iso, write_object
 from app.series.folder import Folder, Study
+from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from app.series.seeds import commitment, key_of, seed
 
-OPENING, RECEIPTS = "opening.json", "receipts"
+OPENING, RECEIPTS, POLICIES, COMPARISON = (
+    "opening.json",
+    "receipts",
+    "policies.json",
+    "comparison.json",
+)
+EVALUATIONS = "evaluations"
+"""The folder of a release that holds those of its study."""
 OPENING_FORMAT, RECEIPT_FORMAT = "marsexplorer-opening-1", "marsexplorer-receipt-1"
 CAME_TO = ("outcome", "steps", "score", "total", "trajectory_hash")
 """What an episode came to, as a receipt says it and as it is simulated again."""
 NOTE = "What the author says of the agent is not checked; what it did is."
 
 
-def publish(database: Path, folder: Folder, name: str) -> list[str]:
-    """Write the opening and the receipts of a closed evaluation into its folder, and return the ids of the cards with one.
+@dataclass(frozen=True)
+class Published:
+    """What a closed evaluation has published, read from its folder or from a release."""
 
-    StudyError while it is open, or where its end is not noted in the database; ReleaseError for the key.
+    opening: dict[str, Any]
+    receipts: list[dict[str, Any]]
+    episodes: tuple[PolicyEpisode, ...]
+
+    @classmethod
+    def read(cls, path: Path) -> Published:
+        """Return what lies in a folder; ReleaseError where it is not whole."""
+        opening = read_signed(path / OPENING, OPENING_FORMAT)
+        files = [path / RECEIPTS / f"{each['id']}.json" for each in opening["cards"]]
+        rows = json.loads((path / POLICIES).read_bytes())
+        episodes = (
+            PolicyEpisode(**{**row, "actions": bytes.fromhex(row["actions"])}) for row in rows
+        )
+        return cls(opening, [read_signed(each, RECEIPT_FORMAT) for each in files], tuple(episodes))
+
+    @property
+    def protocol(self) -> Protocol:
+        """The evaluation's protocol."""
+        return parse_protocol(self.opening["protocol"])
+
+    def write_to(self, path: Path, data: StudyData | None) -> None:
+        """Write all of it into a folder, with the comparison with a closed study's people."""
+        for each in self.receipts:
+            write_object(path / RECEIPTS / f"{each['card']['id']}.json", each)
+        rows = [{**asdict(each), "actions": each.actions.hex()} for each in self.episodes]
+        write_object(path / POLICIES, rows)
+        write_object(path / COMPARISON, self.comparison(data))
+        write_object(path / OPENING, self.opening)  # last: where it is, the rest is too
+
+    def comparison(self, data: StudyData | None) -> dict[str, Any]:
+        """Return the comparison of its agents with policies, and with people where they are given."""
+        return compare_agents(self.protocol, self.receipts, self.episodes, data)
+
+
+def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar) -> list[str]:
+    """Write all that a closed evaluation publishes into its folder, and return the ids of the cards with a receipt.
+
+    StudyError while it is open, or where its end is not noted in the database; ReleaseError for the key; PolicyError where the
+    file of a policy that is compared is lost.
     """
     study = folder.study(name)
     if study.protocol.agents is None or study.is_open:
@@ -65,14 +119,35 @@ def publish(database: Path, folder: Folder, name: str) -> list[str]:
                     }
                     content = _receipt(reader, study, card, person, own)
                     content["seen_by"] = {**seen, "other_cards_before": len(others - {person.id})}
-                    made.append((card, sign(content, key)))
+                    made.append(sign(content, key))
+            of = study.protocol.agents.study
+            data = None
+            if of is not None and find_study(reader, of.name) is not None:
+                data = load_with_folder(reader, folder, of.name)[0]
     finally:
         reader.close()
-    path = folder.path(name)
-    for card, receipt in made:
-        write_object(path / RECEIPTS / f"{card.id}.json", receipt)
-    write_object(path / OPENING, sign(_opening(study, [receipt for _, receipt in made]), key))
-    return [card.id for card, _ in made]
+    seeds = {index: study.seed("ranked", index) for index in range(study.protocol.ranked)}
+    rules, config, names = (
+        study.protocol.rules,
+        study.protocol.env_config,
+        compared_policies(study.protocol),
+    )
+    with bar("policies on the same instances") as advance:
+        episodes = play_policies(names, rules, config, seeds, advance, study.policy_files)
+    opening = sign(_opening(study, made), key)
+    Published(opening, made, episodes).write_to(folder.path(name), data)
+    return [receipt["card"]["id"] for receipt in made]
+
+
+def published_of(folder: Folder, study: str) -> dict[str, Path]:
+    """Return the folders of the closed evaluations of agents that name a study and have published, by name."""
+    found = {}
+    for each in folder.evaluations():
+        of = each.protocol.agents and each.protocol.agents.study
+        path = folder.path(each.name)
+        if of and of.name == study and (path / OPENING).is_file():
+            found[each.name] = path
+    return found
 
 
 def sign(content: dict[str, Any], key: Any) -> dict[str, Any]:

@@ -17,6 +17,14 @@ from typing import Any
 from app.db.resimulation import Finding
 from app.release.bundle import Bundle
 from app.release.manifest import check_files
+from app.release.receipts import (
+    COMPARISON,
+    EVALUATIONS,
+    Published,
+    check_opened,
+    check_receipt,
+    seed_of,
+)
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared
 from app.report.model import Report
@@ -153,6 +161,7 @@ class _Derivation:
                 for synthetic in held:
                     self._compare_report(synthetic, kept)
             self._replay_policies()
+            self._compare_evaluations()
         else:
             episodes = self._episodes
             if not episodes and has_played(self._data, synthetic=False):
@@ -226,6 +235,36 @@ class _Derivation:
             run = each.replay(self._data.protocol.rules, self._data.protocol.env_config)
             found = run.record().trajectory_hash
             self._made.compare(section, f"{where}: trajectory hash", each.trajectory_hash, found)
+
+    def _compare_evaluations(self) -> None:
+        """Check every receipt by its opening, and compare the comparison of agents with people, for each evaluation."""
+        for path in sorted((self._bundle.folder / EVALUATIONS).glob("*")):
+            found = Published.read(path)
+            for receipt in found.receipts:
+                wrong = [
+                    *check_receipt(receipt, of=path.name),
+                    *check_opened(receipt, found.opening),
+                ]
+                where = f"{path.name}, card {receipt['card']['id']}"
+                self._made.compare(
+                    "receipts of agents",
+                    where,
+                    "nothing wrong",
+                    "; ".join(map(str, wrong)) or "nothing wrong",
+                )
+            for each in found.episodes:
+                run = each.replay(found.protocol.rules, found.protocol.env_config)
+                made = (run.record().trajectory_hash, seed_of(found.opening, each.terrain))
+                where = f"{path.name}, {each.policy}, instance {each.terrain}"
+                self._made.compare(
+                    "receipts of agents", where, (each.trajectory_hash, each.seed), made
+                )
+            recorded = json.loads((path / COMPARISON).read_bytes())
+            sections = compare_reports(
+                recorded, json.loads(json.dumps(found.comparison(self._data)))
+            )
+            for name, section in sections.items():
+                self._made.sections[f"{path.name}: agents and people, {name}"] = section
 
     def _play_again(self) -> None:
         """Play each policy again whose file is at hand and the same, and compare the moves."""

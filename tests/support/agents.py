@@ -7,8 +7,9 @@ import numpy as np
 from app.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
 from app.series.folder import Folder
 from app.series.protocol import Agents
+from marsexplorer.episode import Episode
 from marsexplorer.policies import load
-from marsexplorer.terrain import generate
+from tests.support.golden_study import is_valid
 
 CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
 
@@ -60,12 +61,36 @@ class Agent:
             seen.append(self.call("act", index, int(rule.act(codes))))
         return seen
 
+    def follow(self, index, actions):
+        """Play an attempt by actions that were worked out before."""
+        self.call("begin", index)
+        for action in actions:
+            seen = self.call("act", index, action)
+        assert seen.done
+
     def play_all(self, policy="frontier-cost"):
         """Play every attempt."""
         for index in range(self.call("state")["instances"]):
             self.play(index, policy)
 
 
-def known_terrain(study, index):
-    """Return the terrain of an instance, as only somebody who has seen it can know it."""
-    return generate(study.protocol.env_config, study.seed("ranked", index))
+def best_way(root, index, study="dunes", tries=60):
+    """Return the shortest of many ways through an instance's terrain, which only somebody who has seen it can know."""
+    found = Folder(root).study(study)
+    ways = []
+    for attempt in range(tries):
+        episode = Episode.begin(found.protocol.env_config, seed=found.seed("ranked", index))
+        rule, draws = load("frontier-cost"), np.random.default_rng(attempt)
+        rule.reset(0)
+        while not episode.ended:
+            action = int(rule.act(episode.codes))
+            if (
+                attempt
+                and draws.random() < 0.15
+                and (free := np.flatnonzero(is_valid(episode))).size
+            ):
+                action = int(draws.choice(free))
+            episode.step(action)
+        ways.append(episode)
+    best = max(ways, key=lambda each: each.score)
+    return list(best.actions)

@@ -17,6 +17,7 @@ from app.cli.console import (
     env_config_of,
     failures,
     print_table,
+    progress,
     study_errors,
     task_name,
 )
@@ -203,7 +204,7 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     cards: list[str] = []
     if database.exists():
         with failures(f"cannot sign the receipts of {name!r}"), study_errors():
-            cards = publish(database, folder, name)
+            cards = publish(database, folder, name, progress)
     click.echo(
         f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening in {folder.path(name)}"
     )

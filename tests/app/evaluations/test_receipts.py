@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from app.cli.main import main
 from app.release import signing
 from app.release.receipts import chained, read_signed, sign
 from app.series.folder import Folder
 from app.series.verification import verify_database
-from tests.support.agents import Agent, known_terrain, sealed, token_of
+from tests.support.agents import Agent, best_way, sealed, token_of
 from tests.support.command import command
 from tests.support.stored_studies import freeze, play_study
 
@@ -32,17 +33,11 @@ def closed(tmp_path_factory, shipped_policies):
         first, second, third = (Agent(server, token) for token in tokens)
         first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
         first.play_all()
-        study = Folder(studies).study("dunes")
-        for index in range(
-            3
-        ):  # it has seen the maps: the shortest way that a search finds is not needed, the terrain is
-            assert known_terrain(study, index).shape == (7, 9)
-            second.play(index)
+        for index in range(3):
+            second.follow(index, best_way(studies, index))
         third.play(1)
         third.play(2, moves=2)
     with pytest.raises(SystemExit) as left:
-        from app.cli.main import main
-
         main(["evaluation", "close", "agents", "--yes", "--now", *paths(root)])
     assert left.value.code in (0, None)
     return root
@@ -212,6 +207,52 @@ def test_receipts_are_the_same_bytes_when_they_are_written_again(closed, capsys)
     assert command(capsys, "evaluation", "close", "agents", "--yes", *paths(closed))[0] == 0
     assert {path: path.read_bytes() for path in receipts_of(closed).values()} == before
     assert read_signed(closed / "studies/agents/opening.json", "marsexplorer-opening-1")
+
+
+def comparison_of(root):
+    return json.loads((root / "studies/agents/comparison.json").read_text())
+
+
+def test_agents_policies_and_people_stand_on_one_scale(closed):
+    found = comparison_of(closed)
+    rows = {(row["kind"], row["name"]): row for row in found["rows"]}
+    agents = [row for row in found["rows"] if row["kind"] == "agent"]
+    mapper, knower, left = sorted(
+        agents, key=lambda row: (row["card"]["author"].lower(), row["card"]["number"])
+    )[:3]
+    assert found["paired"] is True
+    assert found["people"]["players"] == 2
+    assert ("policy", "random") in rows
+    assert knower["score"]["mean"] > mapper["score"]["mean"] > left["score"]["mean"]
+    assert (mapper["rank"], knower["rank"], left["rank"]) == (1, None, 2)
+    assert (mapper["attempts"], left["attempts"]) == (3, 2)
+    assert left["outcomes"][0] == "abandoned"
+    both = next(each for each in found["instances"] if each["completed"] == 2)
+    assert both["players"] == 2
+    assert 0 < both["best"] <= both["upper_median"] <= found["limit"]
+    difference = mapper["score"]["mean"] - found["people"]["score"]["mean"]
+    assert mapper["score"]["difference"] == pytest.approx(difference)
+
+
+def test_a_release_of_the_study_holds_it_and_derives_it_again(closed, tmp_path, capsys):
+    bundle = tmp_path / "dunes-1"
+    code, _, said = command(capsys, "release", "--study", "dunes", "--out", bundle, *paths(closed))
+    assert code == 0, said
+    code, said, _ = command(capsys, "reproduce", bundle)
+    assert code == 0, said
+    assert "receipts of agents" in said
+    assert "agents: agents and people" in said
+    path = bundle / "evaluations/agents/comparison.json"
+    content = json.loads(path.read_text())
+    row = next(row for row in content["rows"] if row["kind"] == "agent")
+    row["score"]["mean"] += 0.01
+    path.write_text(json.dumps(content))
+    code, said, _ = command(capsys, "reproduce", bundle, "--recorded")
+    assert (code, "score.mean" in said) == (1, True)
+    code, _, said = command(
+        capsys, "release", "--study", "agents", "--out", tmp_path / "no", *paths(closed)
+    )
+    assert (code, "is an evaluation of agents" in said) == (1, True)
 
 
 def test_the_database_verifies_with_its_evaluations(closed):

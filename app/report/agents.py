@@ -1,0 +1,137 @@
+"""Agents of a closed evaluation, policies and people on one scale: derived from receipts, policies' episodes and a study.
+
+Where the instances are those that people played, each agent is compared with them instance by instance, by the test of
+`app.report.statistics.comparisons`; where they are others of the same distribution, only the means stand side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from app.report.making import runs_of
+from app.report.model import PolicyRun
+from app.report.statistics.comparisons import compare_policy
+from app.report.statistics.exclusion_sets import METRICS, members, people_of
+from app.report.statistics.first_attempts import first_attempts
+from app.report.statistics.study_figures import live_figure, primary_set
+from app.series.data import StudyData
+from app.series.policy_episodes import PolicyEpisode
+from app.series.protocol import Protocol
+from marsexplorer.evaluation.intervals import Floats
+
+
+def compare_agents(
+    protocol: Protocol,
+    receipts: Sequence[Mapping[str, Any]],
+    episodes: Sequence[PolicyEpisode],
+    data: StudyData | None,
+) -> dict[str, Any]:
+    """Return the comparison, ready for JSON: its words, the people's row, a row for each policy and agent, and each instance.
+
+    data  of the closed study whose people the agents are compared with; None for none
+    """
+    agents = protocol.agents
+    assert agents is not None
+    is_paired = data is not None and not agents.unpaired
+    tables: dict[str, Floats] = {}
+    if data is not None and is_paired:
+        cohort = people_of(data)
+        ids = members(cohort, data.protocol.exclusion.get(primary_set(data), {}))
+        tables = {name: cohort.table(ids, name) for name in METRICS} if ids else {}
+    policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
+    random = next((run for run in policies if run.name == "random"), None)
+    rows = [
+        {"kind": "policy", "name": run.name, "rank": None, **_figures(run, tables, random)}
+        for run in policies
+    ]
+    for receipt in receipts:
+        run = _run_of(receipt, protocol)
+        about = {name: receipt[name] for name in ("card", "agent", "sees", "began_at", "ended_at")}
+        begun = sum(each["begun"] for each in receipt["episodes"])
+        name = receipt["agent"].get("agent") or f"card {receipt['card']['id']}"
+        figures = _figures(run, tables, random)
+        rows.append(
+            {"kind": "agent", "name": name, "rank": None, "attempts": begun, **about, **figures}
+        )
+    is_higher = protocol.rules.metrics[0].is_better == "higher"
+    ranked = [row for row in rows if row["kind"] == "agent" and row["card"]["ranks"]]
+    for row in ranked:
+        own = row["score"]["mean"]
+        better = [
+            each
+            for each in ranked
+            if (each["score"]["mean"] > own) == is_higher and each["score"]["mean"] != own
+        ]
+        row["rank"] = 1 + len(better)
+    words = protocol.rules.words
+    return {
+        "paired": is_paired,
+        "unpaired": agents.unpaired or None,
+        "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
+        "better": protocol.rules.metrics[0].is_better,
+        "limit": int(protocol.env_config.limit),
+        "people": None
+        if data is None
+        else {**live_figure(data), "sees": protocol.rules.sees(protocol.env_config)},
+        "instances": _instances(data, tables) if data is not None and is_paired else [],
+        "rows": rows,
+    }
+
+
+def _run_of(receipt: Mapping[str, Any], protocol: Protocol) -> PolicyRun:
+    """Return a card's episodes by instance; what has not succeeded took all the moves that there are."""
+    score, steps = np.full((2, protocol.ranked), np.nan)
+    outcomes = [""] * protocol.ranked
+    for each in receipt["episodes"]:
+        succeeded = each["outcome"] in protocol.rules.successes
+        score[each["index"]] = each["score"]
+        steps[each["index"]] = each["steps"] if succeeded else protocol.env_config.limit
+        outcomes[each["index"]] = each["outcome"]
+    return PolicyRun(receipt["card"]["id"], score, steps, tuple(outcomes))
+
+
+def _figures(
+    run: PolicyRun, tables: Mapping[str, Floats], random: PolicyRun | None
+) -> dict[str, Any]:
+    """Return the mean in each metric, its difference to people with intervals where they are paired, and each instance's."""
+    found: dict[str, Any] = {"outcomes": list(run.outcomes)}
+    for metric in METRICS:
+        values = run.values(metric)
+        row: dict[str, Any] = {
+            "mean": float(values.mean()),
+            "values": values.tolist(),
+            "difference": None,
+        }
+        if metric in tables:
+            shared = ~np.isnan(tables[metric]).all(axis=0)
+            zero = None if random is None else random.values(metric)[shared]
+            compared = compare_policy(
+                run.name, metric, values[shared], tables[metric][:, shared], zero
+            )
+            names = ("terrains", "difference", "these", "new", "p_value", "normalized")
+            row |= {name: getattr(compared, name) for name in names}
+        found[metric] = row
+    return found
+
+
+def _instances(data: StudyData, tables: Mapping[str, Floats]) -> list[dict[str, Any]]:
+    """Return for each instance how many people played and completed it, their means, upper median and best number of moves."""
+    cohort = people_of(data)
+    own = [trial for person in members(cohort, {}) for trial in cohort.ranked[person]]
+    found = []
+    for attempts in first_attempts(cohort).terrains:
+        moves = [
+            each.steps for each in own if each.succeeded and each.terrain_index == attempts.terrain
+        ]
+        row: dict[str, Any] = {
+            "index": attempts.terrain, "players": attempts.played, "completed": attempts.completed,
+            "upper_median": attempts.upper_median, "best": min(filter(None, moves), default=None),
+        }  # fmt: skip
+        for metric, table in tables.items():
+            column = table[:, attempts.terrain]
+            row[metric] = None if np.isnan(column).all() else float(np.nanmean(column))
+        found.append(row)
+    return found
