@@ -32,19 +32,21 @@ from app.report.making import load_with_folder
 from app.report.regret import ProgressBar, no_bar
 from app.series.closing import UNNOTED
 from app.series.data import StudyData
-from app.series.evaluation import SEEN_BEFORE, CardList, IssuedCard
+from app.series.evaluation import (
+    COMPARISON,
+    OPENING,
+    POLICIES,
+    RECEIPTS,
+    SEEN_BEFORE,
+    CardList,
+    IssuedCard,
+)  # fmt: skip
 from app.series.files import iso, write_object
 from app.series.folder import Folder, Study
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from app.series.seeds import commitment, key_of, seed
 
-OPENING, RECEIPTS, POLICIES, COMPARISON = (
-    "opening.json",
-    "receipts",
-    "policies.json",
-    "comparison.json",
-)
 EVALUATIONS = "evaluations"
 """The folder of a release that holds those of its study."""
 OPENING_FORMAT, RECEIPT_FORMAT = "marsexplorer-opening-1", "marsexplorer-receipt-1"

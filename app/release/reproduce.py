@@ -18,7 +18,6 @@ from app.db.resimulation import Finding
 from app.release.bundle import Bundle
 from app.release.manifest import check_files
 from app.release.receipts import (
-    COMPARISON,
     EVALUATIONS,
     Published,
     check_opened,
@@ -38,6 +37,7 @@ from app.report.regret import (
     regrets_of_groups,
     study_estimator,
 )
+from app.series.evaluation import COMPARISON
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.task import PolicyError
 

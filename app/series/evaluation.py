@@ -22,6 +22,13 @@ from app.series.protocol import Agents, PairedStudy, Protocol, StudyError, defau
 from app.task import Configuration
 
 UNPAIRED = "the study {!r} was closed without --sealed, so that its terrains are known: these are others like them"
+OPENING, RECEIPTS, POLICIES, COMPARISON = (
+    "opening.json",
+    "receipts",
+    "policies.json",
+    "comparison.json",
+)
+"""What a closed evaluation publishes, in its folder (`app.release.receipts`)."""
 SEEN_BEFORE = "has seen these instances"
 _ID_LENGTH, _SIGNATURE_LENGTH = 4, 20  # 100 bits that nobody can guess
 _FORMAT = "marsexplorer-cards-1"

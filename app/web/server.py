@@ -46,6 +46,7 @@ from app.web import (
     api_docs,
     cookies,
     daily,
+    evaluations,
     pages,
     replay,
     results,
@@ -151,7 +152,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         "/static", pages.static_files, name="static"
     )  # first what is asked for most: routes are tried in turn
     boards = api.board_router(rules_of(settings.task).messages)
-    modules = (pages, sockets, api, watch, results, replay, daily, study, viewer)
+    modules = (pages, sockets, api, watch, results, replay, daily, study, evaluations, viewer)
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         app.router.routes.extend(
