@@ -155,7 +155,8 @@ class Run(Protocol):
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return what an agent may see of the run as it stands, ready for JSON; None for what is not asked for or not there.
 
-        `picture` (a PNG as a data URL) or `text` is what people see, `observation` what policies are given.
+        `picture` (a PNG as a data URL) is what people see, `observation` what policies are given; `text` says in words what
+        people see where that is a text, or what is in the observation.
         """
 
     def record(self) -> Record:
@@ -344,6 +345,9 @@ class Rules(Protocol):
 
     def sees(self, config: Configuration) -> str:
         """Return what people see of it and what agents are given, a sentence; "" where that is not said."""
+
+    def briefing(self, config: Configuration) -> str:
+        """Return what an agent is told to do, with the rules that the pages tell people."""
 
     def design(self, config: Configuration) -> str:
         """Return what a preregistration says of a configuration, whole sentences."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -143,11 +143,10 @@ class Cards:
         held = self._count(card)
         protocol = self._study(held).protocol
         rules, config, agents = protocol.rules, protocol.env_config, self._agents(held)
-        told = rules.instructions or f"{rules.where(config)}. {rules.words.definition}"
         return {
             "evaluation": protocol.name,
             "title": rules.title,
-            "instructions": told,
+            "instructions": rules.briefing(config),
             "actions": list(rules.actions),
             "sees": agents.sees,
             "seen": rules.sees(config),
@@ -170,6 +169,10 @@ class Cards:
             if _ident(index) == ident:
                 return index
         raise CardError(404, f"expected the id of an instance like {_ident(0)}, got {ident[:40]!r}")
+
+    def begun(self, card: Card) -> Collection[int]:
+        """Return the indices of the attempts that were begun; it is no call."""
+        return self._of(card).attempts
 
     async def begin(self, card: Card, index: int) -> Seen:
         """Begin the attempt at an instance, or go on where it stands; CardError 409 once it is finished."""

@@ -18,6 +18,7 @@ from app.board.messages import NO_BODY, describe_errors
 from app.board.spectators import UnwatchableError
 from app.db.store import StoreError
 from app.jobs import REMEMBERED_S, RETRY_S, JobError, JobsFullError
+from app.series.cards import CardError
 from app.task import TaskFullError
 from app.web.protection.headers import headers_of
 from app.web.replays.episodes import UnknownReplayError
@@ -58,6 +59,7 @@ def add_error_handlers(app: FastAPI) -> None:
     for kind in STATUSES:
         app.add_exception_handler(kind, _answer_error)
     app.add_exception_handler(HTTPException, _answer_http_error)
+    app.add_exception_handler(CardError, _answer_card_error)
     app.add_exception_handler(JobsFullError, _answer_undone)
     app.add_exception_handler(JobError, _answer_undone)
     app.add_exception_handler(sqlite3.DatabaseError, _answer_database_error)
@@ -101,6 +103,11 @@ def answer(
 
 def _answer_error(request: Request, error: Exception) -> Response:
     return answer(request, status_of(error), str(error))
+
+
+def _answer_card_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, CardError)
+    return answer(request, error.status, str(error))
 
 
 async def _answer_undone(request: Request, error: Exception) -> Response:

@@ -42,11 +42,13 @@ from app.tasks.mars.terrains import MapCatalogue
 from app.tasks.mars.viewer3d.viewer import Viewer
 from app.web import (
     admin,
+    agents,
     api,
     api_docs,
     cookies,
     daily,
     evaluations,
+    mcp,
     pages,
     replay,
     results,
@@ -152,7 +154,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         "/static", pages.static_files, name="static"
     )  # first what is asked for most: routes are tried in turn
     boards = api.board_router(rules_of(settings.task).messages)
-    modules = (pages, sockets, api, watch, results, replay, daily, study, evaluations, viewer)
+    modules = (pages, sockets, api, watch, results, replay, daily, study, evaluations, agents, mcp, viewer)
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         app.router.routes.extend(

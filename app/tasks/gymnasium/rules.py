@@ -439,6 +439,10 @@ class GymnasiumRules:
         same = "the same" if people == agents else agents
         return f"People see {people}; agents are given {same}."
 
+    def briefing(self, config: GymnasiumConfig) -> str:
+        """Return the description's instructions."""
+        return self.instructions
+
     def design(self, config: GymnasiumConfig) -> str:
         """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
         sees = f" {said}" if (said := self.sees(config)) else ""

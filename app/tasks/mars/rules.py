@@ -152,6 +152,16 @@ class MarsRules:
         """Return nothing: a person's page and a policy's observation hold the same, what was discovered."""
         return ""
 
+    def briefing(self, config: EnvConfig) -> str:
+        """Return what the rover sees, how it moves, and how an attempt ends."""
+        counted = "of what can be seen" if config.discoverable_only else "of all cells"
+        return (
+            f"A rover explores {config.rows} x {config.cols} cells that it does not know. It sees the free cells and the rock "
+            f"in its line of sight, up to {config.sensor_radius} cells away. A move takes it one cell north, east, south or "
+            f"west; a move into rock or off the map ends the attempt. The attempt is complete at {100 * config.beta:g} % "
+            f"{counted}, and over after {config.max_steps} moves. Map as much as you can in as few moves as you can."
+        )
+
     def design(self, config: EnvConfig) -> str:
         """Return level, size, lidar and what is complete."""
         where = f"Level `{config.level}` at {config.rows}x{config.cols}"

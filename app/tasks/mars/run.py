@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -40,7 +40,8 @@ class MarsRun:
         frame = json.loads(view.frame("", hides_scores=True)) if observation else {}
         drawn = data_url(view.codes) if picture else None
         given = {name: frame[name] for name in names} if observation else None
-        return {"picture": drawn, "text": None, "observation": given}
+        text = None if given is None else text_frame(given)
+        return {"picture": drawn, "text": text, "observation": given}
 
     def rewards(self) -> Sequence[float]:
         """Return the reward of each move."""
@@ -166,6 +167,27 @@ class View:
         cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
         message = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": cells}
         return json.dumps(message, separators=(",", ":"))
+
+
+TEXT_SIDE = 25
+"""Rows and columns of a text frame at most, so that it stays below 1 kB."""
+
+
+def text_frame(given: Mapping[str, Any]) -> str:
+    """Return an observation (`MarsRun.seen`) as a matrix with a legend, the part around the rover of a large one."""
+    row, col = given["position"]
+    spans = []
+    for at, cells in ((row, given["rows"]), (col, given["cols"])):
+        first = max(0, min(at - TEXT_SIDE // 2, cells - TEXT_SIDE))
+        spans.append(range(first, min(cells, first + TEXT_SIDE)))
+    rows, cols = spans
+    matrix = [f"{each:3} {given['grid'][each][cols[0] : cols[-1] + 1]}" for each in rows]
+    return "\n".join((
+        f"{given['rows']} rows from north to south, {given['cols']} columns from west to east; here are rows {rows[0]} to "
+        f"{rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}.",
+        f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. {given['coverage']:.1%} is mapped.",
+        *matrix,
+    ))  # fmt: skip
 
 
 def encode_grid(codes: NDArray[np.uint8]) -> list[str]:

@@ -3,12 +3,12 @@
 `Gate` looks at each request and at the handshake of each socket once; `LimitedClients` counts.
 """
 
-from app.web.protection.gate import Gate, has_own_origin
+from app.web.protection.gate import Gate, RefusedRequestError, has_own_origin
 from app.web.protection.headers import NO_CACHE, SHARED, page_policy, viewer_policy
 from app.web.protection.hosts import Proxies, client_address, is_secure, own_names
 from app.web.protection.limits import WHERE, LimitedClients, Protection
 
 __all__ = [
-    "NO_CACHE", "SHARED", "WHERE", "Gate", "LimitedClients", "Protection", "Proxies", "client_address", "has_own_origin",
-    "is_secure", "own_names", "page_policy", "viewer_policy",
+    "NO_CACHE", "SHARED", "WHERE", "Gate", "LimitedClients", "Protection", "Proxies", "RefusedRequestError", "client_address",
+    "has_own_origin", "is_secure", "own_names", "page_policy", "viewer_policy",
 ]  # fmt: skip

@@ -16,9 +16,10 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, TypeVar
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -30,6 +31,7 @@ from app.web.protection.gate import RefusedRequestError
 from app.web.protection.hosts import client_address
 from app.web.settings import Limits, read_bucket
 
+T = TypeVar("T")
 TOKEN_HEADER = "x-mars-token"
 """The header that holds the operator's token, `limits.token`."""
 
@@ -69,6 +71,9 @@ PENALTY = 100
 
 FULL_WAIT_S = 30
 """When a browser may come again that found all places for sockets taken."""
+
+TURN_S, REST = 1.0, 1.0
+"""Seconds that an agent's turn takes at most, and the rest after it, in the time that it took."""
 
 MAX_BUCKETS = 10_000
 """Addresses or players whose rates are remembered; beyond, those that have a full bucket go."""
@@ -111,6 +116,28 @@ class TokenBucket:
         self._tokens = min(self._burst, self._tokens + (now_s - self._at_s) * self._rate)
         self._at_s = now_s
         return self._tokens
+
+
+class Turns:
+    """Lets what agents ask for be done one at a time, and leaves everybody else as much time again after each turn."""
+
+    def __init__(self) -> None:
+        self._turn = asyncio.Lock()
+
+    async def take(self, doing: Coroutine[Any, Any, T]) -> T:
+        """Return what comes of something once it has had its turn, which ends after TURN_S whether or not it is done."""
+        try:
+            await self._turn.acquire()
+        except BaseException:
+            doing.close()
+            raise
+        loop = asyncio.get_running_loop()
+        began_s, task = loop.time(), asyncio.ensure_future(doing)
+        try:
+            await asyncio.wait([task], timeout=TURN_S)
+        finally:
+            loop.call_later(REST * (loop.time() - began_s), self._turn.release)
+        return await task
 
 
 class Buckets:
@@ -205,13 +232,14 @@ class Protection:
     refusals    how often something was refused, by reason; `count` is called with each reason too
     sockets     how many are open, but for those that came with the operator's token
     stored      what was written for whom
+    turns       in which agents have their moves made
     """
 
     def __init__(
         self, limits: Limits, database: Path, count: Callable[[str], None] = lambda reason: None
     ) -> None:
         self.limits, self._count = limits, count
-        self.stored = StoredBytes(limits, database)
+        self.stored, self.turns = StoredBytes(limits, database), Turns()
         self.refusals: Counter[str] = Counter()
         self.sockets = 0
         self._sockets_of: Counter[str] = Counter()
@@ -245,11 +273,19 @@ class Protection:
                 self._take(action, player, "player")
             if action != "joins":
                 study = NEXT.fullmatch(scope["path"].rstrip("/"))
-                try:
-                    self.stored.check(owners_of(scope, study[1] if study else ""))
-                except RefusedRequestError:
-                    self.count_refusal("stored")
-                    raise
+                self._check_stored(scope, study[1] if study else "")
+
+    def check_episode(self, scope: Scope, evaluation: str) -> None:
+        """Count an agent's episode that begins; RefusedRequestError (429 or 507) where it is one too many."""
+        self._take("episodes", client_address(HTTPConnection(scope)))
+        self._check_stored(scope, evaluation)
+
+    def _check_stored(self, scope: Scope, study: str) -> None:
+        try:
+            self.stored.check(owners_of(scope, study))
+        except RefusedRequestError:
+            self.count_refusal("stored")
+            raise
 
     def open_socket(self, address: str) -> None:
         """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
