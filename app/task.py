@@ -465,6 +465,9 @@ class Policies(Protocol):
     def load(self, name: str) -> Policy:
         """Return a new policy object: a policy remembers its episode, so each board needs its own."""
 
+    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
+        """Reset a policy for an episode of a configuration."""
+
     def thought(self, policy: Any, episode_id: str, step: int) -> str:
         """Return what a policy thought of the frame of `step`, as JSON text; "" where it says nothing."""
 

@@ -48,6 +48,7 @@ from app.report.statistics.study_figures import (
 from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
 from app.series.flow import participant_flow
+from app.task import rules_of
 from marsexplorer.evaluation.intervals import Floats
 
 ESTIMAND = (
@@ -76,6 +77,8 @@ def build(
     for cohort in cohorts:
         group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
         groups.append(_with_regret(data, cohort, group, regrets or {}))
+    players = rules_of(data.protocol.task).players
+    names = [run.name if players is None else str(players.title(run.name)) for run in runs]
     return Report(
         study=data.protocol.name,
         title=data.protocol.title,
@@ -96,7 +99,7 @@ def build(
         policies=tuple(_policy_row(run) for run in runs),
         deviations=study_deviations(data),
         scripts=_script_counts(data),
-        checklist=() if synthetic else checklist(data, groups[0], [run.name for run in runs]),
+        checklist=() if synthetic else checklist(data, groups[0], names),
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 from itertools import zip_longest
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -98,8 +99,12 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     if group.comparisons:
         rows = len({each.policy for each in group.comparisons})
         alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
-        found["forest"] = 1.6 + 0.32 * rows, partial(_forest, group=group), alt
-    policies = [(policy.name, policy.pictures) for policy in report.policies]
+        found["forest"] = (
+            1.6 + 0.32 * rows,
+            partial(_forest, group=group, called=report.called),
+            alt,
+        )
+    policies = [(report.called(policy.name), policy.pictures) for policy in report.policies]
     shown = [(group.name, group.pictures), *policies]
     if group.pictures.get("curve") or any(pictures for _, pictures in policies):
         curves = partial(_curves, curves=[(name, own.get("curve")) for name, own in shown])
@@ -232,7 +237,7 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
         canvas.colorbar(image, ax=canvas.axes, shrink=0.7, label="% of moves", fraction=0.04)
 
 
-def _forest(canvas: Canvas, group: GroupReport) -> None:
+def _forest(canvas: Canvas, group: GroupReport, called: Callable[[str], str]) -> None:
     score = [each for each in group.comparisons if each.metric == "score"]
     steps = [each for each in group.comparisons if each.metric == "steps"]
     who = group.name if group.kind == "human" else "players"
@@ -243,11 +248,13 @@ def _forest(canvas: Canvas, group: GroupReport) -> None:
     _rows(left, ratios, f"policy / {who}", 1.0, "Score, ratio")
     _rows(middle, normalized, f"0 random, 1 {who}", 1.0, "Score, normalized")
     _rows(right, differences, f"policy − {who}", 0.0, "Steps, difference")
-    left.set_yticks(range(len(score)), [_short(row.policy) for row in score])
+    left.set_yticks(range(len(score)), [_short(called(row.policy)) for row in score])
 
 
 def _short(name: str) -> str:
-    """Return a policy's name as a chart has room for it: the end of a long one, such as a file's path."""
+    """Return a policy's name as a chart has room for it: words on lines, and the end of what is long, such as a file's path."""
+    if " " in name:
+        return "\n".join(wrap(name, MAX_NAME))
     return name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}"
 
 

@@ -197,9 +197,14 @@ class Report:
         digest = self.protocol["policy_hashes"].get(policy)
         players = rules_of(self.protocol["task"]).players
         if digest is None and (players is None or players.is_rule(policy)):
-            return f"{policy} (code)"
+            return f"{self.called(policy)} (code)"
         known = f"SHA-256 {digest[:12]}…" if digest else "whose SHA-256 was not recorded"
         return f"{policy} (this file, {known})"
+
+    def called(self, policy: str) -> str:
+        """Return what people read in place of a policy's name."""
+        players = rules_of(self.protocol["task"]).players
+        return policy if players is None else str(players.title(policy))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as plain values, the watermark first in a synthetic report; NaN and infinities become None."""

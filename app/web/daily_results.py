@@ -26,7 +26,7 @@ SHOWN = 10
 """Rows of the table of results."""
 WAIT_S = 3.0
 """How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
-_SLOW = ("planner", "random")
+_SLOW = ("planner", "random", "lookahead")
 
 
 def people_on(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from marsexplorer.episode import Record, moves_of
-from marsexplorer.policies import Policy
+from marsexplorer.policies import Policy, begin
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,6 @@ def agreement_with(policy: Policy, record: Record, seed: int = 0) -> Agreement:
 
     seed  of what the policy draws, if it draws anything
     """
-    policy.reset(seed)
+    begin(policy, record.config.level, seed)
     agreed = sum(policy.act(episode.codes) == action for episode, action in moves_of(record))
     return Agreement(len(record.actions), agreed)

@@ -18,7 +18,7 @@ import numpy as np
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
 from marsexplorer.episode import Episode, Record, steps_to_target
-from marsexplorer.policies import Policy
+from marsexplorer.policies import Policy, begin
 
 EPISODES_PER_CHUNK = 5
 """Episodes that a process plays before it reports."""
@@ -119,7 +119,7 @@ def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:
 
 def play_out(policy: Policy, episode: Episode, seed: int) -> Episode:
     """Return an episode at its start played to its end by a policy, which is reset with `seed`."""
-    policy.reset(seed)
+    begin(policy, episode.config.level, seed)
     while not episode.ended:
         episode.step(policy.act(episode.codes))
     return episode

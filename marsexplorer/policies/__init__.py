@@ -4,7 +4,7 @@
 says in a sentence what a policy does. Networks need the extra `onnx`; the rules do not.
 """
 
-from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, goal_of
+from marsexplorer.policies.base import Policy, PolicyFileError, PolicyNotFoundError, begin, goal_of
 from marsexplorer.policies.loading import (
     describe,
     find_file,
@@ -13,12 +13,14 @@ from marsexplorer.policies.loading import (
     load,
     names,
     policy_hash,
+    title,
 )
 
 __all__ = [
     "Policy",
     "PolicyFileError",
     "PolicyNotFoundError",
+    "begin",
     "describe",
     "find_file",
     "find_shipped",
@@ -27,4 +29,5 @@ __all__ = [
     "load",
     "names",
     "policy_hash",
+    "title",
 ]

@@ -32,6 +32,13 @@ class Policy(Protocol):
         """Return an action 0..3 (north, east, south, west)."""
 
 
+def begin(policy: Policy, level: str, seed: int) -> None:
+    """Reset a policy for an episode, and say of which level it is to one that asks: some know how a level is made."""
+    if (tell := getattr(policy, "set_level", None)) is not None:
+        tell(level)
+    policy.reset(seed)
+
+
 def begin_draws(seed: int) -> np.random.Generator:
     """Return the generator that a policy draws an episode's moves from."""
     return np.random.Generator(np.random.PCG64(mix(seed)))

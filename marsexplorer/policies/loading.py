@@ -15,6 +15,7 @@ from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
 from marsexplorer.policies.base import Policy, PolicyNotFoundError, check_onnx
 from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
+from marsexplorer.policies.lookahead import TITLE, Lookahead
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced
 from marsexplorer.policies.random_policy import RandomPolicy
@@ -29,6 +30,10 @@ BUILT_IN: dict[str, tuple[Callable[[int], Policy], str]] = {
     "frontier-utility": (FrontierUtility, "Goes where the most new cells are expected for the squared way."),
     "frontier-cost": (FrontierCost, "Walks the shortest known way to the nearest frontier cell."),
     "planner": (Planner, "Imagines 16 whole tours at every move and follows the shortest."),
+    "lookahead": (
+        lambda sensor_radius: Lookahead(load("ppo", sensor_radius), sensor_radius),
+        "On level random it tries goals on terrains that agree with what is known, once most is known; elsewhere it is ppo.",
+    ),
     "random": (lambda sensor_radius: RandomPolicy(), "Makes valid moves at random."),
 }  # fmt: skip
 """Name -> what makes the policy for a sensor radius, and its summary."""
@@ -44,6 +49,11 @@ def describe(name: str) -> str:
     if name in BUILT_IN:
         return BUILT_IN[name][1]
     return str(read_card(find_file(name)).get("summary", "A policy from an ONNX file."))[:300]
+
+
+def title(name: str) -> str:
+    """Return what a policy is called where people read of it: its name, but for `lookahead`."""
+    return TITLE if name == Lookahead.name else name
 
 
 def load(name_or_path: str | Path, sensor_radius: int = 6) -> Policy:

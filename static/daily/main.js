@@ -7,7 +7,7 @@ import { startBoards } from "../common/socket.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
-import { capital } from "../common/words.js";
+import { called, capital } from "../common/words.js";
 import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
@@ -145,7 +145,7 @@ function row(who, what, kind, episode) {
 }
 
 /** @param {Daily.PolicyResult[]} policies */
-const policyRows = (policies) => policies.map((policy) => row(policy.name, policyText(policy), "policy"));
+const policyRows = (policies) => policies.map((policy) => row(called(policy.name), policyText(policy), "policy"));
 
 /** @param {Daily.Results} results */
 function paintResults({ day, attempt, people, policies }) {

@@ -44,7 +44,7 @@ export function rankText(attempt, people, policies) {
   const { rank, moves } = people.you;
   const others = people.players - 1;
   const among = others ? `Rank ${rank} of ${many(people.players, "person", "people")} today` : "You are the first person today";
-  const known = policies.filter(({ state }) => state === "ready");
+  const known = policies.filter(({ name, state }) => state === "ready" && name !== "lookahead");
   if (!known.length) return `${among}.`;
   const beaten = known.filter((policy) => moves !== null && (policy.moves === null || policy.moves > moves)).map(({ name }) => name);
   const than = beaten.length === known.length ? "better than every policy" : beaten.length ? `better than ${beaten.length} of ${many(known.length, "policy", "policies")}` : "not better than any policy";

@@ -2,7 +2,7 @@
 import { paintChart, paintLegend } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
-import { many } from "../common/words.js";
+import { called, many } from "../common/words.js";
 import { coverageEnd, curveText, intervalText, shown, source } from "./standing.js";
 
 /** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
@@ -22,7 +22,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
     const head = create("th", [create("i", [], { class: "swatch" }), row.name, ...summary], { scope: "row" });
     const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
     return create("tr", [head, ...cells],
-      { "data-who": row.who, "data-testid": `rank-${row.who === "people" ? "people" : row.name}`, style: `--mine: ${row.colour}` });
+      { "data-who": row.who, "data-testid": `rank-${row.policy?.name ?? row.who}`, style: `--mine: ${row.colour}` });
   }));
 
   /** @param {Leaderboard.Row} row @param {Interval} value */
@@ -64,7 +64,7 @@ function missing({ policy }, columns) {
   const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {
-    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policy.name}` });
+    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${called(policy.name)}` });
     line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
   } else line.append(policy?.state === "missing" ? "not evaluated here yet" : "waiting to be evaluated");
   return create("td", line, { colspan: String(columns) });
@@ -159,7 +159,7 @@ export function paintTrials({ chart, legend, note }, trials, rows, measure) {
   const [left, right] = [0.7, end + 0.3];
   const values = trials.map((trial) => trial[measure]);
   const flat = rows.flatMap((row) =>
-    (row.figure && row.who === "policy" && row.name !== "random" ? [{ ...row, mean: row.figure[measure].mean }] : []));
+    (row.figure && row.who === "policy" && row.policy?.name !== "random" ? [{ ...row, mean: row.figure[measure].mean }] : []));
   /** @type {ChartLine[]} */
   const level = flat.map(({ colour, dash, mean }) =>
     ({ colour, dash: dashes(dash), x: [left, right], y: [mean, mean] }));

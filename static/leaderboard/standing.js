@@ -1,13 +1,13 @@
 // From the server's answer to what stands on the page: order, scale, sentences. No document here.
 import { roundUp } from "../common/chart_scale.js";
-import { many } from "../common/words.js";
+import { called, many } from "../common/words.js";
 
 /** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
  * the rest in turn.
  * @type {Record<string, [string, string]>} */
-const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], random: ["--line-rose", "4 4"] };
+const OWN = { ppo: ["--chart-policy", "7 4"], "frontier-priced": ["--line-green", "12 4"], "frontier-utility": ["--line-violet", "2 3"], "frontier-cost": ["--line-blue", "9 3 2 3"], planner: ["--line-stone", "1 4"], lookahead: ["--line-clay", "3 6"], random: ["--line-rose", "4 4"] };
 /** @type {[string, string][]} */
-const REST = [["--line-clay", "3 6"], ["--line-olive", "10 2 2 2"]];
+const REST = [["--line-olive", "10 2 2 2"], ["--line-clay", "12 3 3 3"]];
 const PEOPLE_COLOUR = "--chart-you";
 
 /** @param {number} value @param {Leaderboard.Measure} measure */
@@ -26,7 +26,7 @@ export function rows({ board, people, policies }, measure) {
   /** @type {Leaderboard.Row[]} */
   const found = policies.map((policy) => {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
-    return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
+    return { who: "policy", name: called(policy.name), colour, dash, figure: policy.figure, policy };
   });
   if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_COLOUR, dash: "", figure: people, policy: null });
   const rank = (/** @type {Leaderboard.Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
@@ -53,9 +53,10 @@ function movesTo({ steps, mean }, share) {
 
 /** @param {Pick<Task, "target">} task @param {Leaderboard.Detail} detail @returns the sentence under the heading */
 export function headline({ target }, { board, people, policies }) {
-  const ready = policies.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
-  const best = ready.length === policies.length ? ready[0] : undefined;
-  const policy = best?.figure ? ` The best policy, ${best.name}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
+  const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
+  const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
+  const best = ready.length === fair.length ? ready[0] : undefined;
+  const policy = best?.figure ? ` The best policy, ${called(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
@@ -108,7 +109,7 @@ export function working(policies) {
   const now = open.find(({ state }) => state === "computing");
   const done = policies.reduce((sum, each) => sum + (each.state === "failed" ? each.of : each.done), 0);
   const of = policies.reduce((sum, each) => sum + each.of, 0);
-  const what = now ? `${now.name} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
+  const what = now ? `${called(now.name)} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 

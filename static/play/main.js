@@ -5,7 +5,7 @@ import { apply, ghostOf, initialState } from "../common/game_state.js";
 import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
-import { notCounted, score } from "../common/words.js";
+import { called, notCounted, score } from "../common/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
@@ -145,7 +145,7 @@ function paintBoards(before, dpr) {
     const isMine = role === "player";
     const shown = (isMine && parts.losses?.boardOf(board)) || board;
     const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
-    task.paint(part.matrix, shown, { name: board.name, accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
+    task.paint(part.matrix, shown, { name: called(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
       ...parts.thinking?.look(state, role), marks: isMine ? parts.losses?.marks() : null });
   }
   const now_ms = performance.now();
@@ -175,11 +175,11 @@ function paintCurves() {
     return board ? [{ board, colour: colours[role], isDashed: role === "rival" }] : [];
   });
   paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
-    ({ name: board.name, colour, dash: isDashed ? "9 4" : "" })));
+    ({ name: called(board.name), colour, dash: isDashed ? "9 4" : "" })));
   paintProgress(chart, task, curves, { font, inks, over: parts.losses?.overChart({ you, ground, ink: inks.goal }) });
   parts.thinking?.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
   const label = curves.map(({ board: { name, progress } }) =>
-    `${name}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
+    `${called(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
 }
 

@@ -1,7 +1,7 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { score, signed } from "../common/words.js";
+import { called, score, signed } from "../common/words.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
  * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
@@ -16,7 +16,7 @@ export function paintEndCard(part, task, { mode, player, rival }, tried) {
   put(part["end-line"], line);
   put(part["end-score"], score(frame.score));
   part["end-score-line"].hidden = frame.score === null;
-  const compared = task.compare(frame, rival?.frame ?? null, rival?.name ?? "", mode === "watch" ? player?.name : "You");
+  const compared = task.compare(frame, rival?.frame ?? null, called(rival?.name) ?? "", mode === "watch" ? called(player?.name) : "You");
   put(part["end-compare"], [tried, compared].filter(Boolean).join(" "));
   part["end-compare"].hidden = !tried && !compared;
   part.again.hidden = mode === "ranked"; // a terrain counts once
@@ -53,7 +53,7 @@ export function createPanel(root, template, elsewhere = []) {
  * @param {Play.Panel} panel @param {Task} task @param {Board | null} board */
 export function paintPanel({ role, root, part }, task, board) {
   root.classList.toggle("is-empty", !board);
-  put(part.name, board?.name ?? (role === "player" ? "You" : "Policy"));
+  put(part.name, called(board?.name) ?? (role === "player" ? "You" : "Policy"));
   if (!board) return;
   const { share } = paintNumbers(part, task, board.frame);
   put(part.outcome, task.outcome(board.frame.outcome));
@@ -66,7 +66,7 @@ export function paintPanel({ role, root, part }, task, board) {
 /** Offer the policies that a board can be given.
  * @param {Play.Panel} panel @param {string[]} names */
 export function offerPolicies({ part }, names) {
-  part.pick.replaceChildren(...names.map((name) => new Option(name, name)));
+  part.pick.replaceChildren(...names.map((name) => new Option(called(name), name)));
 }
 
 /** Paint the choice of a policy in the place of its name; a person's board has none.
@@ -129,10 +129,10 @@ export function paintBar(state, rival) {
   if (task) put(by("goal"), task.goal(player?.frame ?? null));
   put(by("standing"), standing(state, rival));
   const watched = state.mode === "watch" ? state : null;
-  put(by("tab-player"), watched?.player?.name ?? "You");
-  put(by("tab-rival"), watched?.rival?.name ?? "Policy");
-  put(by("key-player"), watched?.player?.name ?? "you");
-  put(by("key-rival"), watched?.rival?.name ?? "policy");
+  put(by("tab-player"), called(watched?.player?.name) ?? "You");
+  put(by("tab-rival"), called(watched?.rival?.name) ?? "Policy");
+  put(by("key-player"), called(watched?.player?.name) ?? "you");
+  put(by("key-rival"), called(watched?.rival?.name) ?? "policy");
   document.body.dataset.mode = state.mode;
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }
@@ -142,7 +142,7 @@ export function standing({ mode, counts, player, task }, rival) {
   if (mode !== "ranked" || !player) return task?.standing ?? "";
   const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
     : `This episode does not count: its ${task?.round} was chosen or met before, or a script has moved.`;
-  return rival ? `${what} After the end, ${rival} explores the same ${task?.round} beside you.` : what;
+  return rival ? `${what} After the end, ${called(rival)} explores the same ${task?.round} beside you.` : what;
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until

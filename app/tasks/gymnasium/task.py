@@ -31,6 +31,10 @@ class NoPolicies:
         """Raise ValueError."""
         raise ValueError(f"no policy {name!r}")
 
+    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
+        """Reset a policy."""
+        policy.reset(seed)
+
     def thought(self, policy: Any, episode_id: str, step: int) -> str:
         """Return that nothing is said."""
         return ""

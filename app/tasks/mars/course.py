@@ -17,7 +17,7 @@ from app.task import GhostError, PolicyOffer
 from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
-from marsexplorer.policies import load
+from marsexplorer.policies import begin, load
 from marsexplorer.policies import names as shipped
 
 NEVER = -1
@@ -175,7 +175,7 @@ def play_ghost(source: str, record: Record) -> Course:
         raise GhostError(
             f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
         )
-    policy.reset(0)
+    begin(policy, config.level, 0)
     episode = Episode.again(record)
 
     def next_action(codes: NDArray[np.uint8]) -> int | None:

@@ -29,7 +29,7 @@ from marsexplorer.evaluation.episodes import (
 )
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import MAX_CELLS, RegretEstimator, check_size
-from marsexplorer.policies import find_shipped, is_rule
+from marsexplorer.policies import find_shipped, is_rule, title
 from marsexplorer.policies.files.card import of_paper, shipped
 
 OFFERED = (
@@ -40,7 +40,7 @@ OFFERED = (
 __all__ = [
     "OFFERED", "Agreement", "LossKind", "NoisyPolicy", "RegretEstimator", "agreement_with", "begin", "check_size",
     "explanation_of", "file_of", "find_shipped", "has_regret", "hash_of", "hash_with_code", "is_rule", "load", "of_paper",
-    "play", "play_all", "play_terrain", "shipped",
+    "play", "play_all", "play_terrain", "shipped", "title",
 ]  # fmt: skip
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import nan
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.task import PolicyOffer
+from app.task import Configuration, PolicyOffer
 from app.tasks.mars.messages import encode_thought
 from marsexplorer import policies
 from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
@@ -74,6 +74,10 @@ class PolicyCatalogue:
     def load(self, name: str) -> Policy:
         """Return a new policy object: a policy remembers its episode, so each board needs its own."""
         return policies.load(self._offers[self.check(name)].source)
+
+    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
+        """Reset a policy for an episode of a configuration."""
+        policies.begin(policy, config.level, seed)
 
     def thought(self, policy: Policy, episode_id: str, step: int) -> str:
         """Return what the policy thought of the frame of `step`, as JSON text; "" where it says nothing."""

@@ -1,4 +1,5 @@
 // The dialog in which a terrain and the policies are chosen.
+import { called } from "../../common/words.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
 /** How the value of a map begins among the levels. */
@@ -27,7 +28,7 @@ export function favourite(names) {
 
 /** @param {HTMLSelectElement} select @param {{name: string, summary?: string}[]} choices @param {string} chosen */
 function fill(select, choices, chosen) {
-  select.replaceChildren(...choices.map(({ name }) => new Option(name, name, false, name === chosen)));
+  select.replaceChildren(...choices.map(({ name }) => new Option(called(name), name, false, name === chosen)));
 }
 
 /** @param {Mars.GivenMap[]} maps @returns maps as a group of options below the levels */

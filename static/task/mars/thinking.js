@@ -3,6 +3,7 @@ import { paintChart } from "../../common/chart.js";
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { askExpected } from "../../common/messages.js";
 import { by, put } from "../../common/page.js";
+import { called } from "../../common/words.js";
 import { expectedOf, goalText, mostExpected, nextLooks, thoughtOf } from "./thoughts.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -47,7 +48,7 @@ export function createThinking({ send, onChange }) {
     const shown = boards.flatMap(([, board]) => { const expected = expectedOf(board); return expected ? [{ board, expected }] : []; });
     by("thoughts-note").hidden = !shown.length;
     if (!shown.length) return;
-    put(by("thoughts-who"), shown.map(({ board }) => board.name).join(" and "));
+    put(by("thoughts-who"), shown.map(({ board }) => called(board.name)).join(" and "));
     put(by("thoughts-most"), String(Math.max(...shown.map(({ expected }) => mostExpected(expected)))));
     put(by("thoughts-next"), shown.length === 1 ? nextLooks(shown[0].board.frame, shown[0].expected) : "");
     by("thoughts-next-row").hidden = shown.length > 1;
@@ -73,7 +74,7 @@ export function createThinking({ send, onChange }) {
       paintNote(boards);
       for (const [, { name, values = [] }] of boards) if (values.some((value) => typeof value === "number")) outspoken.add(name);
       const curves = boards.filter(([, { name }]) => outspoken.has(name))
-        .map(([role, { name, values = [] }]) => ({ name, values, colour: colours[role], isDashed: role === "rival" }));
+        .map(([role, { name, values = [] }]) => ({ name: called(name), values, colour: colours[role], isDashed: role === "rival" }));
       by("value-strip").hidden = !curves.length;
       put(by("value-line"), valueLine(curves.map(({ name }) => name)));
       const place = by("values");

@@ -101,3 +101,10 @@ test("later points that rest on fewer people say so", () => {
   assert.match(footing([trial(1, 6), trial(2, 1)]), /6 players in the first episode, 1 player in episode 2: the later points rest on fewer/);
   assert.doesNotMatch(footing([trial(1, 2), trial(2, 2)]), /fewer/);
 });
+
+test("a policy that knows how terrains are made is called so, and is not what people are compared with", () => {
+  const policies = ["lookahead", "ppo"].map((name, at) => ({ name, state: "ready", figure: { steps: { mean: 60 + at } } }));
+  const detail = { board: { study: null, level: "random", rows: 21, cols: 21 }, people: null, policies };
+  assert.match(headline({ target: "99 %" }, detail), /The best policy, ppo, takes 61/);
+  assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["Expert that knows how terrains are made", "ppo"]);
+});
