@@ -289,6 +289,14 @@ class Rules(Protocol):
         """Return the default keys: each action's (`event.code`), in the order of the actions."""
 
     @property
+    def clock(self) -> int | None:
+        """Return the frames a second at which its boards tick; None where they wait for each move."""
+
+    @property
+    def noop(self) -> int | None:
+        """Return the action of a tick at which no key is held; None: the last action again."""
+
+    @property
     def metrics(self) -> tuple[Metric, ...]:
         """Return the figures of an ended episode, the headline first."""
 
@@ -404,6 +412,7 @@ def describe(rules: Rules) -> dict[str, Any]:
         "assets": rules.assets,
         "actions": list(rules.actions),
         "keys": {action: list(keys) for action, keys in rules.keys.items()},
+        "clock": rules.clock,
         "metrics": [asdict(metric) for metric in rules.metrics],
     }
 

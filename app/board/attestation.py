@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import Any, get_args
 
+from app.board.clock import PAUSE_MS, Controls, Held
 from app.db.chain import BegunHash, begin_hash
 from app.db.input_events import count_input_events, has_copied_timing, input_events
 from app.db.store import Store
@@ -82,12 +83,14 @@ class Conditions:
     key_map        of `key_map_of`
     supervised_ms  when the operator's code was typed for its player, server's clock
     types_ahead    whether the page keeps presses that come faster than the answers: the playground's does, a study's does not
+    controls       of a task with a clock: what follows from its keys, by every version of a participant's
     """
 
     started_ms: int
     key_map: KeyMap
     supervised_ms: tuple[int, ...] = ()
     types_ahead: bool = False
+    controls: tuple[Controls, ...] = ()
 
 
 class _MismatchError(Exception):
@@ -131,13 +134,10 @@ def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) 
     An episode without a move is attested: there is nothing that could differ.
     """
     try:
-        presses = _presses(moves, events, conditions.key_map)
-        pages, gaps = _Pages(conditions.started_ms), list[float]()
-        for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
-            _check_press(step, move, press)
-            _check_frame(step, moves, press, conditions.types_ahead)
-            gaps.append(pages.add(moves, step, press))
-        _check_pace(gaps, _is_coarse([float(move["key_down_ms"]) for move in moves]))
+        if conditions.controls:
+            _check_ticks(moves, events, conditions)
+        else:
+            _check_moves(moves, events, conditions)
     except _MismatchError as mismatch:
         is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
         return Attested("spoilt" if is_persons else "unattested", str(mismatch), mismatch.step)
@@ -146,6 +146,56 @@ def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) 
         for at_ms in conditions.supervised_ms
     )
     return Attested("supervised" if is_supervised else "attested")
+
+
+def _check_moves(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+    """Check that each move is that of a press of its own."""
+    presses = _presses(moves, events, conditions.key_map)
+    pages, gaps = _Pages(), list[float]()
+    for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
+        _check_press(step, move, press)
+        _check_frame(step, moves, press, conditions.types_ahead)
+        shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else conditions.started_ms
+        gaps.append(pages.add(moves, step, shown_ms))
+    _check_pace(gaps, _is_coarse([float(move["key_down_ms"]) for move in moves]))
+
+
+def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
+    """Check that each tick's action follows from the keys held before it, and that the presses are a page's.
+
+    No tick comes while the board stands still: after a pause the page asks for it to go on, and a countdown follows.
+    """
+    held, at, before, runs_from_ms = Held(), 0, 0, None
+    presses, shown_ms = list[dict[str, Any]](), list[float]()
+    for step, move in enumerate(moves):
+        while at < len(events) and events[at]["server_ms"] < move["server_ms"]:
+            event, at = events[at], at + 1
+            held.take(event)
+            if event["kind"] == "resume":
+                runs_from_ms = event["server_ms"] + PAUSE_MS - CLOCK_SLACK_MS
+            elif event["kind"] in ("hidden", "pause"):
+                runs_from_ms = None
+            elif event["kind"] in _KINDS.values() and not event["repeat"]:
+                sent = {"client_ms": event["client_ms"], "server_ms": event["server_ms"]}
+                presses.append({**sent, "key_down_ms": event["client_ms"]})
+                if not 0 <= (event["step"] or 0) <= step:
+                    raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
+                shown = (event["step"] or 0) - 1
+                shown_ms.append(
+                    conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
+                )
+        if move["driver"] != "human" or not held.is_trusted:
+            raise _MismatchError("what is held is no person's", step)
+        if runs_from_ms is None or move["server_ms"] < runs_from_ms:
+            raise _MismatchError("time ran while the board stood still", step)
+        made = (move["action"], move["input"])
+        if made not in {each.action(held.down, before) for each in conditions.controls}:
+            raise _MismatchError("the action does not follow from the keys that were held", step)
+        before = move["action"]
+    pages, gaps = _Pages(), list[float]()
+    for number in range(len(presses)):
+        gaps.append(pages.add(presses, number, shown_ms[number]))
+    _check_pace(gaps, _is_coarse([press["key_down_ms"] for press in presses]))
 
 
 @dataclass(frozen=True)
@@ -272,17 +322,18 @@ class _Page:
 class _Pages:
     """The loads of the page that made an episode's moves. A reload, a second tab or a laptop's sleep begins another clock."""
 
-    def __init__(self, started_ms: int) -> None:
-        self._started_ms = started_ms
+    def __init__(self) -> None:
         self._pages: list[_Page] = []
         self._counted = 0
         self._last: _Page | None = None
 
-    def add(self, moves: Sequence[Row], step: int, press: Row) -> float:
-        """Add a move and return the ms since the press before it; _MismatchError when it fits no load of the page."""
+    def add(self, moves: Sequence[Row], step: int, shown_ms: float) -> float:
+        """Add a move and return the ms since the press before it; _MismatchError when it fits no load of the page.
+
+        shown_ms  when the frame was made that was on screen, server's clock
+        """
         move = moves[step]
         sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
-        shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else self._started_ms
         low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
         if low > high:
             raise _MismatchError("the frame that the press answers came after it", step)

@@ -227,6 +227,21 @@ class Kept(BaseModel):
     reason: str | None = None
 
 
+class ClockState(BaseModel):
+    """Whether time runs on a board with a clock: it stands until the page sends a `resume`, counts down `ms`, or runs.
+
+    reason  why it stands, where that is not the page's doing
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: Literal["clock"] = "clock"
+    episode: str
+    state: Literal["standing", "countdown", "running"]
+    ms: int = 0
+    reason: str | None = None
+
+
 FromPage = Act | HistoryRequest | Events | ExpectedRequest
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)

@@ -31,8 +31,9 @@ from app.board.attestation import (
     level_reaches,
     prepare_end,
 )
+from app.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
 from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
-from app.db.input_events import InputEventRow, add_input_events
+from app.db.input_events import InputEventRow, add_input_events, input_events
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
 from app.task import Run, RunEndedError, Task, View, on_threads
 
@@ -201,6 +202,10 @@ class Participation(Protocol):
     def check_open(self) -> None:
         """Raise RefusedError when the study is closed and no move may be made."""
 
+    @property
+    def allowed(self) -> Allowed:
+        """Return what an episode may have in time, where a clock runs; RefusedError where the study cannot be looked up."""
+
     def note_script(self, episode_id: str) -> None:
         """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
 
@@ -231,6 +236,7 @@ class Session:
     is_second      whether it is the second of the two: a rival's or a replay's
     attested       the level of the current episode since it has ended here, else None
     touched        monotonic seconds of the last access
+    clock          of a person's board whose task has one, else None
     changing       held from the check of a move, or of whatever else changes the episode or its input events, until it is
                    committed
     """
@@ -274,6 +280,10 @@ class Session:
         """Bytes that were written and not told to WRITTEN yet."""
         self._lacks_events = False
         """Whether input events could not be written: a move without its press would be held against the person."""
+        frames = task.clock if self.is_human else None
+        self.clock = None if frames is None else BoardClock(self, frames)
+        self._event_ms = self._tick_ms = 0
+        """Times of the newest input event and the newest tick: an event is no earlier than a tick before it, a tick later."""
 
     @property
     def is_human(self) -> bool:
@@ -323,50 +333,14 @@ class Session:
         notice  told one sentence when the move has waited for the database for a while
         """
         async with self.changing:
-            began = time.perf_counter()
             self._check_current(move.episode, move.step)
             if not self.is_human and move.driver in (HUMAN, SCRIPT):
                 raise RefusedError(
                     f"this rover is driven by the policy {self.row.driver_name!r}; only its pace can be changed"
                 )
-            current, is_deviation = (
-                self.current,
-                move.driver == SCRIPT and self.current.driver == HUMAN,
-            )
-            if is_deviation:
-                current = dataclasses.replace(current, driver=SCRIPT)
-            run = await self._take_run()
-            try:
-                reward, held = await self._stepped(run, move.action)
-            except RunEndedError as failure:
-                await self._end_here(run)
-                raise RefusedError(str(failure)) from failure
-            row = self._step_row(move, reward, held.discovered)
-            ending = await self.prepare_end(current, row) if held.ended else None
-
-            def record() -> tuple[Attested | None, bool]:
-                if self._lacks_events:
-                    raise StoreError(UNKEPT)
-                if not is_deviation and not held.ended:
-                    self._store.add_step(row)  # one statement, without a transaction around it
-                    return None, self._hides_scores
-                with self._store.transaction():
-                    if is_deviation and self.participation is not None:
-                        self.participation.note_script(current.id)
-                    self._store.add_step(row)
-                    attested = (
-                        self._close(current, run, row.server_ms, ending) if held.ended else None
-                    )
-                return attested, self.hides_scores(current.id)
-
-            def publish(found: tuple[Attested | None, bool]) -> None:
-                self.go_on(current, run, held, *found)
-                metrics, seconds = self._store.metrics, time.perf_counter() - began
-                metrics.moves[move.driver.partition(":")[0]].inc()
-                metrics.step.observe(seconds)
-                metrics.newest_s.append(seconds)
-
-            await self._store.write(record, notice, publish)
+            if self.clock is not None and move.driver == HUMAN:
+                raise RefusedError(TAKES_KEYS)
+            await self._make(move, self._clock(), notice)
         self.count_written(STEP_BYTES)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
@@ -376,6 +350,95 @@ class Session:
             seen = await on_threads(self.task, run.seen, picture, observation)
             self._run = run
             return self.shown, seen
+
+    async def tick(self, held: Held) -> None:
+        """Make the move that follows from what is held, commit it together with others' ticks, and publish its frame."""
+        async with self.changing:
+            if self.clock is None or self.clock.is_standing:
+                return
+            try:
+                self._check_current(self.current.id, self.shown.steps)
+                before = self.shown.actions[-1] if self.shown.steps else 0
+                action, input = self._controls.action(held.down, before)
+                driver = self.driver if held.is_trusted else SCRIPT
+                move = Move(self.current.id, self.shown.steps, action, driver, input)
+                self._tick_ms = max(self._clock(), self._event_ms + 1)
+                await self._make(move, self._tick_ms, waits=False)
+            except RefusedError as refusal:
+                self.clock.stand(str(refusal))
+        self.count_written(STEP_BYTES)
+
+    async def held_keys(self) -> Held:
+        """Return what is held by the input events that are stored, with the keys that hold now; hold `changing`."""
+        if self._keeping is not None:
+            await asyncio.wait([self._keeping])
+
+        def read() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+            study = self.participation
+            return input_events(self._store, self.current.id), study.settings() if study else []
+
+        events, settings = await self._store.read(read)
+        self._controls, held = controls_of(self.task, settings)[-1], Held()
+        for event in events:
+            held.take(event)
+        self._event_ms = max([self._event_ms, *(event["server_ms"] for event in events[-1:])])
+        return held
+
+    async def end_if_left(self) -> None:
+        """End the episode as left where its board has stood still more often or for longer than is allowed."""
+        async with self.changing:
+            allowed = Allowed() if self.participation is None else self.participation.allowed
+            sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
+                OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
+            values = [self._clock() + PAUSE_MS, self.current.id, PAUSE_MS]
+            (found,) = await self._store.read(partial(self._store.query, sql, values))
+            if found["number"] > allowed.pauses or found["ms"] > allowed.paused_s * 1000:
+                await self._end_here(await self.take_abandoned())
+
+    async def _make(
+        self, move: Move, at_ms: int, notice: Notice | None = None, waits: bool = True
+    ) -> None:
+        """Make a move that may be made, commit it and publish its frame; hold `changing`.
+
+        waits  whether the commit is due at once; else it may wait a moment for others
+        """
+        began = time.perf_counter()
+        current, is_deviation = (
+            self.current,
+            move.driver == SCRIPT and self.current.driver == HUMAN,
+        )
+        if is_deviation:
+            current = dataclasses.replace(current, driver=SCRIPT)
+        run = await self._take_run()
+        try:
+            reward, held = await self._stepped(run, move.action)
+        except RunEndedError as failure:
+            await self._end_here(run)
+            raise RefusedError(str(failure)) from failure
+        row = self._step_row(move, reward, held.discovered, at_ms)
+        ending = await self.prepare_end(current, row) if held.ended else None
+
+        def record() -> tuple[Attested | None, bool]:
+            if self._lacks_events:
+                raise StoreError(UNKEPT)
+            if not is_deviation and not held.ended:
+                self._store.add_step(row)  # one statement, without a transaction around it
+                return None, self._hides_scores
+            with self._store.transaction():
+                if is_deviation and self.participation is not None:
+                    self.participation.note_script(current.id)
+                self._store.add_step(row)
+                attested = self._close(current, run, row.server_ms, ending) if held.ended else None
+            return attested, self.hides_scores(current.id)
+
+        def publish(found: tuple[Attested | None, bool]) -> None:
+            self.go_on(current, run, held, *found)
+            metrics, seconds = self._store.metrics, time.perf_counter() - began
+            metrics.moves[move.driver.partition(":")[0]].inc()
+            metrics.step.observe(seconds)
+            metrics.newest_s.append(seconds)
+
+        await self._store.writes.put(record, notice, publish, waits)
 
     async def abandon(
         self, episode: str, step: int | None, note: Callable[[], None] | None = None
@@ -435,6 +498,8 @@ class Session:
         self.attested, self._hides_scores = attested, hides_scores
         self.thought = ""
         self._expected = ""
+        if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
+            self.clock.stand(is_new=True)
         self.channel.publish(shown.frame(current.id, hides_scores))
 
     async def take_abandoned(self) -> Run:
@@ -518,8 +583,21 @@ class Session:
         """
         async with self.changing:
             self._lacks_events = True
-            self._keeping = self._store.put_write(partial(self._keep_events, events, self._clock()))
-        await asyncio.shield(self._keeping)
+            self._event_ms = max(self._clock(), self._tick_ms)
+            keep = partial(self._keep_events, events, self._event_ms)
+            self._keeping = keeping = self._store.put_write(keep)
+            if (
+                self.clock is not None
+                and events.episode == self.current.id
+                and not self.shown.ended
+            ):
+                self.clock.take(events.events)
+        try:
+            await asyncio.shield(keeping)
+        except (StoreError, RefusedError):
+            if self.clock is not None:
+                self.clock.stand(UNKEPT)  # it goes on by the events that are stored
+            raise
         self.count_written(len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch))
 
     def count_written(self, size: int) -> None:
@@ -636,9 +714,11 @@ class Session:
         is_persons = self.is_human and self.takes_persons_moves
         if current.driver != HUMAN and not (is_persons and self.driver == HUMAN):
             return None
-        key_map = key_map_of(self.task.keys, study.settings() if study is not None else ())
+        settings = study.settings() if study is not None else ()
+        key_map = key_map_of(self.task.keys, settings)
         supervised_ms = study.supervised_ms() if study is not None else ()
-        return Conditions(current.started_ms, key_map, supervised_ms, types_ahead=study is None)
+        controls = () if self.clock is None else controls_of(self.task, settings)
+        return Conditions(current.started_ms, key_map, supervised_ms, study is None, controls)
 
     def _check_current(self, episode: str, step: int) -> None:
         if self.participation is not None:
@@ -652,14 +732,14 @@ class Session:
         if step != self.shown.steps:
             raise RefusedError(f"step {step} is not the current one, which is {self.shown.steps}")
 
-    def _step_row(self, move: Move, reward: float, discovered: int) -> StepRow:
+    def _step_row(self, move: Move, reward: float, discovered: int, at_ms: int) -> StepRow:
         return StepRow(
             episode_id=self.current.id,
             step=move.step,
             action=move.action,
             reward=reward,
             discovered=discovered,
-            server_ms=self._clock(),
+            server_ms=at_ms,
             client_ms=move.client_ms,
             key_down_ms=move.key_down_ms,
             key_up_ms=move.key_up_ms,

@@ -54,16 +54,18 @@ class Head(NamedTuple):
 
 
 class BegunHash(NamedTuple):
-    """The salted hash of an open episode's input events so far, which the entry of its end goes on with.
+    """The salted hashes of an open episode's moves and input events so far, which the entry of its end goes on with.
 
     salt   of the entry to come
     until  number of the first event that is not in it
     found  SHA-256 of those that are
+    moves  how many moves are in it, and their SHA-256
     """
 
     salt: bytes
     until: int
     found: hashlib._Hash
+    moves: tuple[int, hashlib._Hash]
 
 
 class _Part(NamedTuple):
@@ -80,6 +82,7 @@ class _Part(NamedTuple):
 _EVENTS = _Part(
     "input_events", "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
 )
+_STEPS = _Part("steps", "episode_id = :id AND step >= :first_move ORDER BY step")
 _PARTS: dict[Kind, tuple[_Part, ...]] = {
     "series": (_Part("series", "name = :id"),),
     "session": (
@@ -92,7 +95,7 @@ _PARTS: dict[Kind, tuple[_Part, ...]] = {
     ),
     "episode": (
         _Part("episodes", "id = :id"),
-        _Part("steps", "episode_id = :id ORDER BY step"),
+        _STEPS,
         _Part("series_episodes", "episode_id = :id"),
         _EVENTS,
     ),
@@ -120,13 +123,16 @@ def compute(
 ) -> dict[str, str]:
     """Return the salted SHA-256 (hex) of a thing's rows as they are now, by table.
 
-    begun  of `begin_hash` with the same salt: the input events that it covers are not read again
+    begun  of `begin_hash` with the same salt: the moves and input events that it covers are not read again
     """
     covered = {"id": thing.id, "first": thing.first, "until": _next_batch(conn, thing)}
+    covered["first_move"] = 0 if begun is None else begun.moves[0]
     parts = {}
     for part in _PARTS[thing.kind]:
         if begun is not None and part is _EVENTS and covered["until"] == _BEYOND:
             found, first = begun.found.copy(), begun.until
+        elif begun is not None and part is _STEPS:
+            found, first = begun.moves[1].copy(), thing.first
         else:
             found, first = _empty_hash(part, salt), thing.first
         for row in select(conn, _rows_of(part), {**covered, "first": first}):
@@ -136,13 +142,17 @@ def compute(
 
 
 def begin_hash(conn: sqlite3.Connection, episode_id: str) -> BegunHash:
-    """Return the hash of an open episode's input events so far: any connection can make it before the episode's end."""
-    salt, until = secrets.token_bytes(_SALT_BYTES), 0
-    found = _empty_hash(_EVENTS, salt)
-    for row in select(conn, _rows_of(_EVENTS), {"id": episode_id, "first": 0, "until": _BEYOND}):
+    """Return the hash of an open episode's moves and input events so far: any connection can make it before its end."""
+    salt, until, moves = secrets.token_bytes(_SALT_BYTES), 0, 0
+    found, made = _empty_hash(_EVENTS, salt), _empty_hash(_STEPS, salt)
+    covered = {"id": episode_id, "first": 0, "until": _BEYOND, "first_move": 0}
+    for row in select(conn, _rows_of(_EVENTS), covered):
         found.update(canonical(row))
         until = row[_NUMBER] + 1
-    return BegunHash(salt, until, found)
+    for row in select(conn, _rows_of(_STEPS), covered):
+        made.update(canonical(row))
+        moves += 1
+    return BegunHash(salt, until, found, (moves, made))
 
 
 def _empty_hash(part: _Part, salt: bytes) -> hashlib._Hash:

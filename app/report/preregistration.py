@@ -14,7 +14,7 @@ from app.report.statistics.formatting import templates, utc
 from app.report.statistics.headline import HEADLINE_RULE
 from app.report.statistics.planning import plan_study
 from app.series.folder import Study
-from app.series.plausibility import LABELS
+from app.series.plausibility import labels_of
 from app.series.policy_episodes import compared_policies
 from app.series.protocol import Protocol
 
@@ -49,7 +49,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
         sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
-        labels={**LABELS, **protocol.rules.own_labels},
+        labels={**labels_of(protocol), **protocol.rules.own_labels},
         rule=HEADLINE_RULE,
         policies=compared_policies(protocol),
         plan=plan_study(protocol),

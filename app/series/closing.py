@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.board.attestation import Conditions, attest_stored, key_map_of
+from app.board.clock import controls_of
 from app.db.reader import Reader
 from app.db.series import StudyStore, find_study, participants, study_trials, trial_activity
 from app.db.store import Closing, Store
@@ -89,5 +90,7 @@ def _abandoned(store: Store, known: StudyStore, trial: Trial, at_ms: int) -> Clo
     settings = known.settings(trial.participant)
     supervised_ms = known.supervised_ms(trial.participant)
     keys = key_map_of(trial.rules.keys, settings)
-    attested = attest_stored(store, trial.id, Conditions(trial.started_ms, keys, supervised_ms))
+    controls = controls_of(trial.rules, settings) if trial.rules.clock else ()
+    conditions = Conditions(trial.started_ms, keys, supervised_ms, controls=controls)
+    attested = attest_stored(store, trial.id, conditions)
     return Closing(trial.id, record, at_ms, attested.level, attested.reason)

@@ -181,7 +181,9 @@ def _load(reader: Reader, study: str) -> StudyData:
         closed_ms=row.closed_ms,
         secret=row.secret,
         people=people,
-        trials=tuple(_with_input(reader, each) for each in study_trials(reader, study)),
+        trials=tuple(
+            _with_input(reader, each, protocol.max_late) for each in study_trials(reader, study)
+        ),
         beacon=Beacon.parse(row.beacon),
         beacon_signature=row.beacon_signature,
         freezings=count_freezings(reader, study),
@@ -221,10 +223,11 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-def _with_input(reader: Reader, trial: Trial) -> Trial:
+def _with_input(reader: Reader, trial: Trial, most_late: float) -> Trial:
     """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
     moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
-    labels = plausibility_labels(moves, inputs)
+    clock = trial.rules.clock
+    labels = plausibility_labels(moves, inputs, clock, most_late)
     if trial.ended_ms is not None:
         labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
-    return replace(trial, pause_share=pause_share(moves, inputs), labels=labels)
+    return replace(trial, pause_share=pause_share(moves, inputs, clock), labels=labels)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from app.board.clock import Allowed
 from app.board.session import RefusedError, StudyUnavailableError
 from app.board.sources import Sources
 from app.db.series import StudyStore
@@ -43,6 +44,11 @@ class StudyParticipation:
         """Check that the study is open; RefusedError when it is not."""
         if not self._study().is_running:
             raise RefusedError(CLOSED_MESSAGE.format(self._participant.study))
+
+    @property
+    def allowed(self) -> Allowed:
+        """Return what the protocol allows an episode in time, where a clock runs."""
+        return self._study().protocol.allowed
 
     def note_script(self, episode_id: str) -> None:
         """Note the deviation: a script moved where a person was at the controls."""

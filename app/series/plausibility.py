@@ -12,6 +12,9 @@ from itertools import pairwise
 from statistics import quantiles
 from typing import Any
 
+from app.board.clock import late_share, pauses_of
+from app.series.protocol import Protocol
+
 FEWEST_PRESSES = 5
 """Fewer presses than this say nothing about key-ups or speed."""
 FASTEST_MS = 80.0
@@ -34,23 +37,44 @@ LABELS = {
 }
 """Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
 
+LATE = "late frames"
+"""The label of an episode of which more frames came late than its protocol allows (`max_late`), where time runs."""
+
 PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
 Rows = Sequence[Mapping[str, Any]]
 
 
-def plausibility_labels(moves: Rows, inputs: Rows) -> tuple[str, ...]:
-    """Return an episode's labels, in the order of LABELS."""
+def labels_of(protocol: Protocol) -> dict[str, str]:
+    """Return every label that a study's episodes can have from their input, with what it means."""
+    if not protocol.rules.clock:
+        return LABELS
+    seeing = {name: what for name, what in LABELS.items() if name != "under 80 ms"}
+    return {
+        **seeing,
+        LATE: f"more than {protocol.max_late:.0%} of the frames came more than a frame late",
+    }
+
+
+def plausibility_labels(
+    moves: Rows, inputs: Rows, clock: int | None = None, most_late: float = 1.0
+) -> tuple[str, ...]:
+    """Return an episode's labels, in the order of `labels_of`.
+
+    clock      of the task; where time runs, two keys are often pressed as one
+    most_late  share (0..1) of frames that may come late
+    """
     presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
     found = {
         "robotic timing": _is_steady(presses),
         "no key-up": _lacks_releases(presses, inputs),
-        "under 80 ms": _is_fast(presses),
+        "under 80 ms": clock is None and _is_fast(presses),
         "untrusted": any(row["trusted"] == 0 for row in presses),
         "unfocused": _pressed_hidden(inputs),
         "no telemetry": not presses
         and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
     }
-    return tuple(name for name in LABELS if found.get(name))
+    is_late = clock and late_share([row["server_ms"] for row in moves], clock) > most_late
+    return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))
 
 
 def intervals(presses: Rows) -> list[float]:
@@ -89,11 +113,16 @@ def _pressed_hidden(inputs: Rows) -> bool:
     return False
 
 
-def pause_share(moves: Rows, inputs: Rows) -> float:
+def pause_share(moves: Rows, inputs: Rows, clock: int | None = None) -> float:
     """Return the share (0..1) of an episode's time that was spent paused or with the page hidden.
+
+    Where time runs it follows from the frames.
 
     Without input events: the share of the server's time that lay in gaps above AWAY_MS between moves.
     """
+    if clock:
+        at_ms = [float(row["server_ms"]) for row in moves]
+        return sum(pauses_of(at_ms)) / (at_ms[-1] - at_ms[0] or 1.0) if at_ms else 0.0
     if not inputs:
         times = [float(row["server_ms"]) for row in moves]
         gaps = [after - before for before, after in pairwise(times)]

@@ -22,6 +22,7 @@ from pydantic import (
     model_validator,
 )
 
+from app.board.clock import Allowed
 from app.board.messages import describe_errors
 from app.db.trial import Required
 from app.series.texts import consent
@@ -188,6 +189,9 @@ class Protocol(_Part):
     players              participants planned
     break_every          ranked episodes after which a break is offered
     pause_after_s        seconds without a key after which the page pauses
+    max_pauses           how often an episode on a clock may stand still before it ends as left
+    max_paused_s         for how many seconds in all it may
+    max_late             share (0..1) of its ticks that may come more than a frame late; beyond, it is labelled
     outside_ids          parameters of the link that are kept; the first one names the person
     return_url           where a participant goes from the last page; `{code}` becomes the completion code
     completion_code      the same for all; None: one drawn for each participant
@@ -217,6 +221,9 @@ class Protocol(_Part):
     players: int = Field(default=10, ge=1, le=100_000)
     break_every: int = Field(default=10, ge=1)
     pause_after_s: float = Field(default=60, gt=0, le=3600, allow_inf_nan=False)
+    max_pauses: int = Field(default=Allowed.pauses, ge=0, le=1000)
+    max_paused_s: float = Field(default=Allowed.paused_s, ge=0, le=86_400, allow_inf_nan=False)
+    max_late: float = Field(default=Allowed.late, ge=0, le=1, allow_inf_nan=False)
     consent: Consent
     questions: tuple[Question, ...] = Field(max_length=20)
     outside_ids: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")], ...] = Field(
@@ -292,6 +299,11 @@ class Protocol(_Part):
     def rules(self) -> Rules:
         """The rules of the task."""
         return rules_of(self.task)
+
+    @property
+    def allowed(self) -> Allowed:
+        """What an episode may have in time, where a clock runs."""
+        return Allowed(self.max_pauses, self.max_paused_s, self.max_late)
 
     @property
     def env_config(self) -> Configuration:

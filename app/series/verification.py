@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.board.attestation import COPIED, Conditions, attest, key_map_of
+from app.board.clock import controls_of
 from app.db import checks, volunteers
 from app.db.checks import (
     ChainState,
@@ -408,11 +409,13 @@ def _derive_level(
             for at_ms, detail in given.settings
             if until_ms is None or at_ms <= until_ms
         ]
+        rules = rules_of(task)
         conditions = Conditions(
             started_ms,
-            key_map_of(rules_of(task).keys, settings),
+            key_map_of(rules.keys, settings),
             tuple(given.supervised_ms),
             not given.is_studys,
+            controls_of(rules, settings) if rules.clock else (),
         )
         found = attest(steps, given.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:

@@ -154,7 +154,20 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         "/static", pages.static_files, name="static"
     )  # first what is asked for most: routes are tried in turn
     boards = api.board_router(rules_of(settings.task).messages)
-    modules = (pages, sockets, api, watch, results, replay, daily, study, evaluations, agents, mcp, viewer)
+    modules = (
+        pages,
+        sockets,
+        api,
+        watch,
+        results,
+        replay,
+        daily,
+        study,
+        evaluations,
+        agents,
+        mcp,
+        viewer,
+    )
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         app.router.routes.extend(

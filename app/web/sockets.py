@@ -18,6 +18,7 @@ from app.board.lobby import UnknownSessionError
 from app.board.messages import (
     Act,
     BadMessageError,
+    ClockState,
     Events,
     ExpectedRequest,
     Kept,
@@ -93,10 +94,15 @@ class PlaySocket:
 
     async def serve(self) -> None:
         """Send and receive until the socket leaves."""
+        clock = self._session.clock if self._is_owner and self._is_page else None
+        if clock is not None:
+            clock.stand()  # a reload, a connection made anew, a second tab
         try:
             # in a task of its own, so that a message wakes the receiver alone and not all that surrounds this call
             await send_while(asyncio.create_task(self._receive()), self._send_newest())
         finally:
+            if clock is not None:
+                clock.stand()
             if self._keeping is not None:
                 await self._keeping
 
@@ -105,6 +111,7 @@ class PlaySocket:
         frame, episode, thought = "", "", ""
         pace: Pace | None = None
         fault: str | None = None
+        time: ClockState | None = None
         with session.channel.subscribe() as subscriber:
             async for newest in subscriber:
                 if newest is not frame:
@@ -118,6 +125,9 @@ class PlaySocket:
                 if session.pace != pace and session.pace is not None:
                     pace = session.pace
                     await send(pace.model_dump_json())
+                if session.clock is not None and session.clock.state is not time:
+                    time = session.clock.state
+                    await send(time.model_dump_json())
                 if session.fault != fault and (fault := session.fault) is not None:
                     await send(encode_error(fault))
 

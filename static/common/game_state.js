@@ -24,9 +24,13 @@ export function boardOf(task, session, name, frame, before) {
 export function withFrame(task, board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (!isNew && frame.step < board.frame.step) return board;
-  if (isNew) board = { ...board, thought: null, values: [], expected: null, trail: [], progress: [] };
+  if (isNew) board = { ...board, clock: null, thought: null, values: [], expected: null, trail: [], progress: [] };
   const { trail, progress } = board;
   if (frame.step < trail.length) return { ...board, frame };
+  if (task.clock && trail.length) { // frames that were skipped are nothing to ask for
+    const missed = Array(frame.step + 1 - trail.length);
+    return { ...board, frame, trail: [...trail, ...missed.fill(task.mark(frame))], progress: [...progress, ...missed.fill(task.progress(frame))] };
+  }
   if (frame.step > trail.length) return { ...board, frame, hasGap: true };
   return { ...board, frame, trail: [...trail, task.mark(frame)], progress: [...progress, task.progress(frame)], hasGap: false };
 }
@@ -56,6 +60,7 @@ export function received(task, board, message) {
     case "thought": return withThought(board, message);
     case "expected": return message.episode === board.frame.episode ? { ...board, expected: message } : board;
     case "pace": return { ...board, pace: message };
+    case "clock": return message.episode === board.frame.episode ? { ...board, clock: message } : board;
     default: return board;
   }
 }

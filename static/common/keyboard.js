@@ -3,6 +3,9 @@
 /** @param {Keys} keys @param {string} code @returns {Action | undefined} what a key does, or undefined */
 export const actionOf = (keys, code) => Object.keys(keys).find((action) => keys[action].includes(code));
 
+/** @param {Keys} keys @param {string} code @returns {Action | undefined} an action that a key helps to cause: its own, or of a combination */
+export const partOf = (keys, code) => actionOf(keys, code) ?? Object.keys(keys).find((action) => keys[action].some((each) => each.split("+").includes(code)));
+
 const BUTTON_LIKE = /^(button|submit|reset|checkbox|image|file|color)$/;
 
 /** Return whether arrows and letters belong to the element: fields, sliders, tabs, an open dialog.
@@ -151,6 +154,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
       button.classList.add("is-down");
       press("touch", action, event, at_ms, holder);
     } else if (type !== "pointerout" || !button.contains(/** @type {Node | null} */ (event.relatedTarget))) {
+      if (type === "pointerout" && button.classList.contains("is-down")) note("touchup", { code: action, repeat: false, trusted, at_ms });
       if (button.classList.contains("is-down")) release(holder, at_ms);
       button.classList.remove("is-down");
     }

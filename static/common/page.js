@@ -90,6 +90,23 @@ export function createRepaint(paint) {
   return repaint;
 }
 
+/** Return what calls a function a quarter of a second later, with what it was given last, however often it is called meanwhile.
+ * @template {unknown[]} T @param {(...given: T) => void} work */
+export function createSlow(work) {
+  /** @type {T | null} */
+  let newest = null;
+  return (/** @type {T} */ ...given) => {
+    if (!newest) {
+      setTimeout(() => {
+        const last = /** @type {T} */ (newest);
+        newest = null;
+        work(...last);
+      }, 250);
+    }
+    newest = given;
+  };
+}
+
 /** Return the elements of a place by their `data-part`.
  * @param {ParentNode} root @returns {Record<string, HTMLElement>} */
 export const partsOf = (root) => Object.fromEntries(all("[data-part]", root).map((each) => [each.dataset.part, each]));

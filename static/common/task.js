@@ -9,12 +9,16 @@ export async function loadTask(about) {
   return taskOf(about ?? undefined);
 }
 
+/** Return how long an episode has been, in moves or, where time runs, in seconds.
+ * @param {Pick<TaskAbout, "clock">} task @param {number} step */
+export const lengthOf = ({ clock }, step) => (clock ? (step / clock).toFixed(1) : String(step));
+
 /** Paint moves and headline of a board, and return the headline.
  * @param {Record<string, HTMLElement>} part @param {Task} task @param {Frame} frame */
 export function paintNumbers(part, task, frame) {
   const headline = task.headline(frame);
-  put(part.steps, String(frame.step));
-  put(part["steps-name"], frame.step === 1 ? "move" : "moves");
+  put(part.steps, lengthOf(task, frame.step));
+  put(part["steps-name"], task.clock ? "seconds" : frame.step === 1 ? "move" : "moves");
   put(part.coverage, headline.value);
   put(part.unit, headline.unit);
   return headline;

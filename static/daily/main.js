@@ -30,8 +30,8 @@ let painted = null;
 const repaint = createRepaint(paint);
 addEventListener("theme", () => repaint());
 
-const { moves, telemetry } = startInput({
-  task, board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
+const { moves, telemetry, clock } = startInput({
+  task, onClock: () => (state.mode === "ranked" ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
   onActivity() {}, send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
@@ -60,10 +60,11 @@ function paint() {
   root.dataset.outcome = frame.outcome ?? "running";
   document.body.dataset.ended = String(Boolean(frame.outcome));
   document.body.dataset.state = frame.outcome ? "ended" : frame.step ? "running" : "fresh";
-  by("prompt").hidden = frame.step > 0 || Boolean(frame.outcome);
+  by("prompt").hidden = task.clock !== null || frame.step > 0 || Boolean(frame.outcome);
   views?.placeMap(panel, board);
   views?.load(panel, board.session || null);
   views?.paintCamera(frame);
+  clock.paint();
   painted = board;
 }
 

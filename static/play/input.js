@@ -1,5 +1,6 @@
 // What the person at the board presses: the moves, and the input events that cause them, on one socket.
-import { actionOf, startControls, timeOf_ms } from "../common/keyboard.js";
+import { createClock } from "../common/clock.js";
+import { actionOf, partOf, startControls, timeOf_ms } from "../common/keyboard.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { createTelemetry, onScreen } from "../common/telemetry.js";
@@ -16,13 +17,14 @@ const REPEAT_SETTING = "mars.repeat";
  *   frames      in which keys drive as well, such as the 3-D views; the first is the player's
  *   settings    the choice of how many moves a second a held key makes, and the button that turns sound on
  *   driven      the newest frame of a board that is driven here, else null
+ *   onClock     the board that is driven here, where time runs
  *   painted     the frame that was painted last
  *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
- * @param {{task: Task, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
+ * @param {{task: Task, onClock: () => Board | null, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
  *   announce: (text: string) => void, onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
-export function startInput({ task, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
+export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   const sendEvents = () => telemetry.sendAll();
@@ -55,6 +57,7 @@ export function startInput({ task, board, frames, pad, settings, send, driven, p
   const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(sessionStorage.getItem(KEPT) ?? "[]"),
     store: (batches) => sessionStorage.setItem(KEPT, JSON.stringify(batches)),
     context: () => onScreen(driven(), painted(), moves.round_trip_ms()) });
+  const clock = createClock({ place: board, telemetry, frames: () => task.clock, board: onClock });
   /** Of the press that is held.
    * @type {{timing: Timing, episode: string} | null} */
   let held = null;
@@ -68,17 +71,18 @@ export function startInput({ task, board, frames, pad, settings, send, driven, p
     },
   });
   const controls = startControls({
-    frames, pad, telemetry, onActivity, onEnter, actionOf: actionOfKey, drives: (code) => actionOfKey(code) !== undefined,
+    frames, pad, telemetry: clock.telemetry, onActivity, onEnter, actionOf: (code) => partOf(task.keys, code), drives: (code) => partOf(task.keys, code) !== undefined,
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
       if (!on) return;
+      if (clock.isOn()) return clock.goOn();
       moves.press(action, timing, pressed_ms);
       held = { timing, episode: on.episode };
       heldKey.down(holder, action);
     },
     onLetGo: (holder) => (holder === null ? heldKey.stop() : heldKey.up(holder)),
   });
-  const isSwiped = () => driven()?.outcome === null;
+  const isSwiped = () => !clock.isOn() && driven()?.outcome === null;
   /** Follow the swipes on an element or in a window, before any other listener.
    * @param {HTMLElement | View} target @param {View} view it stands in */
   function followSwipes(target, view) {
@@ -116,7 +120,7 @@ export function startInput({ task, board, frames, pad, settings, send, driven, p
   document.addEventListener("visibilitychange", heldKey.stop);
   setInterval(telemetry.flush, 1000);
   return {
-    telemetry,
+    telemetry, clock,
     moves: {
       drop: moves.drop,
       /** Take the moves that a message answers off the list, and return them.

@@ -2,7 +2,7 @@
 import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
 import { apply, ghostOf, initialState } from "../common/game_state.js";
-import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, paintNotices, put } from "../common/page.js";
+import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { called, notCounted, score } from "../common/words.js";
@@ -90,8 +90,8 @@ const sessions = createSessions({
   },
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
-const { moves, telemetry } = startInput({
-  task, board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
+const { moves, telemetry, clock } = startInput({
+  task, onClock: () => (state.mode === "practice" || state.mode === "ranked" ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
   isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity() {},
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
@@ -166,6 +166,8 @@ function paintPanels(before) {
     parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
   }
 }
+/** Paint the curves: where time runs, four times a second. */
+const dueCurves = task.clock ? createSlow(paintCurves) : paintCurves;
 function paintCurves() {
   const { inks, font, you, policy, ground } = chartColours(document.documentElement);
   const colours = { player: you, rival: policy };
@@ -191,7 +193,8 @@ function paint() {
   paintBoards(before, dpr);
   paintPanels(before);
   parts.views?.paintCamera(state.player?.frame);
-  if (state.player !== before?.player || state.rival !== before?.rival) paintCurves();
+  if (state.player !== before?.player || state.rival !== before?.rival) dueCurves();
+  clock.paint();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");
   const hasJustEnded = paintEndCard(panels.player.part, task, state, parts.losses?.triedText() ?? "");
@@ -203,7 +206,7 @@ function paintVisit() {
   const { mode, player, link } = state;
   const isDriven = isFirstVisit() && (mode === "practice" || mode === "ranked");
   const frame = player?.frame;
-  part.prompt.hidden = !isDriven || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
+  part.prompt.hidden = task.clock !== null || !isDriven || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
   if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches));
   part.coach.hidden = !isDriven || !isCoaching || !hint || !frame || frame.step === 0;
   put(part["coach-gain"], hint?.gain ?? "");

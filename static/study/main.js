@@ -1,6 +1,7 @@
 // Wires the participant's page: messages -> apply -> one scheduled repaint. The only module of the study that knows all the others.
 import { startBoards } from "../common/socket.js";
-import { actionOf, startControls } from "../common/keyboard.js";
+import { createClock } from "../common/clock.js";
+import { partOf, startControls } from "../common/keyboard.js";
 import { createTelemetry, onScreen } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
@@ -27,6 +28,8 @@ const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendA
 const telemetry = createTelemetry({ now_ms, send,
   stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
   context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
+const clock = createClock({ place: by("field"), telemetry, frames: () => state.participant?.task.clock ?? null,
+  board: () => (screenOf(state) === "play" ? state.game.player : null) });
 const settings = createSettings({ layout: () => layout, onChange: () => {
   paintKeys();
   settingsSync.changed();
@@ -87,6 +90,7 @@ function paint(before) {
   if (participant && !before?.participant) paintKeys();
   const colours = look();
   paintPlayScreen(before, colours, keyOf);
+  clock.paint();
   paintDebrief(before, colours);
   if (game.notices !== before?.game.notices) paintNotices(by("notices"), game.notices, (id) => dispatch({ kind: "dismiss", id }));
   paintLink(by("link"), game.link === "connecting" && participant && !participant.session ? "open" : game.link, "connected");
@@ -94,20 +98,21 @@ function paint(before) {
 
 const mayDrive = () => isDriving(state) && !isDialogOpen();
 startControls({
-  pad: by("dock"), frames: [], onEnter, telemetry, onActivity: () => { if (!state.isPaused) idle.touch(); },
-  drives: (code) => screenOf(state) === "play" && !isDialogOpen() && actionOf(settings.get().keys, code) !== undefined,
-  actionOf: (code) => (mayDrive() ? actionOf(settings.get().keys, code) : undefined),
+  pad: by("dock"), frames: [], onEnter, telemetry: clock.telemetry, onActivity: () => { if (!state.isPaused) idle.touch(); },
+  drives: (code) => screenOf(state) === "play" && !isDialogOpen() && partOf(settings.get().keys, code) !== undefined,
+  actionOf: (code) => (mayDrive() ? partOf(settings.get().keys, code) : undefined),
   onAct(action, timing, pressed_ms) {
     const on = frame();
     if (!on || !mayDrive()) return;
     if (state.isPaused) return pause(false);
     settings.drove(timing.input === "touch" ? "touch" : "keyboard");
+    if (clock.isOn()) return clock.goOn();
     moves.press(on, action, timing, pressed_ms);
   },
 });
 setInterval(() => {
   telemetry.flush();
-  if (isDriving(state) && !state.isPaused && idle.isOver(state.participant?.pause_after_s ?? 60)) pause(true);
+  if (isDriving(state) && !state.isPaused && idle.isOver(state.participant?.pause_after_s ?? 60)) (clock.isOn() ? clock.pause() : pause(true));
 }, 1000);
 window.addEventListener("pagehide", settingsSync.flush);
 document.addEventListener("visibilitychange", () => (document.hidden ? settingsSync.flush() : refresh()));

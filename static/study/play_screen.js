@@ -1,6 +1,7 @@
 // The screen on which one drives: the board first, since a key press waits for it, then numbers, curve, coach, pause and end card.
 import { paintProgress } from "../common/chart.js";
-import { create, by, put } from "../common/page.js";
+import { create, createSlow, by, put } from "../common/page.js";
+import { lengthOf } from "../common/task.js";
 import { score } from "../common/words.js";
 import { knowsTheEnd, screenOf } from "./state.js";
 import { state } from "./store.js";
@@ -9,7 +10,8 @@ import * as words from "./words.js";
 /** @param {Frame} frame @param {Study.Participant} participant @param {(action: Action) => string} keyOf */
 function paintNumbers(frame, { phase, rules, task }, keyOf) {
   const { value, unit } = task.headline(frame);
-  put(by("moves"), String(frame.step));
+  put(by("moves"), lengthOf(task, frame.step));
+  put(by("moves-name"), task.clock ? "Seconds" : "Moves");
   put(by("coverage"), value);
   put(by("unit"), ` ${unit.split(" ")[0]}`);
   put(by("headline-name"), task.chart.title);
@@ -24,6 +26,8 @@ function paintNumbers(frame, { phase, rules, task }, keyOf) {
   put(by("coach-title"), title);
   put(by("coach-line"), line);
 }
+/** Where time runs, the curve is painted four times a second. */
+const slowly = createSlow((/** @type {() => void} */ paintCurve) => paintCurve());
 /** @returns {boolean} whether the card has just come up */
 function paintEnd() {
   const frame = state.game.player?.frame;
@@ -58,7 +62,9 @@ export function paintPlayScreen(before, { palette, accent, inks, font }, keyOf) 
   }
   if (isNew || player !== before.game.player || participant !== before.participant) {
     paintNumbers(player.frame, participant, keyOf);
-    paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
+    const paintCurve = () => paintProgress(by("chart"), participant.task, [{ board: player, colour: accent }], { font, inks });
+    if (participant.task.clock) slowly(paintCurve);
+    else paintCurve();
     document.body.dataset.ended = String(player.frame.outcome !== null);
     document.body.dataset.phase = participant.phase ?? "";
   }

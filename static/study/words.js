@@ -35,7 +35,7 @@ export const supervisedLine = (until_ms, now_ms) => until_ms !== null && now_ms 
   ? `Supervised until ${new Date(until_ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit" })}.` : "";
 
 /** @param {Study.Participant} participant @returns the screen before the first episode of a phase */
-export function readyText({ stage, warm_up, ranked, task: { round } }) {
+export function readyText({ stage, warm_up, ranked, task: { round, clock } }) {
   if (stage === "tutorial") return { title: "Practice drive", lines: [`One ${round} to try the keys on. Nothing you do here is part of your result.`], go: "Start the practice drive" };
   if (stage === "warm_up") {
     const begin = warm_up.done > 0 ? `You have done ${warm_up.done} of ${warm_up.of}.` : "";
@@ -47,7 +47,8 @@ export function readyText({ stage, warm_up, ranked, task: { round } }) {
   return { title: isFirst ? "Now it counts" : `Ranked ${round}s`, lines: isFirst
     ? [`${many(ranked.of, round)} that count. Scores stay hidden until the end, for everybody; you see your moves and your map.`,
       `Every ${round} that begins is part of your result: reloading the page brings it back as it stood.`,
-      "There is no clock. Think as long as you like; only moves count."]
+      clock ? `Time runs, ${clock} frames a second, from a countdown on. Keys can be held. Where you have to stop, pause: time stands still then.`
+        : "There is no clock. Think as long as you like; only moves count."]
     : [`You have done ${ranked.done} of ${ranked.of}.`], go: isFirst ? `Start the first ${round}` : "Go on" };
 }
 

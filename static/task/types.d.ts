@@ -6,9 +6,10 @@ type Metric = {
   name: string, unit: string, lowest: number | null, highest: number | null, is_better: "higher" | "lower",
 };
 /** What the server says. Keys: codes of event.code for each action, the first the one that is named; metrics: the
- * headline first. */
+ * headline first; clock: frames a second at which time runs, null where moves are waited for. */
 type TaskAbout = {
   name: string, title: string, instructions: string, assets: "mars" | "picture", actions: Action[], keys: Keys, metrics: Metric[],
+  clock: number | null,
 };
 /** Codes of event.code for each action. */
 type Keys = Record<Action, string[]>;

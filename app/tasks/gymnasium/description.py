@@ -12,7 +12,7 @@ from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions
 from importlib.metadata import version as version_of
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import gymnasium
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -58,7 +58,14 @@ class Description(BaseModel):
     instructions: str = Field("", max_length=2000, description="what players are told to do")
     actions: tuple[str, ...] = Field((), description="names of the actions, by their codes")
     keys: dict[str, str | int] = Field(
-        {}, description="event.code -> an action's name or code; an action without a key cannot be chosen"
+        {}, description="event.code -> an action's name or code, with a clock also KeyA+KeyD; "
+        "an action without a key cannot be chosen"
+    )  # fmt: skip
+    clock: Literal["turns"] | Annotated[int, Field(ge=1, le=60)] = Field(
+        "turns", description="frames a second; turns: each move is waited for"
+    )
+    noop: str = Field(
+        "", description="with a clock: the action of no key; one called noop, else the last one again"
     )  # fmt: skip
     max_steps: int | None = Field(
         None, gt=0, le=MAX_LIMIT, description="moves after which an episode times out"
@@ -101,7 +108,7 @@ class Description(BaseModel):
     @field_validator("keys")
     @classmethod
     def _are_codes(cls, given: dict[str, str | int]) -> dict[str, str | int]:
-        if bad := [code for code in given if code not in KEY_CODES]:
+        if bad := [code for code in given if not KEY_CODES.issuperset(code.split("+"))]:
             raise ValueError(
                 f"expected codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code), got {bad[0]!r}"
             )

@@ -5,9 +5,7 @@ The environment is made by its id. It must have discrete actions, draw `rgb_arra
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import io
 import json
 import math
 import re
@@ -22,6 +20,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from app.board.messages import NewBoard, NewEpisode
+from app.board.pictures import png
 from app.task import Cause, Messages, Metric, Words
 from app.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -35,6 +34,8 @@ from app.tasks.gymnasium.description import (
     spec_of,
 )
 
+MOST_FRAMES = 3000
+"""Pictures of a replay, at most."""
 FAILED = "environment_failed"
 """The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
 
@@ -169,7 +170,9 @@ class GymnasiumRun:
         seen = self.observation()
         if isinstance(shown, str):
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown), seen)
-        return GymnasiumView(self, _picture(shown), None, seen)
+        return GymnasiumView(
+            self, png(np.asarray(shown), quick=self._described.clock != "turns"), None, seen
+        )
 
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
@@ -329,6 +332,17 @@ class GymnasiumRules:
         finally:
             env.close()
 
+    @property
+    def clock(self) -> int | None:
+        """Frames a second, None where each move is waited for."""
+        return None if self.description.clock == "turns" else self.description.clock
+
+    @cached_property
+    def noop(self) -> int | None:
+        """The action of a tick at which no key is held: `noop` of the description, else the one called so."""
+        named = self.description.noop or "noop"
+        return self.actions.index(named) if named in self.actions else None
+
     @cached_property
     def limit(self) -> int:
         """Moves after which an episode times out: the description's, the environment's own, else a thousand."""
@@ -447,11 +461,12 @@ class GymnasiumRules:
         """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
         sees = f" {said}" if (said := self.sees(config)) else ""
         described = "" if self._told == self.level else f" It is described by `{self._told}`."
-        return f"`{self.where(config)}` with {self.version}, at most {config.limit} moves an episode.{sees}{described}"
+        time = f" Time runs at {self.clock} frames a second." if self.clock else ""
+        return f"`{self.where(config)}` with {self.version}, at most {config.limit} moves an episode.{time}{sees}{described}"
 
     def minutes(self, config: GymnasiumConfig) -> float:
-        """Return how long a person takes for an episode: half a second a move, and never more than two minutes."""
-        return min(2.0, config.limit / 120)
+        """Return how long a person takes for an episode: half a second a move, or a frame, and never more than two minutes."""
+        return min(2.0, config.limit / (60 * self.clock if self.clock else 120))
 
     def bounds(self, config: GymnasiumConfig) -> tuple[float, float]:
         """Return the bounds of a mean score, infinite where none are known."""
@@ -540,12 +555,13 @@ class GymnasiumRules:
         return self.replay(record, record.actions, True)
 
     def frames(self, record: GymnasiumRecord, episode_id: str) -> list[dict[str, Any]]:
-        """Return the frames of a finished episode from its start to its end."""
+        """Return the frames of a finished episode from its start to its end; of a long one only every so many."""
         run = self.run(record.config, record.seed)
-        views = [run.view()]
-        for action in record.actions:
+        views, every = [run.view()], 1 + len(record.actions) // MOST_FRAMES
+        for step, action in enumerate(record.actions, 1):
             run.step(action)
-            views.append(run.view())
+            if step % every == 0 or step == len(record.actions):
+                views.append(run.view())
         if run.outcome == "running":
             views.append(self._given_up(record, run).view())
         return [json.loads(view.frame(episode_id)) for view in views]
@@ -583,12 +599,3 @@ def plain(observation: Any) -> Any:
         values = values.astype(object)
         values[~np.isfinite(values.astype(float))] = None
     return values.tolist()
-
-
-def _picture(pixels: Any) -> str:
-    """Return uint8[height, width, 3] as the data URL of a PNG."""
-    from PIL import Image
-
-    out = io.BytesIO()
-    Image.fromarray(np.asarray(pixels)).save(out, "PNG")
-    return f"data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}"

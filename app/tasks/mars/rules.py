@@ -64,6 +64,8 @@ class MarsRules:
     messages: ClassVar[Messages] = Messages(NewSession, NewEpisode, Frame, History)
     actions: ClassVar[tuple[str, ...]] = tuple(ACTIONS)
     keys: ClassVar[Mapping[str, tuple[str, ...]]] = KEYS
+    clock: ClassVar[None] = None
+    noop: ClassVar[None] = None
     metrics: ClassVar[tuple[Metric, ...]] = METRICS
     successes: ClassVar[frozenset[str]] = frozenset({"explored"})
 

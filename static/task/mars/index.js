@@ -8,7 +8,7 @@ import { words } from "./words.js";
  * @type {TaskAbout} */
 const ABOUT = {
   name: "mars", title: "MarsExplorer", instructions: "", assets: "mars", actions: ["north", "east", "south", "west"], metrics: [],
-  keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
+  clock: null, keys: { north: ["ArrowUp", "KeyW"], east: ["ArrowRight", "KeyD"], south: ["ArrowDown", "KeyS"], west: ["ArrowLeft", "KeyA"] },
 };
 
 /** @param {TaskAbout} [about] @returns {Mars.Task} */

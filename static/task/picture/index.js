@@ -8,6 +8,9 @@ const SMALL = 256;
 
 const FAILED = "It failed twice at the next move, which was not your doing. The round counts up to there.";
 
+/** @param {number | null | undefined} clock @param {number} step @returns how long it took: "12 moves", or "3.5 s" where time runs */
+const took = (clock, step) => (clock ? `${(step / clock).toFixed(1)} s` : many(step, "move"));
+
 /** @param {string | null} outcome @returns an outcome as it stands on a page: "timed out" */
 const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 
@@ -15,8 +18,8 @@ const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 const reached = ({ actions, keys }) => actions.filter((action) => keys[action]?.length);
 
 /** Show a picture as large as its place, in whole multiples where that makes it larger.
- * @param {HTMLElement} place @param {{frame: Picture.Frame}} board @param {Look} look */
-function paint(place, { frame }, { name, width_px, height_px, dpr }) {
+ * @param {HTMLElement} place @param {{frame: Picture.Frame}} board @param {Look} look @param {number | null} [clock] */
+function paint(place, { frame }, { name, width_px, height_px, dpr }, clock = null) {
   const canvas = place.querySelector("canvas");
   if (canvas) canvas.hidden = true;
   const shown = frame.picture;
@@ -26,7 +29,8 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }) {
     return;
   }
   const img = /** @type {HTMLImageElement} */ (place.querySelector("img.picture") ?? place.appendChild(create("img", [], { class: "picture", "data-testid": "picture" })));
-  img.alt = `${name}: ${inWords(frame).line}`;
+  const alt = `${name}: ${inWords(frame, clock).line}`;
+  if (!clock || frame.step === 0 || frame.outcome) img.alt = alt; // no picture is told 60 times a second
   const fit = () => {
     const { naturalWidth: width, naturalHeight: height } = img;
     const scale = Math.min(width_px / width, height_px / height);
@@ -39,10 +43,10 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }) {
   if (img.complete) fit();
 }
 
-/** @param {Picture.Frame} frame */
-function inWords({ text, step, outcome }) {
+/** @param {Picture.Frame} frame @param {number | null} [clock] */
+function inWords({ text, step, outcome }, clock) {
   const rows = (text ?? "").split("\n").filter(Boolean);
-  return { line: [...rows, `${words(outcome) || "running"} after ${many(step, "move")}`].join("; "), rows };
+  return { line: [...rows, `${words(outcome) || "running"} after ${took(clock, step)}`].join("; "), rows };
 }
 
 /** @param {TaskAbout} about @returns {TaskOf<Picture.Frame, null, Picture.Course, Picture.MoveHistory>} */
@@ -56,7 +60,7 @@ export function taskOf(about) {
   /** @param {Picture.Course} course @param {number} step */
   const frameAt = ({ frames }, step) => frames.filter((frame, index) => index === 0 || frame.step <= step).slice(-1)[0];
   /** @param {Picture.Frame} frame */
-  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${many(step, "move")}`, line: outcome === "environment_failed" ? FAILED : "" });
+  const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${took(about.clock, step)}`, line: outcome === "environment_failed" ? FAILED : "" });
   return {
     ...about, order: reached(about), round: "round", target: "the end", standing: "",
     chart: {
@@ -66,7 +70,7 @@ export function taskOf(about) {
         return { low, high, ticks: ticks(low, high), text: tickText };
       },
     },
-    paint, inWords, progress, ending,
+    paint: (place, board, look) => paint(place, board, look, about.clock), inWords: (frame) => inWords(frame, about.clock), progress, ending,
     mark: () => null,
     path: ({ headlines = [] }) => ({ trail: headlines.map(() => null), progress: headlines.map((value) => value ?? 0) }),
     shape: () => [1, 1],
@@ -80,11 +84,11 @@ export function taskOf(about) {
     status: (outcome) => words(outcome) || "running",
     trialEnding(frame) {
       /** @type {[string, string][]} */
-      const figures = [["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
+      const figures = [about.clock ? ["Time", took(about.clock, frame.step)] : ["Moves", String(frame.step)], ...(frame.headline === null ? [] : [/** @type {[string, string]} */ ([metric.name, shown(frame.headline)])])];
       return { ...ending(frame), advice: "", figures: frame.score === null ? figures : [...figures, ["Score", score(frame.score)]] };
     },
     compare(_, theirs, rival) {
-      return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${many(theirs.step, "move")}, ${shown(progress(theirs))}.` : "";
+      return theirs ? `${rival}: ${words(theirs.outcome) || "running"} after ${took(about.clock, theirs.step)}, ${shown(progress(theirs))}.` : "";
     },
     announcement(before, after) {
       if (before?.episode !== after.episode) return `New episode of ${about.title}.`;

@@ -1,0 +1,33 @@
+"""Pictures as PNG: the difference of each row to the one above it, which is what changes little in a game's picture."""
+
+from __future__ import annotations
+
+import base64
+import struct
+import zlib
+
+import numpy as np
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+UP = 2
+"""PNG's filter that stores a row as its difference to the row above (section 9.2)."""
+
+
+def png(pixels: np.ndarray, quick: bool = False) -> str:
+    """Return uint8[height, width, 3] as the data URL of a PNG.
+
+    quick  for pictures that come 60 times a second: a fifth of the time, and up to three times the bytes
+    """
+    height, width, _ = pixels.shape
+    rows = np.ascontiguousarray(pixels, np.uint8).reshape(height, 3 * width)
+    filtered = np.empty((height, 1 + 3 * width), np.uint8)
+    filtered[:, 0], filtered[0, 1:] = UP, rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    size = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    packed = zlib.compress(filtered.data, 1 if quick else 4)
+    chunks = _chunk(b"IHDR", size) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
+    return f"data:image/png;base64,{base64.b64encode(SIGNATURE + chunks).decode()}"
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

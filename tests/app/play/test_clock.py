@@ -1,0 +1,268 @@
+"""A board on which time runs: actions from held keys, countdown, pauses and lag, and what whoever has the rows can find."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.board import attestation, clock, session
+from app.board.clock import Controls, Held, late_share, pauses_of
+from app.series.verification import verify_database
+from app.task import describe, rules_of
+from app.tasks.gymnasium.description import Description
+from tests.support.keyboard import Keyboard
+from tests.support.servers import eventually
+
+KEYS = {"noop": (), "right": ("ArrowRight", "KeyD"), "rightfire": ("ArrowRight+Space",)}
+NOOP, RIGHT, RIGHTFIRE = 0, 1, 2
+TICKING = Description(
+    id="tests.support.environments:Meanings-v0", kwargs={"length": 100_000}, clock=30, max_steps=3000,
+    keys={"ArrowRight": "right", "KeyD": "right", "ArrowRight+Space": "rightfire"},
+)  # fmt: skip
+TASK = f"gymnasium:{TICKING.told}"
+
+
+def event(kind, code=None, repeat=False, trusted=True):
+    return {"kind": kind, "code": code, "repeat": repeat, "trusted": trusted}
+
+
+def held(*events):
+    found = Held()
+    for each in events:
+        found.take(event(*each))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("events", "action", "by"),
+    [
+        ([], NOOP, None),
+        ([("keydown", "KeyD")], RIGHT, "key"),
+        ([("keydown", "KeyD"), ("keyup", "KeyD")], NOOP, None),
+        ([("keydown", "ArrowRight"), ("keydown", "Space")], RIGHTFIRE, "key"),
+        ([("keydown", "Space"), ("keydown", "ArrowRight"), ("keyup", "Space")], RIGHT, "key"),
+        ([("keydown", "Space")], NOOP, None),
+        ([("touchdown", "right")], RIGHT, "touch"),
+        ([("touchdown", "noop")], NOOP, None),
+        ([("touchdown", "right"), ("touchup", "right")], NOOP, None),
+        ([("keydown", "KeyD"), ("touchdown", "rightfire")], RIGHTFIRE, "touch"),
+        ([("keydown", "KeyD", True)], NOOP, None),
+        *[([("keydown", "KeyD"), (kind,)], NOOP, None) for kind in ("blur", "hidden", "pause", "resume")],
+        ([("keydown", "KeyD"), ("focus",), ("visible",)], RIGHT, "key"),
+    ],
+)  # fmt: skip
+def test_the_action_of_a_tick_follows_from_what_is_held(events, action, by):
+    assert Controls(KEYS, NOOP).action(held(*events).down, RIGHTFIRE) == (action, by)
+
+
+def test_without_a_noop_the_last_action_is_repeated():
+    assert Controls(KEYS, None).action([], RIGHT) == (RIGHT, None)
+    two = Controls({"left": ("KeyA",), "right": ("KeyD",)}, None)
+    down = held(("keydown", "KeyA"), ("keydown", "KeyD"))
+    assert two.action(down.down, 0) == (1, "key")
+    down.take(event("keydown", "KeyA"))  # its release was never told
+    assert two.action(down.down, 0) == (0, "key")
+
+
+def test_pauses_and_late_ticks_follow_from_the_times_of_the_ticks():
+    times = [0, 33, 67, 100, 3200, 3233, 3266, 3400, 3433, 10_000]
+    assert pauses_of(times) == [3100, 6567]
+    assert late_share(times, 30) == pytest.approx(1 / 7)
+    assert late_share([0], 30) == 0
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """Countdowns of a tenth of their time."""
+    monkeypatch.setattr(clock, "COUNTDOWN_S", 0.3)
+    for module in (clock, session, attestation):
+        monkeypatch.setattr(module, "PAUSE_MS", 300)
+
+
+@pytest.fixture
+def ticking(serve, soon):
+    return serve(task=TASK)
+
+
+def begin(server):
+    client = server.page()
+    begun = client.post("/api/sessions", json={})
+    assert begun.status_code == 201, begun.text
+    return client, begun.json()["session"]
+
+
+def rows(tmp_path, sql):
+    with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
+        return conn.execute(sql).fetchall()
+
+
+def levels(tmp_path):
+    return rows(tmp_path, "SELECT driver, attestation, attestation_reason FROM episodes")
+
+
+def play(server, ticks=20):
+    """Hold a key now and then, leave, and return the client and the last frame."""
+    client, board = begin(server)
+    with server.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.go_on()
+        for code in ("ArrowRight", "KeyD"):
+            me.hold(code, ticks)
+            me.pass_ticks(5)
+    return client, board, me
+
+
+def test_a_page_is_told_that_time_runs():
+    assert describe(rules_of(TASK))["clock"] == 30
+    assert describe(rules_of("gymnasium:FrozenLake-v1"))["clock"] is None
+    assert describe(rules_of("mars"))["clock"] is None
+
+
+def test_ticks_follow_from_held_keys_and_are_attested(ticking, tmp_path):
+    client, board, me = play(ticking)
+    assert me.kinds == {"frame", "clock", "kept", "history"}
+    made = rows(tmp_path, "SELECT action, input, driver FROM steps ORDER BY step")
+    assert {NOOP, RIGHT} == {action for action, *_ in made}
+    assert set(made) == {(NOOP, None, "human"), (RIGHT, "key", "human")}
+    assert 35 <= sum(action == RIGHT for action, *_ in made) <= 60
+    assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
+    assert levels(tmp_path)[0] == ("human", "attested", None)
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+LAST = "(SELECT max(number) FROM input_events WHERE kind = 'keyup')"
+CHANGES = {
+    f"UPDATE input_events SET server_ms = server_ms - 200 WHERE number = {LAST}": "attestation",
+    "UPDATE input_events SET code = 'KeyZ' WHERE code = 'KeyD'": "attestation",
+    "UPDATE input_events SET trusted = 0 WHERE kind = 'keydown'": "attestation",
+    "UPDATE input_events SET server_ms = server_ms + 400 WHERE kind = 'resume'": "attestation",
+    "UPDATE steps SET action = 2 WHERE step = 3": "trajectory_hash",
+    "UPDATE steps SET reward = 0 WHERE step = 3": "reward of step 3",
+    "UPDATE steps SET server_ms = server_ms + 1 WHERE step = 3": "digest of its stored fields",
+    "UPDATE episodes SET seed = seed + 1": "terrain_hash",
+}
+
+
+def test_whatever_is_changed_is_found(ticking, tmp_path):
+    client, board, _ = play(ticking)
+    client.post(f"/api/sessions/{board}/episodes", json={})
+    ticking.stop()
+    path = tmp_path / "playground.db"
+    kept = path.read_bytes()
+    for change, what in CHANGES.items():
+        path.write_bytes(kept)
+        with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+            assert conn.execute(change).rowcount > 0
+        found = [str(each) for each in verify_database(path).findings]
+        assert any(what in each for each in found), (change, found)
+
+
+def test_no_tick_comes_while_the_board_stands_still(ticking, tmp_path):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.send(("keydown", "KeyD"))
+        me.drain(0.5)
+        assert (me.frame["step"], me.state) == (0, "standing")
+        for how in ("hidden", "pause"):
+            me.go_on()
+            me.send(("keydown", "KeyD"))
+            me.pass_ticks(3)
+            me.send((how, None))
+            me.until(lambda: me.state == "standing")
+            me.drain(0.2)  # the tick that was under way
+            stood = me.frame["step"]
+            me.drain(0.4)
+            assert me.frame["step"] == stood
+        me.go_on()
+        me.pass_ticks(3)
+        actions = rows(tmp_path, "SELECT action FROM steps ORDER BY step DESC LIMIT 2")
+        assert actions == [(NOOP,), (NOOP,)]  # whatever was held is let go
+        with ticking.socket(board, client) as other:  # a reload, or a second tab
+            again = Keyboard(other)
+            me.until(lambda: me.state == "standing")
+            again.go_on()
+            again.pass_ticks(2)
+        me.until(lambda: me.state == "standing")  # it has left
+        me.send(("resume", None))
+        me.until(lambda: me.state == "countdown")
+        me.send(("hidden", None))
+        me.until(lambda: me.state == "standing")
+        me.drain(0.6)
+        assert me.state == "standing"
+    assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
+    assert levels(tmp_path)[0] == ("human", "attested", None)
+
+
+@pytest.mark.parametrize(("allowed", "pauses"), [({"pauses": 1}, 2), ({"paused_s": 0.1}, 1)])
+def test_more_pauses_than_are_allowed_end_the_episode_as_left(
+    ticking, tmp_path, monkeypatch, allowed, pauses
+):
+    monkeypatch.setattr(session, "Allowed", lambda: clock.Allowed(**allowed))
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        for _ in range(pauses):
+            me.go_on()
+            me.pass_ticks(2)
+            me.send(("pause", None))
+            me.until(lambda: me.state == "standing")
+        assert me.frame["outcome"] is None
+        me.send(("resume", None))
+        me.until(lambda: me.frame["outcome"])
+        assert me.frame["outcome"] == "abandoned"
+    assert levels(tmp_path)[0] == ("human", "attested", None)
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_a_person_makes_no_moves_and_a_script_does(ticking, tmp_path):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        socket.send({"kind": "act", "episode": me.frame["episode"], "step": 0, "action": "right", "input": "key"})  # fmt: skip
+        assert "it takes the keys that are held" in socket.receive("refused")["reason"]
+        me.go_on()
+        me.send(("keydown", "KeyD"), trusted=False)
+        me.pass_ticks(3)
+    assert eventually(lambda: levels(tmp_path)[0][0] == "script")
+    script = ticking.client()
+    frame = script.post("/api/sessions", json={}).json()["frame"]
+    board = script.post("/api/sessions", json={}).json()
+    frame = board["frame"]
+    act = {"episode": frame["episode"], "step": 0, "action": "right"}
+    assert script.post(f"/api/sessions/{board['session']}/act", json=act).json()["step"] == 1
+
+
+def test_nothing_but_the_picture_and_the_figures_leaves_the_server(ticking):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        socket.receive("frame")
+        socket.send({"kind": "events", "episode": "x" * 16, "batch": "y" * 16, "events": []})
+        told = []
+        socket.send({"kind": "history"})
+        while len(told) < 4:
+            told.append(json.loads(socket.connection.recv(timeout=10)))
+    seen = {key for message in told for key in message}
+    assert seen <= {"kind", "episode", "headlines", "state", "ms", "reason", "count"}
+
+
+def test_keys_that_could_not_be_kept_let_the_board_stand_still(ticking, tmp_path, monkeypatch):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.go_on()
+        me.pass_ticks(2)
+        with monkeypatch.context() as broken:
+
+            def refuse(*_):
+                raise session.StoreError("no room")
+
+            broken.setattr(session, "add_input_events", refuse)
+            me.send(("keydown", "KeyD"))
+            me.until(lambda: me.state == "standing")
+        assert me.reason == session.UNKEPT
+        me.go_on()
+        me.pass_ticks(3)
+    assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
+    assert levels(tmp_path)[0] == ("human", "attested", None)

@@ -1,0 +1,65 @@
+"""Somebody at the keys of a board on which time runs, over its socket as its page would be."""
+
+import json
+import secrets
+import time
+
+
+class Keyboard:
+    """Sends key events on a socket of `tests.support.servers`, and follows the frames and the state of the clock."""
+
+    def __init__(self, socket, episode=None):
+        self.socket = socket
+        self.frame = socket.receive("frame")
+        self.state, self.kinds = "standing", set()
+
+    def send(self, *events, **changes):
+        """Send (kind, code) events in one batch."""
+        told = [
+            {"kind": kind, "code": code, "repeat": code and False, "trusted": code and True,
+             "client_ms": self.socket.clock.page_ms(), "step": self.frame["step"], **changes}
+            for kind, code in events
+        ]  # fmt: skip
+        batch = {"batch": secrets.token_hex(8), "episode": self.frame["episode"]}
+        self.socket.send({"kind": "events", **batch, "events": told})
+
+    def go_on(self):
+        """Ask for time to run, and wait until it does."""
+        self.send(("resume", None))
+        self.until(lambda: self.state == "running")
+
+    def hold(self, code, ticks):
+        """Hold a key for so many ticks."""
+        self.send(("keydown", code))
+        self.pass_ticks(ticks)
+        self.send(("keyup", code))
+
+    def pass_ticks(self, ticks):
+        """Wait until so many more ticks were made, or the episode has ended."""
+        last = self.frame["step"] + ticks
+        self.until(lambda: self.frame["step"] >= last or self.frame["outcome"])
+
+    def until(self, claim, seconds=60.0):
+        """Receive messages until something holds."""
+        deadline = time.monotonic() + seconds
+        while not claim():
+            assert time.monotonic() < deadline, (self.state, self.frame["step"])
+            self.take(json.loads(self.socket.connection.recv(timeout=seconds)))
+
+    def take(self, message):
+        self.kinds.add(message["kind"])
+        if message["kind"] == "frame":
+            self.frame = message
+        elif message["kind"] == "clock":
+            self.state, self.reason = message["state"], message["reason"]
+        elif message["kind"] == "kept":
+            assert message["reason"] is None, message
+
+    def drain(self, seconds):
+        """Receive what comes in so many seconds."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            try:
+                self.take(json.loads(self.socket.connection.recv(timeout=left)))
+            except TimeoutError:
+                return
