@@ -17,7 +17,7 @@ from functools import partial
 from app.board.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
 from app.board.attestation import Attested
 from app.board.messages import ChangePace, Pace, PaceMode
-from app.board.session import EPISODE_BYTES, HUMAN, Participation, Session
+from app.board.session import HUMAN, Participation, Session, Storage, Unlimited, first_bytes
 from app.board.sources import Sources, WatchIds
 from app.db.store import Control, Resumable, SessionRow, Store, Trial
 from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode, on_threads
@@ -71,9 +71,11 @@ class Lobby:
         idle_s: float,
         participation_of: ParticipationOf = no_participation,
         decision_s: float = DECISION_S,
+        storage: Storage | None = None,
     ) -> None:
         self.store, self.task, self.sources, self._idle_s = store, task, sources, idle_s
         self.watch_ids = WatchIds(store)
+        self._storage: Storage = storage or Unlimited()
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
         self._resuming = asyncio.Lock()
@@ -126,7 +128,7 @@ class Lobby:
         self.task.policies.check_size(drivers, terrain.config)
         seed, runs = await self._begin_episodes(terrain, len(drivers))
         rows = self._session_rows(drivers, player_id, control)
-        boards = [Session(row, self.task, self.store, self.sources.clock_ms) for row in rows]
+        boards = [self._session(row) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
         await self._open_episodes(boards, runs, seed, terrain.is_chosen, lambda _: adding(), left)
         player = self._add_group(boards).player
@@ -177,7 +179,7 @@ class Lobby:
     def new_board(self, player_id: str, participation: Participation | None = None) -> Session:
         """Return a new board for episodes of a series; nobody can find it before `begin` opens the first of them."""
         (row,) = self._session_rows([HUMAN], player_id, "cookie")
-        return Session(row, self.task, self.store, self.sources.clock_ms, participation)
+        return self._session(row, participation)
 
     async def begin(
         self,
@@ -214,8 +216,9 @@ class Lobby:
             await asyncio.sleep(min(60.0, self._idle_s / 4))
             self._unload_idle(time.monotonic() - self._idle_s)
 
-    def forget(self, deleted: Sequence[str]) -> None:
-        """Unload some sessions, which are deleted."""
+    def forget(self, deleted: Sequence[str], episodes: Sequence[str] = ()) -> None:
+        """Unload some sessions, which are deleted with their episodes."""
+        self._storage.release(episodes)
         for session_id in deleted:
             if (
                 group := self._groups.get(session_id)
@@ -228,6 +231,10 @@ class Lobby:
             self._unload(group)
         self.task.close()
         self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _session(self, row: SessionRow, participation: Participation | None = None) -> Session:
+        clock = self.sources.clock_ms
+        return Session(row, self.task, self.store, clock, participation, self._storage)
 
     def _session_rows(
         self, drivers: list[str], player_id: str, control: Control
@@ -302,6 +309,7 @@ class Lobby:
                 )
                 for board, record in zip(boards, [each.record() for each in runs], strict=True)
             ]
+            held.enter_context(self._reserving(boards, rows))
             running = [
                 board for board in (*boards, *left) if board.number and not board.shown.ended
             ]
@@ -322,6 +330,7 @@ class Lobby:
 
             def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
                 levels, hidden = found
+                self._storage.release(current.id for _, current, _ in abandoned)
                 for board, row, run, hides in zip(boards, rows, runs, hidden, strict=True):
                     board.begin(row, run, hides)
                 for (board, current, run), level in zip(abandoned, levels, strict=True):
@@ -330,8 +339,19 @@ class Lobby:
                         board.go_on(current, run, run.view(), level, hides_scores=False)
 
             await self.store.write(record, then=publish)
+
+    @contextmanager
+    def _reserving(self, boards: list[Session], rows: list[Trial]) -> Iterator[None]:
+        """Check that episodes may begin, and keep free what they can store, unless they fail to."""
+        self._storage.check(boards[0].study)
         for board, row in zip(boards, rows, strict=True):
-            board.count_written(EPISODE_BYTES + 2 * len(row.terrain))
+            self._storage.reserve(row.id, board.study, board.most_bytes(row))
+            self._storage.count(row.id, board.study, first_bytes(row))
+        try:
+            yield
+        except Exception:
+            self._storage.release(row.id for row in rows)
+            raise
 
     def _add_group(self, boards: list[Session]) -> BoardGroup:
         """Keep the boards in memory as a group, and let an agent drive each that is not a person's."""
@@ -394,7 +414,7 @@ class Lobby:
     ) -> Session:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
         run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
-        session = Session(row.session, self.task, self.store, self.sources.clock_ms, participation)
+        session = self._session(row.session, participation)
         session.begin(row.episode, run, hides_scores)
         return session
 

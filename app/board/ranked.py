@@ -7,6 +7,8 @@ A ranked episode is one that a person plays alone, on the page, on a terrain tha
 - whoever begins any other board abandons the open one, which then counts at what that outcome costs;
 - one that nobody has moved for a time is abandoned as well.
 
+Any other board outside studies is closed after a day on which nothing was done on it.
+
 An episode without a move has shown its terrain and stays open as it is: the player's next ranked episode of that configuration
 is this one, so that no terrain can be exchanged for another. It does not count until a move is made.
 """
@@ -24,7 +26,9 @@ from weakref import WeakValueDictionary
 from app.board.lobby import Lobby, UnknownSessionError
 from app.board.session import HUMAN, RefusedError, Session
 from app.db.playground import (
+    Deleted,
     delete_unplayed,
+    left_since,
     newest_session,
     open_ranked,
     ranked_left_since,
@@ -44,7 +48,7 @@ class PageBoards:
     """Begins boards for the page's players, and ends what is left.
 
     abandon_after_s  how long a ranked episode waits for its next move
-    unplayed_h       hours after which a board without a move is deleted
+    unplayed_h       hours after which a board that is left is closed: deleted if nothing was done on it, else abandoned
     """
 
     def __init__(self, lobby: Lobby, abandon_after_s: float, unplayed_h: float = 24.0) -> None:
@@ -139,10 +143,14 @@ class PageBoards:
             await asyncio.sleep(min(SWEEP_S, self._abandon_after_s / 4))
 
     async def abandon_left(self) -> None:
-        """Abandon every ranked episode whose last move was made longer ago than a player is waited for."""
-        before_ms = self._lobby.sources.clock_ms() - round(1000 * self._abandon_after_s)
-        store = self._lobby.store
-        for row in await store.read(lambda: ranked_left_since(store, before_ms)):
+        """Abandon every episode of no study that is left: a ranked one, and after `unplayed_h` hours any."""
+        now_ms, store = self._lobby.sources.clock_ms(), self._lobby.store
+        ranked_ms = now_ms - round(1000 * self._abandon_after_s)
+        any_ms = now_ms - round(3_600_000 * self._unplayed_h)
+        found = await store.read(
+            lambda: ranked_left_since(store, ranked_ms) + left_since(store, any_ms)
+        )
+        for row in {each.id: each for each in found}.values():
             board = await self._board_of(row)
             if board is not None and board.current.id == row.id:
                 with suppress(RefusedError):  # a move came meanwhile
@@ -153,15 +161,15 @@ class PageBoards:
         lobby, count = self._lobby, 0
         before_ms = lobby.sources.clock_ms() - round(self._unplayed_h * 3_600_000)
 
-        def delete(after: int) -> tuple[list[str], int | None]:
+        def delete(after: int) -> Deleted:
             return delete_unplayed(
                 lobby.store, before_ms, lambda each: lobby.in_memory(each) is not None, after
             )
 
         after: int | None = 0
         while after is not None:
-            deleted, after = await lobby.store.write(
-                partial(delete, after), then=lambda found: lobby.forget(found[0])
+            deleted, _, after = await lobby.store.write(
+                partial(delete, after), then=lambda found: lobby.forget(found[0], found[1])
             )
             count += len(deleted)
         return count

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import math
 import time
-from collections.abc import Callable
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
@@ -33,7 +33,12 @@ from app.board.attestation import (
 )
 from app.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
 from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
-from app.db.input_events import InputEventRow, add_input_events, input_events
+from app.db.input_events import (
+    MAX_EVENTS_PER_EPISODE,
+    InputEventRow,
+    add_input_events,
+    input_events,
+)
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
 from app.task import Run, RunEndedError, Task, View, on_threads
 
@@ -150,10 +155,54 @@ UNKEPT = "the key press before this move could not be recorded: nothing has chan
 STEP_BYTES, EVENT_BYTES, BATCH_BYTES, EPISODE_BYTES = 85, 80, 90, 1000
 """Bytes of the database's file that a move, an input event, a batch of them, and a board with its episode take. The batch's id
 (in two trees) comes on top, and the terrain twice (a row of a 128x128 board fills a page)."""
-WRITTEN: ContextVar[Callable[[str, int], None]] = ContextVar(
-    "written", default=lambda study, size: None
-)
-"""Told after each write for which study (or "") and how many bytes; who asked for it is known to whoever sets it."""
+EVENTS_PER_MOVE, LEAST_EVENTS = 20, 10_000
+"""For how many input events an episode has room: so many for each move that it may have, and never fewer than for a key that
+repeats for five minutes."""
+TOO_MANY_EVENTS = "this episode has more input events than are kept; the rest is dropped"
+
+
+class Storage(Protocol):
+    """What may be stored for whoever asks just now, or for their study ("" for none): bytes of the database's file."""
+
+    def check(self, study: str) -> None:
+        """Check that an episode may begin; an error of its own otherwise."""
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep the most that an episode can store free for it; nothing where that was done before."""
+
+    def room(self, episode: str, study: str) -> float:
+        """Return what is left of a reservation; of an episode without one, what whoever asks may still store today."""
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count what is stored of an episode, and take it from its reservation."""
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give back what is left of the reservations of some episodes, which have ended or were deleted."""
+
+
+class Unlimited:
+    """`Storage` of a board away from a server: nothing is counted."""
+
+    def check(self, study: str) -> None:
+        """Let everything begin."""
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep nothing free."""
+
+    def room(self, episode: str, study: str) -> float:
+        """Return that there is always room."""
+        return math.inf
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count nothing."""
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give nothing back."""
+
+
+def first_bytes(row: Trial) -> int:
+    """Return what is stored of an episode before its first move."""
+    return EPISODE_BYTES + 2 * len(row.terrain)
 
 
 class RefusedError(Exception):
@@ -248,6 +297,7 @@ class Session:
         store: Store,
         clock: Callable[[], int],
         participation: Participation | None = None,
+        storage: Storage | None = None,
     ) -> None:
         self.id, self.task = row.id, task
         self.participation = participation
@@ -273,11 +323,12 @@ class Session:
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
+        self._storage: Storage = storage or Unlimited()
+        self._uncounted, self._is_reserved = 0, False
+        """Bytes of moves that the storage has not been told of yet, and whether it knows the running episode."""
         self._clock = clock
         self._keeping: asyncio.Future[None] | None = None
         """The write of the newest input events."""
-        self._untold = 0
-        """Bytes that were written and not told to WRITTEN yet."""
         self._lacks_events = False
         """Whether input events could not be written: a move without its press would be held against the person."""
         frames = task.clock if self.is_human else None
@@ -321,6 +372,11 @@ class Session:
         return self.row.control == "cookie" or self.participation is not None
 
     @property
+    def study(self) -> str:
+        """Return the name of the study whose board it is, "" for none."""
+        return "" if self.participation is None else self.participation.study
+
+    @property
     def driver(self) -> str:
         """Return who drives an episode at its start: "human", "script" or "policy:NAME"."""
         if self.participation is not None:
@@ -341,7 +397,6 @@ class Session:
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
             await self._make(move, self._clock(), notice)
-        self.count_written(STEP_BYTES)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
         """Return the newest frame's view, and what an agent may see of it (`app.task.Run.seen`)."""
@@ -366,7 +421,6 @@ class Session:
                 await self._make(move, self._tick_ms, waits=False)
             except RefusedError as refusal:
                 self.clock.stand(str(refusal))
-        self.count_written(STEP_BYTES)
 
     async def held_keys(self) -> Held:
         """Return what is held by the input events that are stored, with the keys that hold now; hold `changing`."""
@@ -438,6 +492,7 @@ class Session:
             metrics.step.observe(seconds)
             metrics.newest_s.append(seconds)
 
+        self._count(STEP_BYTES)
         await self._store.writes.put(record, notice, publish, waits)
 
     async def abandon(
@@ -480,6 +535,7 @@ class Session:
     def begin(self, row: Trial, run: Run, hides_scores: bool) -> None:
         """Put an episode that the store holds on the board and publish its frame."""
         self.number, self.fault = row.number, None
+        self._uncounted, self._is_reserved = 0, False
         self.go_on(row, run, run.view(), None, hides_scores)
 
     def go_on(
@@ -500,12 +556,16 @@ class Session:
         self._expected = ""
         if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
             self.clock.stand(is_new=True)
+        if shown.ended:
+            self._count(0, now=True)
+            self._storage.release([current.id])
         self.channel.publish(shown.frame(current.id, hides_scores))
 
     async def take_abandoned(self) -> Run:
         """Return the run, abandoned, for `go_on` once that is recorded; call it with `changing` held."""
         run = await self._take_run()
         run.abandon()
+        self._count(0, now=True)
         return run
 
     async def _take_run(self) -> Run:
@@ -581,7 +641,16 @@ class Session:
 
         The next move need not wait: it is written behind them, with the same commit.
         """
+        size = len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch)
         async with self.changing:
+            if self._keeps_events:
+                of_moves = 0
+                if events.episode == self.current.id and not self.shown.ended:
+                    self._count(0, now=True)
+                    of_moves = (self.current.config.limit - self.shown.steps) * STEP_BYTES
+                if size > self._storage.room(events.episode, self.study) - of_moves:
+                    raise RefusedError(TOO_MANY_EVENTS)
+                self._storage.count(events.episode, self.study, size)
             self._lacks_events = True
             self._event_ms = max(self._clock(), self._tick_ms)
             keep = partial(self._keep_events, events, self._event_ms)
@@ -598,14 +667,25 @@ class Session:
             if self.clock is not None:
                 self.clock.stand(UNKEPT)  # it goes on by the events that are stored
             raise
-        self.count_written(len(events.events) * EVENT_BYTES + BATCH_BYTES + 2 * len(events.batch))
 
-    def count_written(self, size: int) -> None:
-        """Tell on whose behalf so many bytes were written, some moves at once."""
-        self._untold += size
-        if self._untold >= EPISODE_BYTES:
-            size, self._untold = self._untold, 0
-            WRITTEN.get()("" if self.participation is None else self.participation.study, size)
+    def most_bytes(self, row: Trial) -> int:
+        """Return the most that an episode of this board stores: its beginning, its moves and its input events."""
+        limit: int = row.config.limit
+        events = min(max(LEAST_EVENTS, EVENTS_PER_MOVE * limit), MAX_EVENTS_PER_EPISODE)
+        kept = events * EVENT_BYTES if self._keeps_events else 0
+        return first_bytes(row) + limit * STEP_BYTES + kept
+
+    @property
+    def _keeps_events(self) -> bool:
+        return self.is_human and self.takes_persons_moves
+
+    def _count(self, size: int, now: bool = False) -> None:
+        """Count what is stored of the running episode, some moves at once, and reserve for one of before the server's start."""
+        self._uncounted += size
+        if now or not self._is_reserved or self._uncounted >= EPISODE_BYTES:
+            self._storage.reserve(self.current.id, self.study, self.most_bytes(self.current))
+            self._storage.count(self.current.id, self.study, self._uncounted)
+            self._uncounted, self._is_reserved = 0, True
 
     def _keep_events(self, events: Events, came_ms: int) -> None:
         try:
@@ -638,9 +718,7 @@ class Session:
             for event in events.events
         ]
         if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
-            raise RefusedError(
-                "this episode has more input events than are kept; the rest is dropped"
-            )
+            raise RefusedError(TOO_MANY_EVENTS)
 
     def _unknown_codes(self, events: Events) -> set[str]:
         """Return the codes of events that are neither a key of the standard, nor one that can have driven a move here.

@@ -27,6 +27,12 @@ _OF_PLAYER = (
     + " AND x.series IS NULL AND s.owner_id = :player"
 )
 _OF_ALL = _RANKED.format(tables="episodes e CROSS JOIN sessions s")
+_LEFT = f"""SELECT {TRIAL}, {MOVES},
+    (SELECT server_ms FROM input_events v WHERE v.episode_id = e.id ORDER BY number DESC LIMIT 1) AS came_ms
+    FROM episodes e CROSS JOIN sessions s ON s.id = e.session_id
+    LEFT JOIN series_episodes x ON x.episode_id = e.id
+    WHERE e.ended_ms IS NULL AND x.participant_id IS NULL AND e.started_ms < :before AND :before > coalesce(
+        max(moved_ms, came_ms), moved_ms, came_ms, iif(x.series IS NULL, NULL, e.started_ms))"""
 # A policy's board without a rival is a replay beside a board, and no board of its own.
 _NEWEST = f"""SELECT s.id FROM sessions s
     CROSS JOIN episodes e ON e.session_id = s.id AND e.number = (SELECT max(number) FROM episodes WHERE session_id = s.id)
@@ -65,6 +71,15 @@ def open_ranked(store: Store, player_id: str) -> list[Trial]:
 def ranked_left_since(store: Store, before_ms: int) -> list[Trial]:
     """Return every open ranked or daily episode whose last move was made before a time; none without a move is among them."""
     found = rows(store.connection, _OF_ALL + " AND moved_ms < :before", {"before": before_ms})
+    return [Trial.of(row) for row in found]
+
+
+def left_since(store: Store, before_ms: int) -> list[Trial]:
+    """Return every open episode of no study whose last move or input event was stored before a time.
+
+    One without either is among them where it is an attempt at a daily terrain: other boards of that kind are deleted.
+    """
+    found = rows(store.connection, _LEFT, {"before": before_ms})
     return [Trial.of(row) for row in found]
 
 
@@ -111,9 +126,10 @@ def session_of_row(store: Store, row: int) -> str | None:
 
 
 class Deleted(NamedTuple):
-    """Sessions that were deleted, and the row number after which the next look begins (None: there is nothing more)."""
+    """What was deleted, and the row number after which the next look begins (None: there is nothing more)."""
 
     sessions: list[str]
+    episodes: list[str]
     after: int | None
 
 
@@ -132,15 +148,18 @@ def delete_unplayed(
         found = conn.execute(
             _UNPLAYED, {"before": before_ms, "most": most, "after": after}
         ).fetchall()
-        deleted, players = list[str](), set[str]()
+        deleted, episodes, players = list[str](), list[str](), set[str]()
         for _, session_id, player_id, rival_id in found:
             ids = [each for each in (rival_id, session_id) if each is not None]
             if any(in_use(each) for each in ids):
                 continue
             for each in ids:
-                conn.execute("DELETE FROM episodes WHERE session_id = ?", [each])
+                gone = conn.execute(
+                    "DELETE FROM episodes WHERE session_id = ? RETURNING id", [each]
+                )
+                episodes += [episode_id for (episode_id,) in gone]
                 conn.execute("DELETE FROM sessions WHERE id = ?", [each])
             deleted += ids
             players |= {player_id} - {None}
         conn.executemany(_WITHOUT_ANYTHING, [(player_id,) for player_id in players])
-    return Deleted(deleted, found[-1][0] if len(found) == most else None)
+    return Deleted(deleted, episodes, found[-1][0] if len(found) == most else None)

@@ -75,7 +75,7 @@ class Agent:
     async def begin(self, index: int) -> Seen:
         """Return what is seen of an attempt; one that begins is checked against the budgets of who asks."""
         if index not in self.cards.begun(self.card):
-            self._protection.check_episode(self.connection.scope, self.card.evaluation)
+            self._protection.check_episode(self.connection.scope)
         return await self._protection.turns.take(self.cards.begin(self.card, index))
 
     async def move(self, index: int, action: str | int, step: int | None = None) -> Seen:

@@ -75,7 +75,15 @@ from app.web.logs import log_config
 from app.web.operator.health import Health
 from app.web.operator.login import AdminPassword
 from app.web.operator.services import AdminServices
-from app.web.protection import WHERE, Gate, LimitedClients, Protection, Proxies, own_names
+from app.web.protection import (
+    WHERE,
+    Gate,
+    LimitedClients,
+    Protection,
+    Proxies,
+    StoredBytes,
+    own_names,
+)
 from app.web.replays.service import Replays
 from app.web.requests import NotedRoute, ObservedRequests
 from app.web.services import Services
@@ -123,7 +131,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         if task is None:
             task = await asyncio.to_thread(_task, settings, prepared.policies)
         with _opened(settings, prepared.store, metrics) as store:
-            made = _services(settings, store, task, prepared.sources or Sources(), password)
+            sources, stored = prepared.sources or Sources(), protection.stored
+            made = _services(settings, store, task, sources, stored, password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -186,7 +195,9 @@ def _add_protection(
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
     for kind in WHERE:
-        what = f"Bytes stored today (UTC) for the {kind} for which most were stored."
+        what = (
+            f"Bytes stored today (UTC) or kept free for open boards, of the {kind} with the most."
+        )
         metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.stored.most, kind))
     app.add_middleware(NotedRoute)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
@@ -226,6 +237,7 @@ def _services(
     store: Store,
     task: Task,
     sources: Sources,
+    stored: StoredBytes,
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
@@ -239,6 +251,7 @@ def _services(
         settings.idle_s,
         of_session,
         settings.limits.decision_s,
+        stored,
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)

@@ -81,14 +81,15 @@ class Limits(BaseModel):
     answer_s         seconds in which a client takes what is sent to it; beyond, it is disconnected
     requests_per_address                       HTTP requests; beyond, they are refused
     paced_per_address                          those for no file of a page; beyond, they wait
-    joins_per_address, joins_per_player        new and resumed participations
+    joins_per_address, joins_per_player        new and resumed participations, answers and settings of participants
     sessions_per_address, sessions_per_player  new boards and attempts at the daily terrain
     episodes_per_address, episodes_per_player  next episodes
     decision_s       seconds that one decision of a policy may take; a board that is slower pauses
-    unplayed_h       hours after which a board on which nobody has moved is deleted
+    unplayed_h       hours after which a board of no study that was left is deleted, or closed if something was done on it
     stored_address_percent, stored_player_percent, stored_study_percent
-                     bytes, in percent of the disk, that are stored for each on a day (UTC) before no
-                     board or episode is begun for it any more; a study's are not its addresses'
+                     bytes, in percent of the disk, that are stored for each on a day (UTC), or kept
+                     free for open episodes, before no board or episode is begun for it any more; a
+                     study's are not its addresses'
     free_mb          free space of the disk, in megabytes, below which none is begun for anybody
     token            whoever sends it in the header X-Mars-Token is not limited in what they ask
     """
@@ -103,8 +104,8 @@ class Limits(BaseModel):
     answer_s: float = Field(default=20.0, gt=0)
     requests_per_address: Bucket = "8000+500/s"
     paced_per_address: Bucket = "400+100/s"
-    joins_per_address: Bucket = "300+1/s"
-    joins_per_player: Bucket = "30+0.5/s"
+    joins_per_address: Bucket = "1000+1/s"
+    joins_per_player: Bucket = "60+0.5/s"
     sessions_per_address: Bucket = "300+2/s"
     sessions_per_player: Bucket = "60+1/s"
     episodes_per_address: Bucket = "1200+20/s"

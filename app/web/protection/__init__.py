@@ -6,9 +6,9 @@
 from app.web.protection.gate import Gate, RefusedRequestError, has_own_origin
 from app.web.protection.headers import NO_CACHE, SHARED, page_policy, viewer_policy
 from app.web.protection.hosts import Proxies, client_address, is_secure, own_names
-from app.web.protection.limits import WHERE, LimitedClients, Protection
+from app.web.protection.limits import WHERE, LimitedClients, Protection, StoredBytes
 
 __all__ = [
-    "NO_CACHE", "SHARED", "WHERE", "Gate", "LimitedClients", "Protection", "Proxies", "RefusedRequestError", "client_address",
-    "has_own_origin", "is_secure", "own_names", "page_policy", "viewer_policy",
+    "NO_CACHE", "SHARED", "WHERE", "Gate", "LimitedClients", "Protection", "Proxies", "RefusedRequestError", "StoredBytes",
+    "client_address", "has_own_origin", "is_secure", "own_names", "page_policy", "viewer_policy",
 ]  # fmt: skip

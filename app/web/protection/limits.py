@@ -18,6 +18,8 @@ import time
 from collections import Counter
 from collections.abc import Callable, Coroutine, Iterable
 from contextlib import suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,7 +28,6 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.board.session import WRITTEN
 from app.web.protection.gate import RefusedRequestError
 from app.web.protection.hosts import client_address
 from app.web.settings import Limits, read_bucket
@@ -41,7 +42,7 @@ PROBES = frozenset({"/healthz", "/readyz"})
 COOKIE = "mars_player"
 
 ACTIONS = {
-    "joins": re.compile(r"/api/studies/[^/]+/join"),
+    "joins": re.compile(r"/api/studies/[^/]+/(join|answers|settings)"),
     "sessions": re.compile(r"/api/(sessions|daily)"),
     "episodes": re.compile(r"/api/(sessions|studies)/[^/]+/(episodes|next)"),
 }
@@ -50,14 +51,12 @@ ACTIONS = {
 WHAT = {
     "requests": "requests",
     "handshakes": "new sockets",
-    "joins": "joins of a study",
+    "joins": "joins, answers and settings of a study",
     "sessions": "new boards",
     "episodes": "new episodes",
 }
 WHERE = {"address": "this network", "player": "this browser", "study": "this study"}
 DAY_S = 86_400
-NEXT = re.compile(r".*/api/studies/([^/]+)/next")
-"""What begins an episode of a study: it counts against the study, not against the address."""
 
 POLICY_VIOLATION = 1008
 """The close code (RFC 6455, section 7.4.1) of a socket that was sent too much."""
@@ -163,30 +162,65 @@ class Buckets:
         return len(self._buckets)
 
 
-class StoredBytes:
-    """What was written today (UTC) for each address, player and study, by the sizes of its rows; in memory alone.
+@dataclass
+class Asker:
+    """Who asks just now: by a connection, limited or with the operator's token."""
 
-    A budget refuses what begins, and never what is written of an episode that has begun.
+    scope: Scope
+    is_limited: bool
+
+    def owners(self, study: str) -> tuple[tuple[str, str], ...]:
+        """Return against whom what is stored counts, on a board of a study or ("") on another."""
+        player = _player_of(self.scope)
+        place = (
+            ("study", study) if study else ("address", client_address(HTTPConnection(self.scope)))
+        )
+        return (place,) if player is None else (place, ("player", player))
+
+
+ASKER: ContextVar[Asker | None] = ContextVar("asker", default=None)
+"""None where the server acts by itself."""
+
+
+@dataclass
+class Reservation:
+    """What an episode may still store, and for whom; nothing is kept free for one of a study."""
+
+    owners: tuple[tuple[str, str], ...]
+    left: int
+    is_kept_free: bool
+
+
+class StoredBytes:
+    """What may be stored for each address, player and study on a day (UTC): what was, and what open episodes still can.
+
+    It is `Storage` of the boards. A budget refuses what begins, and never what is written of an episode that has begun:
+    all that this one can store is kept free for it, until it ends. What is a study's counts when it is stored. All of it is in
+    memory alone.
+
+    count_refusal  called where something may not begin
     """
 
-    def __init__(self, limits: Limits, database: Path) -> None:
-        self._limits, self._folder = limits, database.parent
+    def __init__(
+        self, limits: Limits, database: Path, count_refusal: Callable[[], None] = lambda: None
+    ) -> None:
+        self._limits, self._folder, self._count_refusal = limits, database.parent, count_refusal
         self._day, self._of = 0, Counter[tuple[str, str]]()
-
-    def add(self, owners: Iterable[tuple[str, str]], size: int) -> None:
-        """Count bytes for several (kind, name) at once."""
-        of = self.today()
-        for owner in owners:
-            of[owner] += size
+        self._reservations: dict[str, Reservation] = {}
+        self._kept_free = Counter[tuple[str, str]]()
 
     def today(self) -> Counter[tuple[str, str]]:
-        """Return the bytes by (kind, name), kinds being "address", "player" and "study"."""
+        """Return the bytes that were stored by (kind, name), kinds being "address", "player" and "study"."""
         if (day := int(time.time() // DAY_S)) != self._day:
             self._day, self._of = day, Counter()
         return self._of
 
+    def taken(self) -> Counter[tuple[str, str]]:
+        """Return the bytes by (kind, name) that were stored today or are kept free for open episodes."""
+        return self.today() + self._kept_free
+
     def largest(self, count: int = 3) -> list[dict[str, str | int]]:
-        """Return `kind`, `bytes` and `budget` of those with the most bytes today, and a study's `name`; of nobody else."""
+        """Return `kind`, `bytes` and `budget` of those with the most bytes taken, and a study's `name`; of nobody else."""
         return [
             {
                 "kind": kind,
@@ -194,15 +228,72 @@ class StoredBytes:
                 "bytes": size,
                 "budget": self._budget(kind),
             }
-            for (kind, name), size in self.today().most_common(count)
+            for (kind, name), size in self.taken().most_common(count)
         ]
 
     def most(self, kind: str) -> int:
-        """Return the bytes of the address, player or study for which most was stored today."""
-        return max((size for (each, _), size in self.today().items() if each == kind), default=0)
+        """Return the bytes of the address, player or study that has taken most."""
+        return max((size for (each, _), size in self.taken().items() if each == kind), default=0)
 
-    def check(self, owners: Iterable[tuple[str, str]]) -> None:
-        """Check that something may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
+    def check(self, study: str) -> None:
+        """Check that an episode may begin; RefusedRequestError (507 for a full disk, 429 for a full budget)."""
+        asker = ASKER.get()
+        if asker is None or not asker.is_limited:
+            return
+        try:
+            self._check_disk()
+            for owner in asker.owners(study):
+                self._check_budget(*owner)
+        except RefusedRequestError:
+            self._count_refusal()
+            raise
+
+    def reserve(self, episode: str, study: str, size: int) -> None:
+        """Keep bytes free for an episode; nothing where that was done before."""
+        if episode not in self._reservations:
+            asker = ASKER.get()
+            owners = () if asker is None else asker.owners(study)
+            self._reservations[episode] = kept = Reservation(owners, size, not study)
+            self._keep_free(kept, size)
+
+    def room(self, episode: str, study: str) -> float:
+        """Return what is left of a reservation; of an episode without one, what the asker's budgets leave."""
+        if (kept := self._reservations.get(episode)) is not None:
+            return kept.left
+        asker = ASKER.get()
+        if asker is None or not asker.is_limited:
+            return math.inf
+        return min(self._budget(each[0]) - self._taken_by(each) for each in asker.owners(study))
+
+    def count(self, episode: str, study: str, size: int) -> None:
+        """Count what is stored of an episode, and take it from its reservation."""
+        kept, of = self._reservations.get(episode), self.today()
+        if kept is None:
+            asker = ASKER.get()
+            owners = () if asker is None else asker.owners(study)
+        else:
+            owners, of_it = kept.owners, min(size, kept.left)
+            kept.left -= of_it
+            self._keep_free(kept, -of_it)
+        for owner in owners:
+            of[owner] += size
+
+    def release(self, episodes: Iterable[str]) -> None:
+        """Give back what is left of the reservations of episodes."""
+        for episode in episodes:
+            if (kept := self._reservations.pop(episode, None)) is not None:
+                self._keep_free(kept, -kept.left)
+
+    def _keep_free(self, kept: Reservation, size: int) -> None:
+        for owner in kept.owners if kept.is_kept_free else ():
+            self._kept_free[owner] += size
+            if not self._kept_free[owner]:
+                del self._kept_free[owner]
+
+    def _taken_by(self, owner: tuple[str, str]) -> int:
+        return self.today()[owner] + self._kept_free[owner]
+
+    def _check_disk(self) -> None:
         free = self._limits.free_mb
         if shutil.disk_usage(self._folder).free < free * 1e6:
             raise RefusedRequestError(
@@ -210,16 +301,16 @@ class StoredBytes:
                 f"the server's disk has less than {free:g} MB left: what is open goes on, and new boards begin once its "
                 "operator has made room",
             )
-        for kind, name in owners:
-            most = self._budget(kind)
-            if self.today()[kind, name] >= most:
-                wait_s = DAY_S - int(time.time()) % DAY_S
-                raise RefusedRequestError(
-                    429,
-                    f"{WHERE[kind]} has stored {most / 1e6:.3g} MB today, all that it may: what is open goes on, and new "
-                    "boards begin after midnight (UTC)",
-                    wait_s,
-                )
+
+    def _check_budget(self, kind: str, name: str) -> None:
+        most = self._budget(kind)
+        if self._taken_by((kind, name)) >= most:
+            raise RefusedRequestError(
+                429,
+                f"{WHERE[kind]} may store {most / 1e6:.3g} MB a day, and all of it was stored or is kept free for boards that "
+                "are open: these go on, and new ones begin when they have ended, or after midnight (UTC)",
+                DAY_S - int(time.time()) % DAY_S,
+            )
 
     def _budget(self, kind: str) -> int:
         percent: float = getattr(self._limits, f"stored_{kind}_percent")
@@ -239,7 +330,8 @@ class Protection:
         self, limits: Limits, database: Path, count: Callable[[str], None] = lambda reason: None
     ) -> None:
         self.limits, self._count = limits, count
-        self.stored, self.turns = StoredBytes(limits, database), Turns()
+        self.stored = StoredBytes(limits, database, lambda: self.count_refusal("stored"))
+        self.turns = Turns()
         self.refusals: Counter[str] = Counter()
         self.sockets = 0
         self._sockets_of: Counter[str] = Counter()
@@ -271,21 +363,10 @@ class Protection:
             self._take(action, address)
             if (player := _player_of(scope)) is not None:
                 self._take(action, player, "player")
-            if action != "joins":
-                study = NEXT.fullmatch(scope["path"].rstrip("/"))
-                self._check_stored(scope, study[1] if study else "")
 
-    def check_episode(self, scope: Scope, evaluation: str) -> None:
-        """Count an agent's episode that begins; RefusedRequestError (429 or 507) where it is one too many."""
+    def check_episode(self, scope: Scope) -> None:
+        """Count an agent's episode that begins; RefusedRequestError (429) where it is one too many."""
         self._take("episodes", client_address(HTTPConnection(scope)))
-        self._check_stored(scope, evaluation)
-
-    def _check_stored(self, scope: Scope, study: str) -> None:
-        try:
-            self.stored.check(owners_of(scope, study))
-        except RefusedRequestError:
-            self.count_refusal("stored")
-            raise
 
     def open_socket(self, address: str) -> None:
         """Count a socket that opens; RefusedRequestError (503 or 429) where it is one too many."""
@@ -333,13 +414,6 @@ def _player_of(scope: Scope) -> str | None:
     return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
 
-def owners_of(scope: Scope, study: str) -> list[tuple[str, str]]:
-    """Return against whom what a connection writes is counted, on a board of a study or ("") on another."""
-    player = _player_of(scope)
-    place = ("study", study) if study else ("address", client_address(HTTPConnection(scope)))
-    return [place, *([] if player is None else [("player", player)])]
-
-
 class _SlowReaderError(Exception):
     """A client did not take what was sent to it."""
 
@@ -354,14 +428,16 @@ class LimitedClients:
         self._app, self._protection, self._most_bytes = app, protection, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] in ("http", "websocket"):
-            stored = self._protection.stored
-            WRITTEN.set(lambda study, size: stored.add(owners_of(scope, study), size))
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        is_limited = not self._protection.has_token(scope)
+        ASKER.set(Asker(scope, is_limited))
         if scope["type"] == "http":
-            if not self._protection.has_token(scope):
+            if is_limited:
                 await self._protection.admit(scope)
             await self._serve_request(scope, receive, send)
-        elif scope["type"] == "websocket" and not self._protection.has_token(scope):
+        elif is_limited:
             await self._serve_socket(scope, receive, send)
         else:
             await self._app(scope, receive, send)

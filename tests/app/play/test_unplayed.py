@@ -1,4 +1,4 @@
-"""Boards on which nobody has moved leave the database after a day, and nothing else does."""
+"""Boards on which nobody has moved leave the database after a day, others are closed then, and a study's stay as they are."""
 
 import asyncio
 import secrets
@@ -139,7 +139,7 @@ def test_boards_that_are_in_use_do_not_keep_later_ones_from_being_deleted(tmp_pa
             store.add_session(SessionRow(f"s{number}", None, "human", None, "follow", 8.0, number))
         deleted, after, in_use = [], 0, {"s0", "s1", "s3"}
         while after is not None:
-            found, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
+            found, _, after = delete_unplayed(store, 1000, in_use.__contains__, after, most=2)
             deleted += found
         assert deleted == ["s2", "s4", "s5"], "s6 is the newest of all"
 
@@ -149,3 +149,40 @@ def test_a_running_server_deletes_them_by_itself(serve, tmp_path):
     session = server.page().post("/api/sessions", json={"size": 9}).json()["session"]
     server.page().post("/api/sessions", json={"size": 9})  # the newest of all stays
     eventually(lambda: session not in ids(tmp_path / "playground.db"))
+
+
+def test_what_was_left_for_a_day_is_closed_but_in_a_study(serve, tmp_path):
+    freeze(tmp_path / "studies")
+    server = serve()
+    person = Person(server, client=server.client())
+    person.to_tutorial()
+    person.call("next")
+    with person.socket() as socket:
+        socket.act(socket.receive("frame"), "south", input="key")
+        socket.frame_after(0)
+    client, scripts = server.page(), server.client()
+    moved = client.post("/api/sessions", json={"size": 9, "seed": 5}).json()
+    toucher = server.page()
+    touched = toucher.post("/api/sessions", json={"size": 9, "seed": 5}).json()
+    with server.socket(touched["session"], toucher) as socket:
+        focus = {"kind": "focus", "client_ms": 1.0}
+        episode = touched["frame"]["episode"]
+        socket.send({"kind": "events", "episode": episode, "batch": "one-batch", "events": [focus]})
+        assert socket.receive("kept")["count"] == 1
+    script = scripts.post("/api/sessions", json={"size": 9, "seed": 5}).json()
+    for begun, by in ((moved, client), (script, scripts)):
+        act = {"episode": begun["frame"]["episode"], "step": 0, "action": "south"}
+        assert by.post(f"/api/sessions/{begun['session']}/act", json=act).status_code == 200
+    boards = server.services.page_boards
+
+    def outcomes():
+        with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
+            return dict(conn.execute("SELECT id, outcome FROM episodes WHERE outcome IS NOT NULL"))
+
+    server.clock.skipped_ms += (DAY_H - 1) * 3_600_000
+    server.on_loop(boards.abandon_left())
+    assert outcomes() == {}
+    server.clock.skipped_ms += 2 * 3_600_000
+    server.on_loop(boards.abandon_left())
+    left = {each["frame"]["episode"]: "abandoned" for each in (moved, touched, script)}
+    assert outcomes() == left

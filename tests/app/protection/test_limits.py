@@ -193,6 +193,8 @@ def test_joins_have_a_rate_and_whoever_has_the_token_has_none(serve, tmp_path):
 
     assert [join() for _ in range(4)] == [201, 201, 201, 429]
     assert join(**{"X-Mars-Token": TOKEN + "x"}) == 429
+    for call in ("answers", "settings"):
+        assert server.client().post(f"/api/studies/small/{call}", json={}).status_code == 429
     assert [join(**{"X-Mars-Token": TOKEN}) for _ in range(3)] == [201] * 3
 
 
