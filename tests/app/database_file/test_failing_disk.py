@@ -46,6 +46,7 @@ def test_a_full_disk_refuses_moves_and_loses_none(spawn, tmp_path):
         refused = act(client, begun, 4)
         assert refused.status_code == 503
         assert "did not take the write, nothing changed" in refused.json()["detail"]
+        assert str(tmp_path) not in refused.json()["detail"]
     assert client.get("/readyz").status_code == 503
     assert client.get(f"/api/sessions/{begun['session']}").json()["step"] == 4
     limit_files(server, before)

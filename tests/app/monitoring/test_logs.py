@@ -106,8 +106,10 @@ for number in range(1000):
     if number == 999:
         time.sleep(0.2)
     logging.error("it came: %s", chr(27) + chr(10) + "ERROR: forged " + 50_000 * "a ")
-def fail(deep):
-    if deep:
+def fail(deep):  # by two lines in turn: what repeats itself is cut by Python
+    if deep % 2:
+        fail(deep - 1)
+    elif deep:
         fail(deep - 1)
     raise ValueError(50_000 * (chr(27) + " "))
 for deep in (0, 500):
