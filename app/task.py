@@ -127,8 +127,8 @@ class View(Protocol):
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the public frame as JSON text; reward, return and score null where they are hidden."""
 
-    def history(self, episode_id: str) -> str:
-        """Return the path so far as JSON text."""
+    def history(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the path so far as JSON text, without what scores it would tell where they are hidden."""
 
     def expected(self, episode_id: str) -> str:
         """Return what a look from each place should show, by what has been seen alone, as JSON text."""

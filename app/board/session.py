@@ -634,7 +634,7 @@ class Session:
 
     def history(self) -> str:
         """Return the path so far, encoded."""
-        return self.shown.history(self.current.id)
+        return self.shown.history(self.current.id, self._hides_scores)
 
     async def keep_events(self, events: Events) -> None:
         """Store input events of an episode of this board, each once; RefusedError where none are kept.

@@ -4,6 +4,8 @@ import json
 import secrets
 import time
 
+from app.board.clock import STALLED
+
 
 class Keyboard:
     """Sends key events on a socket of `tests.support.servers`, and follows the frames and the state of the clock."""
@@ -52,6 +54,8 @@ class Keyboard:
             self.frame = message
         elif message["kind"] == "clock":
             self.state, self.reason = message["state"], message["reason"]
+            if self.reason == STALLED:  # the machine that tests was busy
+                self.send(("resume", None))
         elif message["kind"] == "kept":
             assert message["reason"] is None, message
 

@@ -245,9 +245,10 @@ class GymnasiumView:
         }
         return json.dumps(frame, separators=(",", ":"))
 
-    def history(self, episode_id: str) -> str:
-        """Return the headline after 0, 1, 2, ... moves, as JSON text: a picture has no path."""
-        history = {"kind": "history", "episode": episode_id, "headlines": self._scores}
+    def history(self, episode_id: str, hides_scores: bool = False) -> str:
+        """Return the headline after 0, 1, 2, ... moves, null where hidden, as JSON text: a picture has no path."""
+        told = [None] * len(self._scores) if hides_scores else self._scores
+        history = {"kind": "history", "episode": episode_id, "headlines": told}
         return json.dumps(history, separators=(",", ":"))
 
     def expected(self, episode_id: str) -> str:
@@ -283,7 +284,7 @@ class History(BaseModel):
 
     kind: Literal["history"]
     episode: str
-    headlines: list[float]
+    headlines: list[float | None]
 
 
 class GymnasiumRules:

@@ -151,7 +151,7 @@ class View:
         }
         return _ENCODER.encode(frame).decode()
 
-    def history(self, episode_id: str) -> str:
+    def history(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the path so far as JSON text."""
         history = {"kind": "history", "episode": episode_id}
         told = {"positions": self.path, "discovered": self.discoveries}

@@ -1,0 +1,88 @@
+"""A study of Breakout at 60 frames a second: two people by their keys, a report, a release that is derived again."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.cli.main import main
+from app.series.verification import verify_database
+from app.web.simulate import Participant
+from tests.support.declared import DECLARATIONS_FILE
+from tests.support.keyboard import Keyboard
+
+pytest.importorskip("ale_py")
+BREAKOUT = {"id": "ale_py:ALE/Breakout-v5", "max_steps": 300}
+TASK = "gymnasium:" + json.dumps(BREAKOUT, sort_keys=True, separators=(",", ":"))
+
+
+def run(*args):
+    """Run a command and return its exit code."""
+    with pytest.raises(SystemExit) as left:
+        main([str(arg) for arg in args])
+    return left.value.code or 0
+
+
+class Player(Participant):
+    """A participant who plays by holding keys, until time is over."""
+
+    def play(self, moves=None, **act):
+        with self.socket() as socket:
+            me = Keyboard(socket)
+            self.histories = [socket.receive("history")]
+            me.go_on()
+            codes = ("Space", "ArrowLeft", "ArrowRight")
+            while me.frame["outcome"] is None:
+                me.hold(codes[self._tempo.randrange(3)], self._tempo.randint(3, 15))
+        self.scores = me.frame["return"], self.histories[0]["headlines"][-1]
+        return [me.frame]
+
+
+@pytest.fixture
+def played(serve, tmp_path):
+    """The database and the folder of studies, once two people have played and the study is closed."""
+    file = tmp_path / "breakout.toml"
+    file.write_text('id = "ale_py:ALE/Breakout-v5"\nmax_steps = 300\n')
+    studies = ("--studies", tmp_path / "studies")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    declared = ("--declarations", DECLARATIONS_FILE)
+    assert run("study", "new", "breakout", "--env", file, *sizes, *declared, *studies) == 0
+    assert run("study", "freeze", "breakout", "--underpowered", *studies) == 0
+    out = tmp_path / "preregistration.md"
+    assert run("study", "preregister", "breakout", "--out", out, *studies) == 0
+    assert "Time runs at 60 frames a second." in out.read_text()
+    server = serve(task=TASK)
+    for number in range(2):
+        person = Player(server.page(), "breakout", None, server.clock, number)
+        person.call("join")
+        while person.me()["stage"] != "complete":
+            ranked = person.where["stage"] == "ranked"
+            person.take_step()
+            if ranked:
+                assert person.scores == (None, None)  # hidden until the end, of the path as well
+    server.stop()
+    database = ("--database", tmp_path / "playground.db")
+    assert run("study", "close", "breakout", "--yes", *studies, *database) == 0
+    return studies, database
+
+
+@pytest.mark.long
+def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
+    studies, database = played
+    assert verify_database(database[1]).findings == ()
+    with closing(sqlite3.connect(database[1])) as conn:
+        sql = "SELECT phase, attestation, steps FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
+        found = conn.execute(sql).fetchall()
+    assert [each for each in found if each[0] == "ranked"] == [("ranked", "attested", 300)] * 2
+    numbers = tmp_path / "report.json"
+    report = ("report", "--study", "breakout", "--html", tmp_path / "r.html", "--json", numbers)
+    assert run(*report, *studies, *database) == 0
+    (group,) = json.loads(numbers.read_text())["groups"]
+    figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
+    assert (figure["players"], figure["episodes"]) == (2, 2)
+    bundle = tmp_path / "bundle"
+    assert run("release", "--study", "breakout", *studies, *database, "--out", bundle) == 0
+    assert run("verify", "--dataset", bundle) == 0
+    assert run("reproduce", bundle) == 0
+    assert ", 0 differ" in capsys.readouterr().out
