@@ -474,7 +474,7 @@ class Policies(Protocol):
     def load(self, name: str) -> Policy:
         """Return a new policy object: a policy remembers its episode, so each board needs its own."""
 
-    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
+    def reset(self, policy: Any, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
 
     def thought(self, policy: Any, episode_id: str, step: int) -> str:

@@ -322,7 +322,7 @@ class Agent:
 
 def replay_decisions(task: Task, policy: Policy, row: Trial, actions: bytes) -> None:
     """Reset the policy and show it every observation that it has decided on so far, so that it remembers the episode."""
-    task.policies.begin(policy, row.config, row.policy_seed)
+    task.policies.reset(policy, row.config, row.policy_seed)
     if not actions:
         return
     run = task.replay(row)

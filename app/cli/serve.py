@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     "policies",
     type=PATH,
     multiple=True,
-    help="A trained policy's file to offer; repeatable.",
+    help="A trained policy's file to offer; with --env also a function, MODULE:NAME. Repeatable.",
 )
 @option("--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well.")
 @option(

@@ -96,7 +96,7 @@ def build(
         rule=HEADLINE_RULE,
         sentence=_sentence(data, groups, synthetic),
         groups=tuple(groups),
-        policies=tuple(_policy_row(run) for run in runs),
+        policies=tuple(_policy_row(run, data.protocol.rules.successes) for run in runs),
         deviations=study_deviations(data),
         scripts=_script_counts(data),
         checklist=() if synthetic else checklist(data, groups[0], names),
@@ -263,15 +263,15 @@ def _comparisons_in(
     ]
 
 
-def _policy_row(run: PolicyRun) -> PolicyRow:
+def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:
     known = ~np.isnan(run.score)
     return PolicyRow(
         name=run.name,
         episodes=int(known.sum()),
         score=float(run.score[known].mean()),
         steps=float(run.steps[known].mean()),
-        completed=sum(outcome == "explored" for outcome in run.outcomes),
-        failed=sum(outcome in ("collided", "out_of_bounds") for outcome in run.outcomes),
+        completed=sum(outcome in successes for outcome in run.outcomes),
+        failed=sum(outcome in ("collided", "out_of_bounds", "failed") for outcome in run.outcomes),
         pictures=run.pictures,
     )
 

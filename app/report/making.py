@@ -124,12 +124,14 @@ def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[Poli
 def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -> PolicyRun:
     rules, config, terrains = protocol.rules, protocol.env_config, protocol.ranked
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
-    outcomes, summaries = [""] * terrains, {}
+    outcomes, groups = [""] * terrains, []
     for index, each in sorted(episodes.items()):
-        summary = summaries[index] = summary_of(rules, each.replay(rules, config))
-        score[index], steps[index] = summary.score, summary.steps
-        outcomes[index] = summary.outcome
-    groups = [[summary] for summary in summaries.values()]
+        run = each.replay(rules, config)
+        record = run.record()
+        outcomes[index], score[index] = record.outcome, record.score
+        steps[index] = record.steps if record.outcome in rules.successes else config.limit
+        if rules.courses is not None:
+            groups.append([summary_of(rules, run)])
     return PolicyRun(name, score, steps, tuple(outcomes), curve_and_visits(config, groups))
 
 

@@ -290,7 +290,7 @@ def _policies(report: Report) -> PageTable:
             )
         )
     words = rules_of(report.protocol["task"]).words
-    heads = ("policy", "score", words.steps, words.reached, "collisions")
+    heads = ("policy", "score", words.steps, words.reached, "failures")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
 
 

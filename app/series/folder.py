@@ -502,7 +502,8 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
             raise StudyError(
                 f"the protocol's policy {policy!r} cannot be loaded: {error}"
             ) from error
-    found = record_files({*named, REGRET_POLICY}, folder, players)
+    kept = {*named, REGRET_POLICY} if players.has_regret(protocol.env_config) else named
+    found = record_files(kept, folder, players)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:
             raise StudyError(

@@ -241,7 +241,7 @@ def _services(
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    policies = task.policies
+    offers = task.policies.offers() if task.name == Mars.name else ()  # on boards of MarsExplorer
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
@@ -268,15 +268,15 @@ def _services(
         spectators=Spectators(lobby),
         daily_boards=DailyBoards(lobby),
         daily_policies=DailyPolicies(
-            store.path.with_name(store.path.name + "-daily.json"), policies.offers(), jobs
+            store.path.with_name(store.path.name + "-daily.json"), offers, jobs
         ),
         viewer=Viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
         cards=Cards(progress),
         debriefs=Debriefs(store),
-        leaderboard=Leaderboard(store.path, policies.offers(), settings.studies, jobs),
-        replays=Replays(store.path, policies.offers(), jobs),
+        leaderboard=Leaderboard(store.path, offers, settings.studies, jobs),
+        replays=Replays(store.path, offers, jobs),
         health=health,
         admin=None
         if password is None
@@ -292,7 +292,7 @@ def _task(settings: Settings, policies: PolicyCatalogue | None = None) -> Task:
     from app.tasks.gymnasium.task import GymnasiumTask
 
     hidden = (settings.database, settings.studies, settings.backups)
-    return GymnasiumTask(settings.task.partition(":")[2], hidden)
+    return GymnasiumTask(settings.task.partition(":")[2], map(str, settings.policies), hidden)
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
@@ -380,8 +380,9 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     ):
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors():
-            for path in settings.policies:
-                check_file(path)
+            if rules_of(settings.task).name == Mars.name:
+                for path in settings.policies:
+                    check_file(path)
         print(
             "compiling the rules and loading the policies (some seconds on the first start)",
             flush=True,

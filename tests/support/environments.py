@@ -162,3 +162,19 @@ def tried(what):
 
 for each in (Path, Failing, Nosy, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
     gymnasium.register(f"{each.__name__}-v0", each)
+
+
+def forward(observation):
+    """A rule for `Path`."""
+    return 1
+
+
+def nowhere(observation):
+    """A rule that chooses what is no action."""
+    return 99
+
+
+def stuck(observation):
+    """A rule that never comes to an end."""
+    while True:
+        pass

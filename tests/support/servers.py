@@ -200,7 +200,7 @@ def shipped_policies():
 
 
 @contextmanager
-def running_server(policies, sources=None, **settings):
+def running_server(policies, /, sources=None, **settings):
     """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from app.board.sources import Sources
     from app.web.listening import bound_connections, listen, uvicorn_config
@@ -238,12 +238,15 @@ def running_server(policies, sources=None, **settings):
 
 @pytest.fixture
 def serve(tmp_path, limits, shipped_policies):
-    """`serve(...)` starts a server as `running_server` does, with the test's own folder and limits where none are given."""
+    """`serve(...)` starts a server as `running_server` does, with the test's own folder and limits where none are given.
+
+    `offered` are sources of policies that it loads itself, besides those of `policies`.
+    """
     with ExitStack() as running:
 
-        def start(sources=None, policies=None, **settings):
+        def start(sources=None, policies=None, offered=(), **settings):
             paths = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies"}
-            settings = {**paths, "limits": limits, **settings}
+            settings = {**paths, "limits": limits, "policies": offered, **settings}
             one = running_server(policies or shipped_policies, sources, **settings)
             return running.enter_context(one)
 

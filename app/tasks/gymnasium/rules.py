@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,9 +33,12 @@ from app.tasks.gymnasium.description import (
     keys_of,
     spec_of,
 )
+from app.tasks.policies import ProcessPolicies
 
 MOST_FRAMES = 3000
 """Pictures of a replay, at most."""
+POLICIES = "app.tasks.gymnasium.policies"
+"""The module that plays them."""
 FAILED = "environment_failed"
 """The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
 
@@ -160,6 +163,23 @@ class GymnasiumRun:
         """Give up: the episode ends as one that was left, with the score so far."""
         self.outcome = "abandoned"
 
+    @property
+    def ended(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self.outcome != "running"
+
+    def decide(self, choose: Callable[[Any, Mapping[str, Any]], int]) -> int:
+        """Return what is chosen by what the environment shows a policy; ValueError where that is no action."""
+        action = choose(self.observation(), self._info)
+        if not self._env.action_space.contains(np.int64(action)):
+            raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
+        return action
+
+    @property
+    def action_count(self) -> int:
+        """How many actions there are."""
+        return int(getattr(self._env.action_space, "n", 0))
+
     def observation(self) -> Any:
         """Return a copy of what the environment shows a policy."""
         return deepcopy(self._observation)
@@ -167,11 +187,10 @@ class GymnasiumRun:
     def view(self) -> GymnasiumView:
         """Return what may be seen of the run as it stands."""
         shown = self._env.render()
-        seen = self.observation()
         if isinstance(shown, str):
-            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown), seen)
+            return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
         return GymnasiumView(
-            self, png(np.asarray(shown), quick=self._described.clock != "turns"), None, seen
+            self, png(np.asarray(shown), quick=self._described.clock != "turns"), None
         )
 
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
@@ -214,19 +233,17 @@ class GymnasiumView:
     picture  a PNG as a data URL, None for an environment that is shown as text
     """
 
-    def __init__(
-        self, run: GymnasiumRun, picture: str | None, text: str | None, seen: Any = None
-    ) -> None:
+    def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
         rewards = run.rewards()
         self.steps, self.outcome, self.discovered = len(run.actions), run.outcome, 0
         self.ended, self.actions = run.outcome != "running", bytes(run.actions)
         self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
-        self._observation, self.picture, self.text = seen, picture, text
+        self._config, self._seed, self.picture, self.text = run.config, run.seed, picture, text
         self._scores = list(run.scores())
 
-    def observation(self) -> Any:
-        """Return a copy of what the environment shows a policy."""
-        return deepcopy(self._observation)
+    def observation(self) -> tuple[GymnasiumConfig, int, bytes]:
+        """Return what a policy's process is told (`policies`): the cause of the episode so far."""
+        return self._config, self._seed, self.actions
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
@@ -396,6 +413,11 @@ class GymnasiumRules:
         known = low is not None and high is not None and self.description.score == "return"
         return (low, high) if known and low is not None and high is not None else None
 
+    @cached_property
+    def players(self) -> Any:
+        """What lets policies play away from boards."""
+        return ProcessPolicies(self.name, POLICIES)
+
     @property
     def words(self) -> Words:
         """What reports call its figures."""
@@ -420,18 +442,17 @@ class GymnasiumRules:
         return Words(score, steps, reached, short, definition)
 
     courses: ClassVar[None] = None
-    players: ClassVar[None] = None
     spread: ClassVar[str] = "a tenth and a fifth of the limit of moves, for want of anything better"
     own_labels: ClassVar[Mapping[str, str]] = {}
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
-        """Return texts of a new study, and that it compares with no policy."""
+        """Return texts of a new study, and that it compares with random actions."""
         return {
             "title": f"How well do people play {self.title}? ({{name}})",
             "opening": f"You are invited to take part in a study of how well people play {self.title}. You play it with the "
             "keyboard or by touch, in your browser.",
             "questions": (),
-            "policies": (),
+            "policies": ("random",),
             "debrief_policy": None,
             "assumed_player_sd": config.limit / 10,
             "assumed_episode_sd": config.limit / 5,

@@ -7,56 +7,24 @@ from pathlib import Path
 from typing import Any
 
 from app.board.messages import NewBoard, NewEpisode
-from app.task import Cause, Choice, Configuration, Policy
+from app.task import Cause, Choice
 from app.tasks.gymnasium.boards import BoardRun, Boards
-from app.tasks.gymnasium.rules import GymnasiumConfig, GymnasiumRules, GymnasiumRun
+from app.tasks.gymnasium.rules import POLICIES, GymnasiumConfig, GymnasiumRules, GymnasiumRun
+from app.tasks.policies import ProcessPolicies
 from app.tasks.processes import guards_of
-
-
-class NoPolicies:
-    """The policies of an environment that brings none (`app.task.Policies`, `app.task.Decides`)."""
-
-    def offers(self) -> Sequence[Any]:
-        """Return nothing."""
-        return ()
-
-    def check(self, name: str, *others: str) -> str:
-        """Raise ValueError."""
-        raise ValueError(f"no policy {name!r}: nobody but people plays this environment here")
-
-    def check_size(self, names: Iterable[str], config: Configuration) -> None:
-        """Do nothing: there is no policy that could be too small."""
-
-    def load(self, name: str) -> Policy:
-        """Raise ValueError."""
-        raise ValueError(f"no policy {name!r}")
-
-    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
-        """Reset a policy."""
-        policy.reset(seed)
-
-    def thought(self, policy: Any, episode_id: str, step: int) -> str:
-        """Return that nothing is said."""
-        return ""
-
-    def act_many(
-        self, policies: Sequence[Any], observations: Sequence[Any]
-    ) -> Sequence[int | Exception]:
-        """Return what is said of policies that cannot be loaded."""
-        return [ValueError("there is no policy") for _ in policies]
-
-    def shared_net(self, policy: Any) -> object | None:
-        """Return None."""
-        return None
 
 
 class GymnasiumTask(GymnasiumRules):
     """The environment that a description tells of, as a server offers it (`app.task.Task`)."""
 
-    def __init__(self, told: str, hidden: Sequence[Path] = ()) -> None:
-        """Begin no process yet; `hidden` are files and folders that its boards may not read."""
+    def __init__(
+        self, told: str, policies: Iterable[str] = (), hidden: Sequence[Path] = ()
+    ) -> None:
+        """Begin no process yet; `hidden` are files and folders that neither boards nor policies may read."""
         super().__init__(told)
-        self.policies = self.decides = NoPolicies()
+        self.policies = self.decides = self.players = ProcessPolicies(
+            self.name, POLICIES, policies, hidden
+        )
         self._boards = Boards(self.name, hidden)
         self.steps_on = self._boards.steps_on
 
@@ -103,9 +71,12 @@ class GymnasiumTask(GymnasiumRules):
         return BoardRun(self._boards, config, seed, actions)
 
     def guards(self) -> str:
-        """Return what guards the server from the environment; ValueError where its process does not start."""
+        """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
+        for offer in self.policies.offers():
+            self.policies.load(offer.name, self.default).reset(0)
         return guards_of(self._boards.preparer.confined())
 
     def close(self) -> None:
         """End the processes of the boards."""
         self._boards.close()
+        self.policies.close()

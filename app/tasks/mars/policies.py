@@ -75,7 +75,7 @@ class PolicyCatalogue:
         """Return a new policy object: a policy remembers its episode, so each board needs its own."""
         return policies.load(self._offers[self.check(name)].source)
 
-    def begin(self, policy: Any, config: Configuration, seed: int) -> None:
+    def reset(self, policy: Any, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
         policies.begin(policy, config.level, seed)
 

@@ -1,0 +1,167 @@
+"""Policies of an environment, each in a process of its own: on boards beside people, and on the seeds of a study."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from app.series.verification import verify_database
+from app.task import Choice, PolicyError
+from app.tasks.gymnasium.rules import GymnasiumRules
+from app.tasks.gymnasium.task import GymnasiumTask
+from app.tasks.policies import chooser
+
+PATH, OWN = "tests.support.environments:Path-v0", "tests.support.environments"
+
+
+def network(path, shape, nodes, weights, out, kind=TensorProto.FLOAT, name="input"):
+    """Write a network as an export of Stable-Baselines3 is: a batch of one in, actions first out."""
+    given = helper.make_tensor_value_info(name, kind, [1, *shape])
+    told = helper.make_tensor_value_info("actions", out, None)
+    held = [
+        helper.make_tensor(key, TensorProto.FLOAT, value.shape, value.ravel())
+        for key, value in weights.items()
+    ]
+    graph = helper.make_graph(nodes, "policy", [given], [told], held)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, path)
+    return path
+
+
+@pytest.fixture
+def balancing(tmp_path):
+    """Pushes the cart to the side that its pole falls to."""
+    weights = {"w": np.array([[0, 0], [0, 0], [-1, 1], [-1, 1]], np.float32)}
+    nodes = [
+        helper.make_node("MatMul", ["input", "w"], ["q"]),
+        helper.make_node("ArgMax", ["q"], ["actions"], axis=1, keepdims=0),
+    ]
+    return network(tmp_path / "balancing.onnx", [4], nodes, weights, TensorProto.INT64)
+
+
+@pytest.fixture
+def made():
+    tasks = []
+
+    def make(told, *policies):
+        tasks.append(GymnasiumTask(told, policies))
+        return tasks[-1]
+
+    yield make
+    for task in tasks:
+        task.close()
+
+
+def played(task, name, seed=3):
+    policy = task.policies.load(name)
+    return task.players.play(policy, task.default, seed, seed)
+
+
+def test_an_onnx_file_decides_by_observations_alone(made, balancing):
+    task = made("CartPole-v1", str(balancing))
+    assert [offer.name for offer in task.policies.offers()] == ["random", "balancing"]
+    assert len(played(task, "balancing").actions) > 3 * len(played(task, "random").actions)
+
+
+def test_a_picture_is_given_channels_first_where_the_network_has_them_so(tmp_path):
+    nodes = [helper.make_node("ReduceSum", ["input", "axes"], ["actions"], keepdims=0)]
+    path = network(tmp_path / "n.onnx", [3, 2, 5], nodes, {}, TensorProto.FLOAT)
+    model = onnx.load(path)
+    model.graph.initializer.append(helper.make_tensor("axes", TensorProto.INT64, [2], [2, 3]))
+    onnx.save(model, path)
+    picture = np.zeros((2, 5, 3), np.uint8)
+    picture[..., 2] = 7
+    assert chooser(str(path), 3, 0)(picture, {}) == 2
+
+
+def test_an_entry_of_an_observation_is_given_by_its_name(tmp_path):
+    nodes = [helper.make_node("Identity", ["direction"], ["actions"])]
+    kind = TensorProto.INT64
+    path = network(tmp_path / "n.onnx", [], nodes, {}, kind, kind, "direction")
+    assert chooser(str(path), 4, 0)({"image": np.zeros(3), "direction": 2}, {}) == 2
+
+
+def test_random_actions_are_valid_and_follow_from_the_seed(made):
+    draw = chooser("random", 6, 5)
+    drawn = {draw(None, {"action_mask": np.array([0, 1, 0, 0, 1, 0], np.int8)}) for _ in range(50)}
+    assert drawn == {1, 4}
+    task = made("FrozenLake-v1")
+    first, again, other = (bytes(played(task, "random", seed).actions) for seed in (1, 1, 2))
+    assert first == again != other
+
+
+def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(made):
+    """A board that is resumed tells the moves so far: the policy decides as it did, and the same comes of it."""
+    task = made("FrozenLake-v1")
+    whole = bytes(played(task, "random", 1).actions)
+    policy = task.policies.load("random")
+    policy.reset(1)
+    run = task.begin(Choice(task.default, 1))
+    for step, action in enumerate(whole):
+        if step == 2:
+            policy = task.policies.load("random")
+            policy.reset(1)
+        for _ in range(2):  # asked again, it has decided
+            assert policy.act(run.view().observation()) == action
+        run.step(action)
+    assert run.outcome != "running"
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("tests.support.environments:none", "expected a function as module:function"),
+        ("nothing_like_it:rule", "No module named"),
+        ("there_is_none.onnx", "expected random, module:function or an ONNX file"),
+        (f"{OWN}:nowhere", "expected an action of Discrete"),
+        (f"{OWN}:stuck", "after 2 s of processor"),
+    ],
+)
+def test_what_cannot_play_says_why(made, source, words):
+    with pytest.raises(PolicyError, match=words):
+        made(PATH, source).guards()
+
+
+def test_it_plays_beside_a_person_and_by_itself_and_both_are_verified(serve, tmp_path):
+    rule = f"{OWN}:forward"
+    server = serve(task=f"gymnasium:{PATH}", offered=(Path(rule),))
+    client = server.page()
+    assert [each["name"] for each in client.get("/api/policies").json()] == ["random", rule]
+    begun = client.post("/api/sessions", json={"rival": rule}).json()
+    with (
+        server.socket(begun["session"], client) as mine,
+        server.socket(begun["rival"]["session"], client) as theirs,
+    ):
+        frame = mine.receive("frame")
+        for step in (1, 2):
+            mine.act(frame, "back")
+            frame = mine.frame_after(frame["step"])
+            seen = theirs.receive("frame")
+            while seen["step"] < step:
+                seen = theirs.receive("frame")
+        assert seen["text"].index("@") >= 2
+    alone = client.post("/api/sessions", json={"player": rule}).json()
+    with server.socket(alone["session"], client) as board:
+        frame = board.receive("frame")
+        while frame["outcome"] is None:
+            frame = board.receive("frame")
+    assert frame["outcome"] == "ended"
+    refused = client.post("/api/sessions", json={"rival": "ppo"})
+    assert (refused.status_code, "choose one of: random" in refused.text) == (422, True)
+    server.stop()
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_a_study_measures_them_on_its_seeds(made, balancing):
+    rules = GymnasiumRules("CartPole-v1")
+    found = [*rules.players.play_all(["random", str(balancing)], rules.default, [4, 5])]
+    rules.players.close()
+    assert [(source, seed) for source, seed, _, _ in found] == [
+        ("random", 4), ("random", 5), (str(balancing), 4), (str(balancing), 5),
+    ]  # fmt: skip
+    for _, seed, moves, digest in found:
+        assert rules.run(rules.default, seed, moves).digest == digest
+    assert json.loads(json.dumps(rules.study(rules.default)["policies"])) == ["random"]
