@@ -80,7 +80,10 @@ const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDial
   onStart: (wish) => setTimeout(() => leaving.start(state.mode, wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
 });
-const wish = () => terrainDialog?.wish() ?? null;
+/** What is chosen where no dialog of terrains is: which policies play. @type {Play.Wish | null} */
+const chosen = policies.length ? { map: null, seed: null, player: policies[0].name, rival: policies[0].name } : null;
+if (!modules) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !chosen;
+const wish = () => (terrainDialog ? terrainDialog.wish() : chosen);
 const sessions = createSessions({
   api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
@@ -127,7 +130,7 @@ function dispatch(event) {
     if (frame.episode !== before.player?.frame.episode) showTab("player");
     const said = task.announcement(before.player?.frame ?? null, frame);
     if (said) announce(said);
-    if (state.mode === "ranked" && frame.outcome && modules) sessions.replay(state);
+    if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
     if (frame.outcome && !before.player?.frame.outcome) volunteersEnded();
   }
   repaint();
@@ -285,7 +288,9 @@ part.again.addEventListener("click", () => { if (state.player) sessions.again(st
 for (const role of ROLES) {
   offerPolicies(panels[role], policies.map(({ name }) => name));
   panels[role].part.pick.addEventListener("change", () => {
-    terrainDialog?.choose(role, /** @type {HTMLSelectElement} */ (panels[role].part.pick).value);
+    const { value } = /** @type {HTMLSelectElement} */ (panels[role].part.pick);
+    terrainDialog?.choose(role, value);
+    if (chosen) chosen[role] = value;
     if (state.mode === "ranked") sessions.replay(state, true);
     else sessions.start(state.mode);
   });

@@ -142,7 +142,7 @@ export function standing({ mode, counts, player, task }, rival) {
   if (mode !== "ranked" || !player) return task?.standing ?? "";
   const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
     : `This episode does not count: its ${task?.round} was chosen or met before, or a script has moved.`;
-  return rival ? `${what} After the end, ${called(rival)} explores the same ${task?.round} beside you.` : what;
+  return rival ? `${what} After the end, ${called(rival)} plays the same ${task?.round} beside you.` : what;
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until

@@ -104,7 +104,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
     /** Go on with a board of one's own, or begin one.
      * @param {{about: About | null, isNewest: boolean}} found */
     async resume({ about, isNewest }) {
-      if (!about) return start("practice");
+      if (!about) return start(wish()?.level ? "practice" : "ranked");
       begin(about);
       if (isNewest && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
@@ -141,7 +141,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       replayedEpisode = episode;
       await attempt(async () => {
         const { seed } = await api.episode(episode);
-        const terrain = seed === null ? {} : { level, size, seed };
+        const terrain = seed === null || !wish()?.level ? {} : { level, size, seed };
         dispatch({ kind: "replay", episode, about: await api.createSession({ ...terrain, player: wish()?.rival, replays: player.session }) });
       });
     },
@@ -156,7 +156,7 @@ export function isUnfinished({ mode, counts, player }) {
 /** Return whether a wish asks for the very board that is being played: it goes on then.
  * @param {GameState} state @param {Mode} wanted @param {Play.Wish | null} wish */
 export function isSameBoard({ mode, level, player, task }, wanted, wish) {
-  if (!wish) return wanted === mode;
+  if (!wish?.level) return wanted === mode;
   const [rows, cols] = Array.isArray(wish.size) ? wish.size : [wish.size, wish.size];
   const shape = player && task ? String(task.shape(player.frame)) : "";
   return wanted === mode && wish.seed === null && wish.level === level && shape === `${cols},${rows}`;

@@ -10,9 +10,9 @@ declare namespace Play {
   type Reason = {stop: string} | "ended" | "lost" | "refused" | "full";
   type Press = {action: Action, timing: Timing, pressed_ms: number};
   type Tone = {hertz: number, at_s: number, for_s: number, wave: OscillatorType, loud: number};
-  /** Map: by name, instead of level, size and seed. */
+  /** Map: by name, instead of level, size and seed; level and size are MarsExplorer's. */
   type Wish = {
-    level: string, map: string | null, size: number | [number, number], seed: number | null, rival: string,
+    level?: string, map: string | null, size?: number | [number, number], seed: number | null, rival: string,
     player: string,
   };
   /** The parts that a task may add to the playground. */

@@ -14,6 +14,7 @@ from tests.support.browser import AS_A_PERSON, NO_3D, violations
 from tests.support.declared import DECLARATIONS
 
 LAKE = "gymnasium:FrozenLake-v1"
+STEPS = "[window.mars.state.player.frame.step, window.mars.state.rival?.frame.step]"
 PRESS_WHAT_GOES_ON = """() => {
   const seen = [...document.querySelectorAll("button.go")].find((each) => each.checkVisibility());
   const [screen, text] = [window.marsStudy?.screen, document.body.innerText];
@@ -61,6 +62,22 @@ def test_an_environment_is_played_by_its_keys_on_its_picture_and_watched_again(l
     page.get_by_test_id("picture").first.wait_for()
     assert page.url == f"{lake.url}/watch/{frame['episode']}"
     assert me.errors == []
+
+
+def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(lake, player):
+    me = player(lake, [*NO_3D, *AS_A_PERSON]).goto()
+    page = me.page
+    assert page.evaluate("window.mars.state.mode") == "ranked"
+    while not (frame := me.state())["outcome"]:
+        me.hand.press(page.keyboard, ("ArrowRight", "ArrowDown")[frame["step"] % 2])
+        me.wait(f"window.mars.state.player.frame.step > {frame['step']}")
+    me.wait("window.mars.state.rival?.isReplay && window.mars.state.rival.frame.step > 0")
+    page.get_by_test_id("mode-practice").click()
+    me.wait("window.mars.state.mode === 'practice' && window.mars.state.rival?.frame.step === 0")
+    me.hand.press(page.keyboard, "ArrowLeft")
+    me.wait(f"String({STEPS}) === '1,1'")
+    page.get_by_test_id("mode-watch").click()
+    me.wait(f"window.mars.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
 
 
 def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):

@@ -20,7 +20,7 @@ test("a screen reader hears tenths without a score, the end with it, and new ter
 
 test("below the goal stands what a ranked episode costs, and what follows it", () => {
   const state = { mode: "ranked", counts: true, player: {}, task: words };
-  assert.match(standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo explores the same terrain/);
+  assert.match(standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo plays the same terrain/);
   assert.match(standing({ ...state, counts: false }, ""), /does not count: .* a script has moved\.$/);
   assert.match(standing({ ...state, mode: "practice" }, "ppo"), /Rocks and the edge/);
 });
