@@ -5,6 +5,7 @@ The verification checks the files, the signature and the chain, and simulates ev
 
 from __future__ import annotations
 
+import string
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -29,11 +30,10 @@ from app.task import Rules
 
 
 def initials(rules: Rules) -> str:
-    """Return what stands for each action in the moves of policies."""
-    return "".join(name[0].upper() for name in rules.actions)
-
-
-"""The letters of moves in the table of the policies' episodes."""
+    """Return what stands for each action in the moves of policies: its initial, or a sign for its code where two share one."""
+    letters = "".join(name[0].upper() for name in rules.actions)
+    signs = string.digits + string.ascii_letters + "-_"
+    return letters if len(set(letters)) == len(letters) else signs[: len(letters)]
 
 
 class Bundle:

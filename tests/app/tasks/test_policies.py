@@ -8,8 +8,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
+from app.release.bundle import initials
 from app.series.verification import verify_database
-from app.task import Choice, PolicyError
+from app.task import Choice, PolicyError, rules_of
 from app.tasks.gymnasium.rules import GymnasiumRules
 from app.tasks.gymnasium.task import GymnasiumTask
 from app.tasks.policies import chooser
@@ -153,6 +154,13 @@ def test_it_plays_beside_a_person_and_by_itself_and_both_are_verified(serve, tmp
     assert (refused.status_code, "choose one of: random" in refused.text) == (422, True)
     server.stop()
     assert verify_database(tmp_path / "playground.db").findings == ()
+
+
+def test_moves_of_actions_that_share_an_initial_are_told_apart_in_a_release():
+    assert initials(rules_of("mars")) == "NESW"
+    for name in ("gymnasium:minigrid:MiniGrid-FourRooms-v0", "gymnasium:Taxi-v4"):
+        letters = initials(rules_of(name))
+        assert len(set(letters)) == len(rules_of(name).actions)
 
 
 def test_a_study_measures_them_on_its_seeds(made, balancing):
