@@ -330,7 +330,8 @@ class Cards:
         return self._lobby.sources.clock_ms() - since > self._agents(held).hours * 3_600_000
 
     def _check_index(self, held: _Held, index: int) -> None:
-        if not 0 <= index < (count := self._study(held).protocol.ranked):
+        count = self._study(held).protocol.ranked
+        if not 0 <= index < count:
             raise CardError(404, f"expected an instance 0 to {count - 1}, got {index}")
 
     async def _begin(self, held: _Held, index: int) -> None:

@@ -143,11 +143,11 @@ async def schema(agent: AgentOf) -> dict[str, Any]:
 @router.get("/openapi.json")
 async def openapi(agent: AgentOf) -> dict[str, Any]:
     """Return these calls, by their paths under the card's address."""
-    told = get_openapi(title="A sealed evaluation of agents", version="1", routes=router.routes)
-    return {
-        **told,
-        "paths": {path.removeprefix(router.prefix): each for path, each in told["paths"].items()},
-    }
+    routes, title = agent.connection.app.routes, "A sealed evaluation of agents"
+    own = [each for each in routes if getattr(each, "path", "").startswith(router.prefix)]
+    told = get_openapi(title=title, version="1", routes=own)
+    paths = {path.removeprefix(router.prefix): each for path, each in told["paths"].items()}
+    return {**told, "paths": paths}
 
 
 @router.get("/list_environments")

@@ -14,6 +14,11 @@ from tests.support.golden_study import is_valid
 CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
 
 
+def codes_of(grid):
+    """Return the codes of a frame's grid, as policies are given them."""
+    return np.array([[CODES[each] for each in row] for row in grid], np.uint8)
+
+
 def sealed(root, name="agents", of="small", **agents):
     """Return a frozen evaluation on the ranked terrains of a frozen study."""
     folder = Folder(root)
@@ -57,7 +62,7 @@ class Agent:
         seen = [self.call("begin", index)]
         while not seen[-1].done and len(seen) <= moves:
             grid = seen[-1].observation["grid"]
-            codes = np.array([[CODES[each] for each in row] for row in grid], np.uint8)
+            codes = codes_of(grid)
             seen.append(self.call("act", index, int(rule.act(codes))))
         return seen
 
