@@ -1,0 +1,289 @@
+"""Nothing tells a sealed terrain: no route, no command, no message of an attempt, until the evaluation closes."""
+
+import dataclasses
+import json
+from itertools import combinations
+
+import pytest
+from numpy import packbits
+
+from app.cli.main import main
+from app.series.cards import CardError
+from app.series.evaluation import evaluation_of_study
+from app.series.folder import Folder, StudyError
+from app.series.protocol import Agents
+from app.series.verification import verify_database
+from marsexplorer.config import EnvConfig
+from marsexplorer.terrain import generate
+from tests.support.agents import Agent, own, sealed, token_of
+from tests.support.command import command
+from tests.support.stored_studies import freeze, play_study
+
+PATH_ENV = "gymnasium:tests.support.environments:Path-v0"
+
+
+@pytest.fixture
+def root(tmp_path):
+    """A study that three have played and that was closed sealed, and an open evaluation on its terrains."""
+    study = freeze(tmp_path / "studies", close=False)
+    play_study(tmp_path / "playground.db", study)
+    with pytest.raises(SystemExit) as left:
+        main(
+            [
+                str(each)
+                for each in ("study", "close", "dunes", "--sealed", "--yes", *paths(tmp_path))
+            ]
+        )
+    assert not left.value.code
+    sealed(tmp_path / "studies", of="dunes")
+    return tmp_path
+
+
+def paths(root, *more):
+    return ["--database", root / "playground.db", "--studies", root / "studies", *more]
+
+
+def secrets_of(root):
+    """All that would reveal an instance: secrets, seeds, packed maps."""
+    found = []
+    for name in ("dunes", "agents"):
+        study = Folder(root / "studies").study(name)
+        seeds = [study.seed("ranked", index) for index in range(3)]
+        maps = [
+            packbits(generate(study.protocol.env_config, seed)).tobytes().hex() for seed in seeds
+        ]
+        found += [study.secret.hex(), *map(str, seeds), *maps]
+    return list(dict.fromkeys(found))
+
+
+def test_no_route_tells_anything_of_a_sealed_terrain(serve, root):
+    server = serve(admin_password="long enough 1")
+    agent = Agent(server, token_of(root / "studies"))
+    agent.play(0)
+    agent.play(1, moves=3)
+    rows = server.services.store.connection.execute(
+        "SELECT id, session_id FROM episodes"
+    ).fetchall()
+    ids = {each for row in rows for each in row}
+    operator = server.page()
+    assert operator.post("/api/admin/login", json={"password": "long enough 1"}).status_code == 200
+    asked, hidden, strangers = 0, secrets_of(root), server.client()
+    rows = [rows[-1], rows[-2], next(row for row in rows if row[0].startswith("episode-"))]
+    fixed = {
+        "table": "episodes",
+        "fmt": "csv",
+        "index": "0",
+        "date": "2026-09-22",
+        "board": "dunes",
+        "file": "opening.json",
+    }
+    for path, calls in server.app.openapi()["paths"].items():
+        if "get" not in calls:
+            continue
+        for episode, session in rows if "_id}" in path else rows[:1]:
+            filled = {**fixed, "episode_id": episode, "session_id": session, "watch_id": episode}
+            for name in ("agents", "dunes"):
+                url = path.replace(":path}", "}").replace("{name}", name)
+                for hole, value in filled.items():
+                    url = url.replace(f"{{{hole}}}", value)
+                for who in (strangers, operator):
+                    answer = who.get(url, params={"index": 0})
+                    asked += 1
+                    told = [each for each in hidden if each in answer.text]
+                    assert not told, (url, told)
+                    if who is not operator:
+                        assert not [
+                            each for each in ids if each in answer.text and each not in url
+                        ], url
+    assert asked > 100
+    stranger = server.client()
+    for file in ("opening.json", "comparison.json", "receipts/x.json", "secret", "../dunes/secret"):
+        assert stranger.get(f"/api/evaluations/agents/files/{file}").status_code in (404, 409), file
+    refused = stranger.get("/api/evaluations/agents/episodes?index=0")
+    assert (refused.status_code, "is sealed" in refused.json()["detail"]) == (409, True)
+    about = stranger.get("/api/evaluations/agents").json()
+    assert (about["status"], about["secret"], about["comparison"]) == ("open", None, None)
+    page = stranger.get("/evaluations/agents")
+    assert "no score is told before it closes" in page.text
+    for name in ("dunes", "agents"):
+        for what in ("report", "release"):
+            refused = operator.post(
+                f"/api/admin/studies/{name}/exports/{what}", json={"authors": []}
+            )
+            assert (refused.status_code, "is sealed" in refused.json()["detail"]) == (409, True)
+    joined = stranger.post("/api/studies/agents/join")
+    assert joined.status_code == 404
+    assert [each["name"] for each in stranger.get("/api/studies").json()] == ["dunes"]
+
+
+def test_every_command_refuses_a_sealed_terrain_with_a_sentence(root, capsys, tmp_path):
+    for words in (["report"], ["regret"], ["release", "--out", tmp_path / "bundle"]):
+        for name in ("dunes", "agents"):
+            code, out, said = command(capsys, words[0], "--study", name, *words[1:], *paths(root))
+            if (words[0], name) != ("release", "agents"):
+                assert (code != 0, "is sealed" in said) == (True, True), (words, name, said)
+            assert not [each for each in secrets_of(root) if each in out + said]
+            assert code != 0
+    assert not (tmp_path / "bundle").exists()
+    code, _, said = command(
+        capsys, "export", "--database", root / "playground.db", "--out", tmp_path / "csv"
+    )
+    assert code == 0, said
+    code, out, _ = command(
+        capsys, "export", "--database", root / "playground.db", "--out", tmp_path / "csv"
+    )
+    assert "left out: dunes" in out
+    assert "sealed until the evaluation of agents closes" in out
+    for path in (tmp_path / "csv").iterdir():
+        assert path.read_text().count("\n") == 1, path
+    for name in ("dunes", "agents"):
+        code, out, _ = command(capsys, "study", "show", name, "--studies", root / "studies")
+        assert not [each for each in secrets_of(root) if each in out]
+    code, out, said = command(capsys, "evaluation", "show", "agents", "--studies", root / "studies")
+    assert not [each for each in secrets_of(root) if each in out + said]
+    code, _, said = command(
+        capsys,
+        "replay",
+        "episode",
+        "--out",
+        tmp_path / "r.html",
+        "--database",
+        root / "playground.db",
+    )
+    assert (code, "no finished episode" in said) == (2, True)
+    code, _, said = command(capsys, "study", "close", "dunes", "--yes", *paths(root))
+    assert (code, "agents are evaluated on the terrains" in said) == (2, True)
+
+
+def test_a_participant_is_shown_no_ranked_terrain_before_the_evaluation_closes(serve, tmp_path):
+    from tests.support.study import Person
+    from tests.support.study import freeze as freeze_small
+
+    freeze_small(tmp_path / "studies")
+    folder = Folder(tmp_path / "studies")
+    server = serve()
+    person = Person(server)
+    person.to_warm_up()
+    person.play_on()
+    folder.close("small", seals=True)
+    sealed(tmp_path / "studies")
+    for url in ("debrief/0?phase=ranked", "debrief/0/regret?phase=ranked"):
+        answer = person.client.get(f"/api/studies/small/{url}")
+        assert (answer.status_code, "'small' is sealed" in answer.json()["detail"]) == (409, True)
+    assert person.client.get("/api/studies/small/debrief/0").status_code == 200  # warm-up
+    assert person.client.get("/api/me/history").json()["episodes"] == []
+    assert person.me()["debrief"]["ranked_terrains"] == 0
+    folder.close("agents")
+    assert person.client.get("/api/studies/small/debrief/0?phase=ranked").status_code == 200
+
+
+def alike(agent, instances, moves):
+    """Yield pairs of instances that have looked the same so far, with what each call on them told."""
+    told = {}
+    for index in range(instances):
+        calls = [agent.call("begin", index)]
+        calls += [agent.call("act", index, move) for move in moves]
+        if calls[-1].done:
+            continue
+        calls += [agent.call("observe", index), agent.call("begin", index)]
+        for given in ((index, 99), (index, 0, 77), (instances, 0)):
+            with pytest.raises(CardError) as refusal:
+                agent.call("act", *given)
+            calls.append((refusal.value.status, str(refusal.value)))
+        text = json.dumps(
+            [dataclasses.asdict(each) if dataclasses.is_dataclass(each) else each for each in calls]
+        )
+        told[index] = text.replace(f'"index": {index},', '"index": 0,').replace(
+            f"instance {index}:", "instance 0:"
+        )
+    for one, other in combinations(told, 2):
+        shown = [json.loads(told[each])[: len(moves) + 1] for each in (one, other)]
+        if [each["observation"] for each in shown[0]] == [each["observation"] for each in shown[1]]:
+            yield told[one], told[other]
+
+
+def test_two_instances_that_look_alike_so_far_answer_alike(serve, tmp_path):
+    config = EnvConfig("random", 7, 9, sensor_radius=2)
+    own(tmp_path / "studies", task="mars", config=config, instances=40)
+    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    study = Folder(tmp_path / "studies").study("agents")
+    pairs = list(alike(agent, 40, ["east"]))
+    assert len(pairs) > 3
+    assert len({generate(config, study.seed("ranked", i)).tobytes() for i in range(40)}) > 30
+    for one, other in pairs:
+        assert one == other
+
+
+def test_the_same_holds_of_another_environment(serve, tmp_path):
+    own(tmp_path / "studies", task=PATH_ENV, instances=6)
+    agent = Agent(serve(task=PATH_ENV), token_of(tmp_path / "studies"))
+    pairs = list(alike(agent, 6, ["wave", "forward"]))
+    assert len(pairs) > 3
+    assert all(one == other for one, other in pairs)
+
+
+def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys):
+    folder, database = Folder(tmp_path / "studies"), tmp_path / "playground.db"
+    study = freeze(tmp_path / "studies", close=False)
+    play_study(database, study)
+    sealed(tmp_path / "studies", of="dunes")  # while people may still play
+    with pytest.raises(StudyError, match="close it with --sealed"):
+        folder.close("dunes")
+    with pytest.raises(StudyError, match="people still play these terrains"):
+        folder.close("agents")
+    code, out, said = command(
+        capsys, "study", "close", "dunes", "--sealed", "--yes", *paths(tmp_path)
+    )
+    assert (code, "is sealed" in out) == (0, True), said
+    assert folder.status("dunes") == "sealed"
+    with pytest.raises(StudyError, match="nothing to seal"):
+        folder.close("dunes", seals=True)
+    folder.create(evaluation_of_study(folder, "second", "dunes", Agents()))
+    with pytest.raises(StudyError, match="plays the terrains of 'dunes' already"):
+        folder.freeze("second")
+    code, _, said = command(capsys, "evaluation", "close", "agents", "--yes", *paths(tmp_path))
+    assert code == 0, said
+    assert folder.study("dunes").closed_ms == folder.study("agents").closed_ms
+    with pytest.raises(StudyError, match="its terrains are known"):
+        folder.freeze("second")
+    with pytest.raises(StudyError, match="its terrains are known, and it cannot be sealed"):
+        folder.close("dunes", seals=True)
+    code, out, _ = command(
+        capsys, "evaluation", "new", "third", "--of", "dunes", "--studies", tmp_path / "studies"
+    )
+    assert (code, "Not paired: the study 'dunes' was closed without --sealed" in out) == (0, True)
+    third = folder.freeze("third")
+    assert third.paired is None
+    assert third.seed("ranked", 0) != folder.study("dunes").seed("ranked", 0)
+    assert third.protocol.env_config == study.protocol.env_config
+    assert verify_database(database).findings == ()
+
+
+def test_agents_enter_no_figure_of_people(serve, root, capsys):
+    server = serve()
+    before = [server.client().get(url).json() for url in ("/api/human-level", "/api/leaderboard")]
+    Agent(server, token_of(root / "studies")).play_all()
+    assert [
+        server.client().get(url).json() for url in ("/api/human-level", "/api/leaderboard")
+    ] == before
+    assert server.services.store.connection.execute(
+        "SELECT count(*) FROM volunteers"
+    ).fetchall() == [(0,)]
+    Folder(root / "studies").close("agents")
+    server.stop()
+    found = root / "report.json"
+    code, _, said = command(
+        capsys,
+        "report",
+        "--study",
+        "dunes",
+        "--no-policies",
+        "--no-moves",
+        "--json",
+        found,
+        *paths(root),
+    )
+    assert code == 0, said
+    report = json.loads(found.read_text())
+    assert report["groups"][0]["joined"] == 2
+    assert report["scripts"] == {"noisy-frontier": 1}
