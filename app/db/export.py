@@ -13,15 +13,18 @@ import hmac
 import io
 import os
 import secrets
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import ZIP_DEFLATED, ZipFile
 
-from app.db.columns import TABLES, Column, ColumnType
+from app.db.columns import TABLES, Column, ColumnType, markdown
 from app.db.reader import Reader, Who
 from app.db.resimulation import simulate
 from app.db.trial import Trial
+from marsexplorer.config import CORE_VERSION
 from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
@@ -74,6 +77,50 @@ def write_table(
             if file.tell() + len(piece) > most_bytes:
                 raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
             file.write(piece)
+
+
+def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) -> None:
+    """Write a ZIP of what counts of people, as anybody may see it: both tables and a datasheet; OSError beyond `most_bytes`."""
+    key = new_key()
+    lines: dict[str, int] = {}
+    with path.open("xb") as file, ZipFile(file, "w", ZIP_DEFLATED) as bundle:
+        for table in COLUMNS:
+            pieces = export_table(database, table, "human", key, True, at_ms)
+            with closing(pieces), bundle.open(f"{table}.csv", "w", force_zip64=True) as out:
+                lines[table] = -1  # the head is no row
+                for piece in pieces:
+                    if file.tell() + len(piece) > most_bytes:
+                        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+                    lines[table] += piece.count(b"\n")
+                    out.write(piece)
+        bundle.writestr("DATASHEET.md", _datasheet(lines, at_ms))
+
+
+def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
+    day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
+    tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
+    counts = {"episodes": lines["episodes"], "moves": lines["steps"], "day": day}
+    return DATASHEET.format(**counts, version=CORE_VERSION, tables="\n".join(tables))
+
+
+DATASHEET = """\
+# Human scores: datasheet
+
+Exported on {day} with version {version} of the rules: {episodes} episodes, {moves} moves.
+
+- **Why**: to say how well people explore, beside policies on the same terrains.
+- **What a row is**: `episodes.csv` has an episode that counts, `steps.csv` a move of one, joined by `episode`.
+- **What counts**: ranked episodes of people, alone, on terrains that were neither chosen nor met before, whose moves all fit
+  key presses or touches of the page; one that was left counts, as abandoned. Practice, scripts, policies and challenges never
+  enter. Episodes of open studies and of days that are not over are left out.
+- **Who**: volunteers of a playground, who chose to play and how often. They stand for nobody but themselves, and their mean is
+  no human level, which is a closed study's figure. Nothing is known of them; a pseudonym is drawn anew for each export.
+- **How it was checked**: each episode was replayed; `verified` is false where the replay does not come to what is stored.
+- **A figure**: the mean over players of each player's mean `steps_to_target` or `score`, with an interval over players.
+- **Licence**: that of the server's operator; ask them where none is stated.
+
+{tables}"""
+"""After Gebru et al. 2021, "Datasheets for Datasets"."""
 
 
 def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:

@@ -1,6 +1,57 @@
-"""The words a new protocol begins with: templates (`app.series.templates`) that a researcher edits before freezing."""
+"""The words a new study begins with: templates (`app.series.templates`) that a researcher edits before freezing."""
 
 from __future__ import annotations
+
+PAPER_STUDY = "koutras2021"
+"""The study with the paper's own settings: its people are counted on the pages, as so many of those planned."""
+PAPER_PLAYERS = 10
+"""People whose figure Koutras et al. 2021 (section 4) print."""
+
+RECRUITMENT = """\
+{title}
+
+We are looking for {players} people to take part in a study, in a browser, with a keyboard or a touch screen.
+
+- It takes about {minutes} minutes, with breaks whenever you like: practice (rounds: {warm_up}), then the rounds that count
+  ({ranked}). Nothing has to be installed.
+- Anybody may take part who: TODO, as under recruitment_criteria in protocol.json
+- You get: TODO, as under testing_compensation
+- We record your moves and keys in the game, under a pseudonym. You may stop at any time and need give no reason.
+- To take part, or to ask: TODO, name and address
+
+Each link is for one person: please do not pass it on.
+"""
+"""What people are asked to take part with."""
+
+CHECKLIST = """\
+# Operator's checklist: {name}
+
+## Before anybody is asked
+- [ ] `protocol.json`: every declaration answered; name and address in the consent text; read by the ethics board
+- [ ] `recruitment.txt`: every TODO replaced
+- [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations examples/declarations.json`,
+      `marsexplorer study freeze rehearsal --underpowered`, `marsexplorer serve`, and beside it
+      `marsexplorer simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
+      The texts promise {minutes}; synthetic players do not stop to think.
+- [ ] Walk through it once yourself, on the screen that people will use
+
+## Fix it
+- [ ] `marsexplorer study freeze {name} --beacon`, ten minutes later `marsexplorer study open {name}`
+- [ ] `marsexplorer study preregister {name} --out {name}.md`, and register it: protocol hash and commitment are in it
+- [ ] A copy of the study's folder in a safe place: whoever reads `secret` knows every terrain
+
+## Let {players} people in
+- [ ] Backups run (docs/deploy.md), and one was restored
+- [ ] `marsexplorer serve --public-url https://...`, then `marsexplorer study invite {name} {players}`: a link for each person
+- [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`; `marsexplorer stamp`
+- [ ] Whoever wants to be erased: `marsexplorer forget`
+
+## Close it
+- [ ] `marsexplorer study close {name}`, when the last person is through
+- [ ] `marsexplorer report --study {name} --html {name}.html`
+- [ ] `marsexplorer release`, and another machine derives it again with `marsexplorer reproduce`
+"""
+"""What an operator does from the draft to the figure, on one page."""
 
 _DURATION = (
     "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice rounds and {{ranked}} rounds "

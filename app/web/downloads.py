@@ -105,7 +105,8 @@ class _OpenFile(StreamingResponse):
             "Cache-Control": "no-store",
         }
         pieces = iter(lambda: file.read(PIECE_BYTES), b"")
-        super().__init__(pieces, media_type="text/csv; charset=utf-8", headers=headers)
+        kind = "application/zip" if name.endswith(".zip") else "text/csv; charset=utf-8"
+        super().__init__(pieces, media_type=kind, headers=headers)
         self._context = context
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -11,10 +11,13 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
 
-from app.db.export import ExportTable, write_table
+from app.db.export import ExportTable, write_human_scores, write_table
 from app.db.reader import Reader
+from app.db.series import count_finished
 from app.report.regret import POLICY, regret_cache
 from app.report.statistics.personal import describe_own, personal_bests
+from app.series.protocol import StudyError
+from app.series.texts import PAPER_PLAYERS, PAPER_STUDY
 from app.task import Record
 from app.web.access import owner_of, player_of, services_of
 from app.web.leaderboard.leaderboard import UnknownEntryError
@@ -49,6 +52,24 @@ def get_human_level(request: Request) -> dict[str, Any]:
     """
     with _reader(request) as reader:
         return services_of(request).leaderboard.volunteers.human_level(reader)
+
+
+@router.get("/paper-study", tags=["results"], summary="How far the paper's own study is")
+def get_paper_study(request: Request) -> dict[str, Any]:
+    """Return how many people have finished the study koutras2021, of how many, and its page.
+
+    `status` is absent where this server has no such study; `link` then leads to what studies are.
+    """
+    name = PAPER_STUDY
+    try:
+        study = services_of(request).progress.folder.study(name)
+        status, players = str(study.status), study.protocol.players
+    except StudyError:
+        status, players = "absent", PAPER_PLAYERS
+    with _reader(request) as reader:
+        people = count_finished(reader, name)
+    link = "study" if status == "absent" else f"study/{name}"
+    return {"study": name, "status": status, "people": people, "of": players, "link": link}
 
 
 @router.get("/episodes", tags=["results"], summary="Finished episodes")
@@ -136,6 +157,15 @@ async def export(
     503 with Retry-After while another table of the same address, or two of others', are being written.
     """
     return await _sent(request, f"{table}.csv", table, who)
+
+
+@router.get("/export/human-scores.zip", tags=["results"], summary="The human-score data set")
+async def export_human_scores(request: Request) -> Response:
+    """Export the episodes and moves of people that count: two CSV files in a ZIP with their datasheet; 503 as for a table."""
+    database, at_ms = _database_now(request)
+    downloads = services_of(request).downloads
+    asked = "human-scores.zip", write_human_scores, database, at_ms
+    return await downloads.answer(owner_of(request), *asked)
 
 
 @mine.get("/history", summary="My own episodes and bests")

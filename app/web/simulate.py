@@ -70,6 +70,7 @@ class Clock:
     def __init__(self, speed: float = 1.0, stop: threading.Event | None = None) -> None:
         """Begin; `stop` ends every wait at once."""
         self.speed, self._stop = speed, stop or threading.Event()
+        self.waited_ms = 0.0
 
     def page_ms(self) -> float:
         """Return what performance.now() would return: the true time, in ms."""
@@ -77,6 +78,7 @@ class Clock:
 
     def wait(self, ms: float) -> None:
         """Let so many milliseconds of a person's time pass; StoppedError once the simulation was stopped."""
+        self.waited_ms += ms
         if self._stop.wait(ms / 1000 / self.speed):
             raise StoppedError
 
@@ -264,12 +266,13 @@ class Plan:
 
 @dataclass
 class Outcome:
-    """What a participant came to: the last stage or "left", episodes, and the debrief's summary."""
+    """What a participant came to: the last stage or "left", episodes, minutes of a person's time, the debrief's summary."""
 
     number: int
     stage: str = "joining"
     warm_up: int = 0
     ranked: int = 0
+    minutes: float = 0.0
     round_trips_ms: list[float] = field(default_factory=list, repr=False)
     debrief: dict[str, Any] | None = None
 
@@ -358,6 +361,7 @@ def _take_part(
                 else:
                     participant.take_step()
                 participant.progressed = time.perf_counter()
+                outcome.minutes = clock.waited_ms / 60_000
             except CONNECTION_ERRORS as error:
                 away_s = time.perf_counter() - participant.progressed
                 if away_s > plan.wait_s:

@@ -1,6 +1,7 @@
 // Wires the leaderboard: address -> question -> answer -> one repaint; asks again while policies are being evaluated.
 import { request } from "../common/api.js";
 import { all, by, create, reader } from "../common/page.js";
+import { showPeople } from "../common/people.js";
 import { loadTask } from "../common/task.js";
 import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
@@ -113,5 +114,6 @@ boardSelect.addEventListener("change", () => { set({ board: boardSelect.value, d
 by("evaluate").addEventListener("click", () => { set({ evaluates: true }); load(); });
 for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
+showPeople();
 new ResizeObserver(() => paint()).observe(by("coverage"));
 load();

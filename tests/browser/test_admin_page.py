@@ -1,6 +1,7 @@
 """The operator's console and the leaderboard in a real browser, while somebody plays."""
 
 import threading
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -172,6 +173,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
     said = "Volunteers on this playground: nobody has played random 21 × 21 ranked yet"
     assert page.get_by_test_id("sentence").inner_text().startswith(said)
+    assert "0 of 10 people" in page.get_by_test_id("people").inner_text()
     assert page.get_by_test_id("rank-people").count() == 0
     page.get_by_test_id("evaluate").click()
     until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
@@ -191,6 +193,12 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert steps == sorted(steps)
     assert page.locator("#visits canvas").count() == len(steps)
     assert "percent after" in page.get_by_test_id("coverage").get_attribute("aria-label")
+    with page.expect_download() as downloading:
+        page.get_by_test_id("human-scores").click()
+    with zipfile.ZipFile(downloading.value.path()) as bundle:
+        assert bundle.namelist() == ["episodes.csv", "steps.csv", "DATASHEET.md"]
+        moves = bundle.read("steps.csv").count(b"\n") - 1
+        assert f"2 episodes, {moves} moves" in bundle.read("DATASHEET.md").decode()
     page.get_by_test_id("by-score").click()
     texts = page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
     scores = [float(text.replace("−", "-")) for text in texts]

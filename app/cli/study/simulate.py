@@ -95,13 +95,20 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
     names = ("mean_score", "mean_steps", "completion_code")
     print_table(
         "Synthetic participants",
-        ["number", "stage", "warm-up", "ranked", "mean score", "mean steps", "code"],
+        ["number", "stage", "warm-up", "ranked", "minutes", "mean score", "mean steps", "code"],
         [
-            [str(each.number), each.stage, str(each.warm_up), str(each.ranked)]
+            [
+                str(each.number),
+                each.stage,
+                str(each.warm_up),
+                str(each.ranked),
+                f"{each.minutes:.1f}",
+            ]
             + [_shown((each.debrief or {}).get(name)) for name in names]
             for each in outcomes
         ],
     )
+    click.echo("minutes: at a person's pace of pressing keys, without the time to read and think")
     trips = [ms for each in outcomes for ms in each.round_trips_ms]
     if trips:
         p50, p95, p99 = np.percentile(trips, (50, 95, 99))

@@ -128,17 +128,21 @@ def new(
     as {ranked}; freezing fills them in. The margin is one that this many players can reach.
 
     What only you know (population, payment, ethics review ...) is asked for on a terminal, or read from --declarations; what is
-    left empty must be written into the file before the study is frozen.
+    left empty must be written into the file before the study is frozen. Beside it stand a text to recruit with and a checklist.
+    The study koutras2021 is the paper's own: the pages count its people, as so many of ten.
 
     \b
     Examples:
+      marsexplorer study new koutras2021
       marsexplorer study new pilot
       marsexplorer study new hard --level 3-2-1 --size 42x42 --warm-up 5 --ranked 20 --players 16
       marsexplorer study new lake --env FrozenLake-v1
       marsexplorer study new online --recruitment panel --return-url "https://app.prolific.com/submissions/complete?cc={code}"
     """
+    from app.series import texts
     from app.series.files import read_object
     from app.series.protocol import Declarations, StudyError, default_protocol, parse_protocol
+    from app.series.templates import filled
 
     name_of_task = "mars" if task is None else task_name(task)
     config = env_config_of(level, size) if task is None else default_config(name_of_task)
@@ -158,11 +162,15 @@ def new(
                 {**protocol.model_dump(mode="json", exclude_unset=True), **answers}
             )
         path = folder.create(protocol)
+    for file, text in (("recruitment.txt", texts.RECRUITMENT), ("checklist.md", texts.CHECKLIST)):
+        write_file(path.with_name(file), filled(text, protocol).encode())
     _echo_reachable_effects(protocol)
     if unanswered := protocol.declarations.unanswered():
         click.echo(
             f"Freezing needs what only you know, under declarations: {', '.join(unanswered)}"
         )
+    click.echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
+    click.echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 

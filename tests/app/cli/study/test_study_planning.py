@@ -3,12 +3,15 @@
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from app.cli.main import cli
 from app.series.folder import Folder
 from app.series.protocol import Declarations
 from tests.support.command import command
@@ -54,6 +57,29 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     assert "2 practice rounds and 6 rounds that count" in out
     assert out.count("power: ") == 2
     assert out.count("seen in 8") == 2
+
+
+def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things_to_do(
+    study, tmp_path
+):
+    code, out, err = study("new", "koutras2021")
+    assert (code, err) == (0, "")
+    draft = Folder(tmp_path / "studies").draft("koutras2021")
+    config = draft.env_config
+    assert (draft.players, draft.warm_up, draft.ranked) == (10, 15, 30)
+    assert (config.level, config.rows, config.cols) == ("random", 21, 21)
+    folder = tmp_path / "studies" / "koutras2021"
+    asked, todo = ((folder / each).read_text() for each in ("recruitment.txt", "checklist.md"))
+    assert str(folder / "recruitment.txt") in out
+    assert str(folder / "checklist.md") in out
+    assert "10 people" in asked
+    assert "about 40 minutes" in asked
+    assert "{" not in asked + todo
+    assert len(todo.splitlines()) < 60, "one page"
+    for line in re.findall(r"`marsexplorer ([^`]+)`", todo):
+        words = line.split()
+        group = [*words[: 2 if words[0] == "study" else 1], "--help"]
+        assert CliRunner().invoke(cli, group).exit_code == 0, line
 
 
 def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):

@@ -1,0 +1,52 @@
+"""docs/api.md: its two episodes run against a server, and it names every call there is."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PAGE = (Path(__file__).parents[1] / "docs/api.md").read_text()
+
+
+def block(kind, server):
+    """The page's lines of a kind, ten at most, for a server that runs elsewhere."""
+    (text,) = re.findall(rf"^```{kind}\n(.*?)^```", PAGE, re.M | re.S)
+    assert len(text.splitlines()) == 10
+    return text.replace("http://127.0.0.1:8000", server.url)
+
+
+def ended(server):
+    (found,) = server.client().get("/api/episodes").json()
+    return found
+
+
+def test_ten_lines_of_python_drive_a_whole_episode(server, capsys):
+    names = {}
+    exec(compile(block("python", server), "docs/api.md", "exec"), names)
+    names["api"].close()
+    found = ended(server)
+    assert found["driver"] == "script"
+    assert found["outcome"] in ("explored", "timed_out")
+    assert capsys.readouterr().out.startswith(f"{found['outcome']} after {found['steps']} moves")
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="NO CURL: its ten lines were not run")
+def test_ten_lines_of_curl_drive_a_whole_episode(server):
+    lines = block("sh", server)
+    done = subprocess.run(
+        ["sh", "-c", lines], capture_output=True, text=True, check=True, timeout=60
+    )
+    found = ended(server)
+    assert found["outcome"] in ("collided", "out_of_bounds")
+    assert f'"outcome":"{found["outcome"]}"' in done.stdout.replace(" ", "")
+
+
+def test_the_page_names_every_call(server):
+    page = re.sub(r"\{[^}`]*\}", "{}", PAGE)
+    for path, verbs in server.app.openapi()["paths"].items():
+        plain, end = re.sub(r"\{.*?\}", "{}", path), path.rpartition("/")[2]
+        for verb in verbs:
+            is_named = re.search(rf"`{verb.upper()} {re.escape(plain)}[`?]", page)
+            assert is_named or f"`.../{end}`" in page, (verb, path)
