@@ -84,7 +84,7 @@ function drawBase(chart, { inks, y, base = y.low }) {
 }
 
 /** @param {uPlot} chart @param {ChartLook} how */
-function drawOver(chart, { lines, y: { low: least, high: most }, inks, edges, goal, over }) {
+function drawOver(chart, { lines, y: { low: least, high: most }, inks, font, edges, goal, over }) {
   const { ctx: context, bbox } = chart;
   const left = bbox.left / uPlot.pxRatio;
   const top = bbox.top / uPlot.pxRatio;
@@ -93,7 +93,7 @@ function drawOver(chart, { lines, y: { low: least, high: most }, inks, edges, go
   context.save();
   context.scale(uPlot.pxRatio, uPlot.pxRatio);
   if (goal) {
-    Object.assign(context, { textAlign: "right", textBaseline: "middle", fillStyle: inks.goal });
+    Object.assign(context, { font: `11px ${font}`, textAlign: "right", textBaseline: "middle", fillStyle: inks.goal });
     context.fillText(goal.text, edges.left - 8, at.y(goal.at) + 2);
   }
   for (const { x, y, low = [], high = [], colour, hasWhiskers, dot = 0 } of lines) {

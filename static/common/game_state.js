@@ -3,7 +3,7 @@
 /** @returns {GameState} */
 export function initialState() {
   return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", task: null,
-    notices: [], nextNotice: 1 };
+    notices: [], nextNotice: 1, opponent: null };
 }
 
 /** @param {About} about @returns {Mode} the mode that a session stands for */
@@ -71,8 +71,24 @@ function noticed(state, text, tone) {
   return { ...state, notices: [...others, { id: state.nextNotice, text, tone }].slice(-3), nextNotice: state.nextNotice + 1 };
 }
 
+/** Return the state with the opponent of a challenge on the second board: as far as the player, to its end once theirs has ended.
+ * @param {GameState} state @returns {GameState} */
+function withOpponent(state) {
+  const { opponent, player, rival, task } = state;
+  if (!opponent || !task || player?.frame.episode !== opponent.episode) return state;
+  const { course } = opponent;
+  const step = player.frame.outcome ? course.actions.length : Math.min(player.frame.step, course.actions.length);
+  if (state.mode === "practice" && rival?.session === "" && rival.frame.step === step) return state;
+  const { frame, trail } = task.boardAt(course, step);
+  const progress = Array.from({ length: step + 1 }, (_, at) => task.progressAt(course, at));
+  return { ...state, mode: "practice", rival: { session: "", name: course.name, frame, trail, progress, hasGap: false, pace: null, isReplay: true } };
+}
+
 /** @param {GameState} state @param {GameEvent} event @returns {GameState} the state after `event` */
-export function apply(state, event) {
+export const apply = (state, event) => withOpponent(applied(state, event));
+
+/** @param {GameState} state @param {GameEvent} event @returns {GameState} */
+function applied(state, event) {
   switch (event.kind) {
     case "begun": {
       const { about } = event;
@@ -106,6 +122,7 @@ export function apply(state, event) {
     }
     case "link": return { ...state, link: event.link };
     case "notice": return noticed(state, event.text, event.tone ?? "error");
+    case "challenged": return { ...state, opponent: event.opponent };
     case "moved": return state.notices.length ? { ...state, notices: [] } : state; // what they said was read before the key
     case "dismiss": return { ...state, notices: state.notices.filter((notice) => notice.id !== event.id) };
   }

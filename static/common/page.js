@@ -45,9 +45,11 @@ export const copied = async (text) => Boolean(await navigator.clipboard?.writeTe
 export function copyOnClick(button, link, announce) {
   button.addEventListener("click", async () => {
     if (!(await copied(link()))) return void window.prompt("Copy this link:", link());
+    const name = button.textContent ?? "";
+    if (name === "Link copied") return;
     put(button, "Link copied");
     announce("Link copied");
-    setTimeout(() => put(button, "Copy link"), 2000);
+    setTimeout(() => put(button, name), 2000);
   });
 }
 

@@ -186,7 +186,7 @@ export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, on
           known.follower.close();
           open.delete(role);
         }
-        if (!board) continue;
+        if (!board?.session) continue;
         const { session } = board;
         if (!open.has(role)) {
           const follower = follow({ url: socketUrl(session), onMessage: (message) => onMessage(role, message),

@@ -18,11 +18,6 @@ type Choice = {name: string, summary: string};
 /** In cells; null where a task has none. */
 type Size = number | [number, number] | null;
 type Interval = {mean: number, low: number | null, high: number | null};
-type HumanFigure = {
-  level: string, rows: number, cols: number, players: number, episodes: number, abandoned: number, score: Interval,
-  steps: Interval,
-};
-type HumanLevel = {figures: HumanFigure[], sentence: string};
 /** Frames: every one, once the episode has ended. */
 type Watched = {
   episode: string, player: string, level: string, size: Size, frame: Frame, history: MoveHistory,
@@ -34,8 +29,9 @@ type ApiRequest = <T>(path: string, body?: unknown, timeout_ms?: number, rest?: 
 type Wished = Record<string, unknown>;
 type Api = {
   health(): Promise<unknown>, task(): Promise<TaskAbout>, levels(): Promise<Mars.Level[]>, maps(): Promise<Mars.GivenMap[]>,
-  policies(): Promise<Choice[]>, humanLevel(): Promise<HumanLevel>,
+  policies(): Promise<Choice[]>, history(): Promise<Me.History>,
   episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
+  replay(id: string): Promise<ReplayData>,
   /** Of a finished episode. */
   regret(id: string): Promise<Mars.Analysis>,
   /** Make a move that no key made. */
@@ -87,13 +83,15 @@ type Board = {
 type GameState = {
   mode: Mode, level: string, size: Size, counts: boolean, player: Board | null,
   rival: Board | null, link: "connecting" | "open" | "lost", task: Task | null,
-  notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number,
+  notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number, opponent: Opponent | null,
 };
+/** What was done before on the terrain of one's own `episode`, which is to be beaten. */
+type Opponent = {episode: string, course: Course};
 /** What can happen to the page itself; server messages arrive as `{kind: "received", role, message}`. */
 type GameEvent = {kind: "begun", about: About} | {kind: "received", role: Role, message: FromServer}
   | {kind: "link", link: GameState["link"]} | {kind: "watched", watched: Watched, name: string}
   | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"}
-  | {kind: "dismiss", id: number} | {kind: "moved"};
+  | {kind: "dismiss", id: number} | {kind: "moved"} | {kind: "challenged", opponent: Opponent};
 /** Step: the number of moves made before the loss; actions in words. */
 type Loss = {step: number, regret: number, action: string, best_action: string, kind: string};
 type Regret = {policy: string, total: number, given_up: number, by_kind: Record<string, number>, losses: Loss[]};

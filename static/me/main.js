@@ -1,10 +1,12 @@
 // A player's own page: bests, place among people, every episode. The only module of this page that knows all the others.
 import { request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
-import { create, by, put } from "../common/page.js";
+import { paintChart } from "../common/chart.js";
+import { movesAxis, ticks, tickText } from "../common/chart_scale.js";
+import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { bestText, standingText, summary, terrainText } from "./words.js";
+import { bestText, lostText, standingText, summary, terrainText } from "./words.js";
 
 const task = await loadTask(await request("task"));
 const PAGE = 50;
@@ -56,11 +58,43 @@ async function load() {
     by("more").hidden = shown >= history.total;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
+    by("lost").hidden = history.total === 0 || !task.play;
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
     setTimeout(load, 2000);
   }
 }
+/** How many of the newest episodes the curve has. */
+const CURVE = 20;
+
+/** Work out how many moves each of the newest episodes lost, the oldest first, and draw the curve as it comes. */
+async function workOut() {
+  by("work-out").hidden = true;
+  const { episodes } = /** @type {Me.History} */ (await request(`me/history?limit=${CURVE}`));
+  /** @type {number[]} */
+  const lost = [];
+  for (const [index, { episode }] of episodes.reverse().entries()) {
+    put(by("lost-note"), `Episode ${index + 1} of ${episodes.length}`);
+    const found = /** @type {{total: number} | null} */ (await request(`episodes/${encodeURIComponent(episode)}/regret`, undefined, 120_000).catch(() => null));
+    if (!found) continue; // too large a board, or today's terrain
+    lost.push(found.total);
+    paintLost(lost);
+  }
+  put(by("lost-note"), lostText(lost));
+}
+
+/** @param {number[]} lost moves, the oldest episode first */
+function paintLost(lost) {
+  const chart = by("lost-chart");
+  chart.hidden = false;
+  const { inks, you, font } = chartColours(chart);
+  const most = Math.max(10, ...lost);
+  paintChart(chart, { inks, font, edges: { left: 44, right: 14, top: 8, bottom: 22 }, lines: [{ colour: you, dash: [], dot: 3.5, x: lost.map((_, index) => index + 1), y: lost }],
+    x: { ...movesAxis(lost.length), text: (at) => (at ? String(at) : "episode") }, y: { low: 0, high: most, ticks: ticks(0, most), text: tickText } });
+  chart.setAttribute("aria-label", lostText(lost));
+}
+
+by("work-out").addEventListener("click", () => workOut().catch((error) => put(by("lost-note"), error.message)));
 by("more").addEventListener("click", load);
 load();

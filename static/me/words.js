@@ -11,6 +11,23 @@ export function summary({ target }, { total, bests }) {
   return `You have driven ${many(total, "episode")} in this browser, and mapped ${many(explored, "terrain")} to ${target}.`;
 }
 
+/** Episodes that the newest one is measured by. */
+const LAST = 10;
+
+/** Return how an episode that has just ended stands among the player's own on terrains like it, "" where nothing is to be said.
+ * @param {Me.History} history whose newest episode it is @param {string} episode */
+export function personalText({ episodes, bests }, episode) {
+  const own = episodes.find((each) => each.episode === episode);
+  if (own?.outcome !== "explored") return "";
+  const isAlike = (/** @type {{level: string, rows: number, cols: number}} */ { level, rows, cols }) => level === own.level && rows === own.rows && cols === own.cols;
+  const before = episodes.filter((each) => each !== own && each.ended_ms <= own.ended_ms && each.outcome === "explored" && isAlike(each)).slice(0, LAST);
+  const best = bests.find(isAlike)?.best;
+  if (best?.episode === episode) return before.length ? "Your best so far." : "";
+  const mean = before.reduce((sum, { moves }) => sum + moves, 0) / before.length;
+  const better = before.length === LAST && own.moves < mean ? `Better than your last ten, which took ${mean.toFixed(1)} moves on average.` : "";
+  return [better, best ? `Your best is ${best.moves}.` : ""].filter(Boolean).join(" ");
+}
+
 /** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */
 export function standingText({ people: { means, you, ranked } }) {
   if (you === null) {
@@ -27,4 +44,13 @@ export function standingText({ people: { means, you, ranked } }) {
 export function bestText({ target }, { best, episodes, explored }) {
   if (!best) return `No terrain mapped to ${target} yet, in ${many(episodes, "episode")}.`;
   return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to ${target}.`;
+}
+
+/** @param {number[]} lost moves, the oldest episode first @returns the curve in words */
+export function lostText(lost) {
+  if (!lost.length) return "No episode of yours can be judged: boards of up to 1764 cells are, and a daily terrain once its day is over.";
+  const half = Math.floor(lost.length / 2);
+  const mean = (/** @type {number[]} */ values) => values.reduce((sum, each) => sum + each, 0) / values.length;
+  const change = half ? ` ${mean(lost.slice(0, half)).toFixed(1)} in the first half, ${mean(lost.slice(-half)).toFixed(1)} in the second.` : "";
+  return `${mean(lost).toFixed(1)} moves lost an episode on average, over ${many(lost.length, "episode")}.${change}`;
 }

@@ -3,9 +3,12 @@ import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
 import { apply, ghostOf, initialState } from "../common/game_state.js";
 import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
+import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
-import { called, notCounted, score } from "../common/words.js";
+import { called, notCounted } from "../common/words.js";
+import { personalText } from "../me/words.js";
+import { challengedIn, createChallenge } from "./challenge.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
@@ -60,7 +63,13 @@ function onFailure({ status, message }) {
   paintNotices(by("notices"), state.notices, dismiss);
 }
 
-const find = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
+const challenge = createChallenge({ api, storage: sessionStorage, dispatch, note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
+/** @returns {ReturnType<typeof findBoard>} */
+async function find() {
+  const against = challengedIn(location.hash);
+  return (against && await challenge.open(against)) || findOwn();
+}
+const findOwn = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
   note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
 const [found, served, levels, policies, maps] = await patiently(() => Promise.all([
   find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
@@ -85,11 +94,10 @@ const chosen = policies.length ? { map: null, seed: null, player: policies[0].na
 if (!modules) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !chosen;
 const wish = () => (terrainDialog ? terrainDialog.wish() : chosen);
 const sessions = createSessions({
-  api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
+  api, dispatch, wish, storage: sessionStorage, setHash: (hash) => { if (!challenge.keepsAddress()) history.replaceState(null, "", hash); },
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
     terrainDialog?.show(about);
-    loadVolunteers();
   },
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
@@ -131,7 +139,11 @@ function dispatch(event) {
     const said = task.announcement(before.player?.frame ?? null, frame);
     if (said) announce(said);
     if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
-    if (frame.outcome && !before.player?.frame.outcome) volunteersEnded();
+    if (frame.episode !== before.player?.frame.episode) part["end-own"].hidden = true;
+    if (frame.outcome && !before.player?.frame.outcome) {
+      countedEnded();
+      sayOwn(frame.episode);
+    }
   }
   repaint();
 }
@@ -166,7 +178,7 @@ function paintPanels(before) {
     paintPick(panels[role], state[role]);
     paintPace(panels[role], state[role], role === "rival" && !state.rival?.isReplay);
     parts.views?.placeMap(panels[role], state[role]);
-    parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session ?? null : null);
+    parts.views?.load(panels[role], role === "player" || hasTwo ? state[role]?.session || null : null);
   }
 }
 /** Paint the curves: where time runs, four times a second. */
@@ -230,31 +242,31 @@ function followVisit(before, after) {
   repaint(true);
 }
 
-/** Ask for the figure and paint it: that of the terrain being played, and the server's sentence. */
-async function loadVolunteers() {
-  const answer = await api.humanLevel().catch(() => null);
-  if (!answer) return;
-  const { level, player, task } = state;
-  const shape = player && task ? String(task.shape(player.frame)) : "";
-  const found = answer.figures.find((each) => each.level === level && `${each.cols},${each.rows}` === shape);
-  const line = by("human-figure");
-  line.hidden = !found;
-  if (found) put(line, `${found.steps.mean.toFixed(1)} steps \u00b7 score ${score(found.score.mean)}`);
-  put(by("human-level"), answer.sentence);
-}
-
-/** Say after the end of an episode that was to count when it does not, and show the figure with it or without it. */
-async function volunteersEnded() {
+/** Say after the end of an episode that was to count when it does not. */
+async function countedEnded() {
   const { mode, counts, player } = state;
   const about = mode === "ranked" && counts && player ? await api.about(player.session).catch(() => null) : null;
   if (about?.not_attested) {
     dispatch({ kind: "begun", about });
     dispatch({ kind: "notice", text: notCounted(about.not_attested, about.attestation), tone: "note" });
   }
-  await loadVolunteers();
 }
 
-const goNext = () => { if (state.player) sessions.next(state.player.session, null); };
+/** Say on the end card how the player's episode stands among their own.
+ * @param {string} episode */
+async function sayOwn(episode) {
+  const history = state.mode === "watch" ? null : await api.history().catch(() => null);
+  const text = history && state.player?.frame.episode === episode ? personalText(history, episode) : "";
+  put(part["end-own"], text);
+  part["end-own"].hidden = !text;
+}
+
+/** Whether the board is that of a challenge: its session has no rival, so the next terrain on it would be a ranked one. */
+const isChallenge = () => state.opponent !== null && state.opponent.episode === state.player?.frame.episode;
+function goNext() {
+  if (isChallenge()) sessions.start("practice");
+  else if (state.player) sessions.next(state.player.session, null);
+}
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
@@ -270,10 +282,13 @@ for (const button of all("button[data-mode]")) button.addEventListener("click", 
 startDialog("terrain");
 const help = startDialog("help");
 document.addEventListener("keydown", (event) => {
-  if (event.key !== "?" || event.ctrlKey || event.metaKey || document.querySelector("dialog[open]")) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]")) return;
   if (/** @type {Element} */ (event.target).closest("input, select, textarea")) return;
+  const isAgain = event.code === "KeyR" && !event.shiftKey && state.player?.frame.outcome && !part.again.hidden;
+  if (event.key !== "?" && !isAgain) return;
   event.preventDefault();
-  help.showModal();
+  if (isAgain) part.again.click();
+  else help.showModal();
 });
 const pad = /** @type {HTMLInputElement} */ (document.querySelector("#wish [name=pad]"));
 pad.checked = document.body.dataset.pad === "true";
@@ -284,7 +299,12 @@ pad.addEventListener("change", () => {
 keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.outcome ? part.next : null) });
 part.next.addEventListener("click", goNext);
 copyOnClick(part["copy-replay"], () => /** @type {HTMLAnchorElement} */ (part["replay-link"]).href, announce);
-part.again.addEventListener("click", () => { if (state.player) sessions.again(state.player.session, state.player.frame.episode); });
+part.again.addEventListener("click", () => {
+  if (isChallenge()) {
+    challenge.forget();
+    location.reload();
+  } else if (state.player) sessions.again(state.player.session, state.player.frame.episode);
+});
 for (const role of ROLES) {
   offerPolicies(panels[role], policies.map(({ name }) => name));
   panels[role].part.pick.addEventListener("change", () => {
@@ -307,4 +327,5 @@ part["coach-close"].addEventListener("click", () => {
 });
 terrainDialog?.offer(levels, policies, maps);
 isReady = true;
+showPeople();
 restore(found);

@@ -2,6 +2,7 @@
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
 import { called, score, signed } from "../common/words.js";
+import { challengeHash } from "./challenge.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
  * @param {Record<string, HTMLElement>} part of the player's panel @param {Task} task @param {GameState} state
@@ -20,6 +21,7 @@ export function paintEndCard(part, task, { mode, player, rival }, tried) {
   put(part["end-compare"], [tried, compared].filter(Boolean).join(" "));
   part["end-compare"].hidden = !tried && !compared;
   part.again.hidden = mode === "ranked"; // a terrain counts once
+  /** @type {HTMLAnchorElement} */ (part.beat).href = challengeHash(frame.episode);
   /** @type {HTMLAnchorElement} */ (part["replay-link"]).href = `replay/${encodeURIComponent(frame.episode)}`;
   return wasHidden;
 }
@@ -45,6 +47,7 @@ export function createPanel(root, template, elsewhere = []) {
     part.again.dataset.testid = "same-again";
     part["replay-link"].dataset.testid = "watch-replay";
     part["copy-replay"].dataset.testid = "copy-replay";
+    part.beat.dataset.testid = "beat-this";
   }
   return { role, root, part, canvas: /** @type {HTMLCanvasElement} */ (part.canvas), viewer: /** @type {HTMLIFrameElement} */ (part.viewer) };
 }
@@ -120,10 +123,7 @@ export function startPace(bar, ask) {
 export function paintBar(state, rival) {
   const { task, player } = state;
   for (const button of all("button[data-mode]")) button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
-  const badge = by("badge");
-  badge.dataset.counts = String(state.counts);
-  put(badge, state.counts ? "counts" : state.mode === "watch" ? "watching" : "practice");
-  badge.title = state.counts ? "This episode counts for the volunteers' figure." : "This episode does not count.";
+  by("badge").hidden = !state.counts;
   put(by("terrain"), task && player ? task.place(state.level, player.frame) : "");
   paintLink(by("link"), state.link, "live");
   if (task) put(by("goal"), task.goal(player?.frame ?? null));

@@ -90,6 +90,13 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     page.reload(wait_until="domcontentloaded")
     body = page.evaluate("() => ({...document.body.dataset})")
     assert (body["visit"], body["boards"]) == ("again", "2")
+    me.wait("window.mars?.state.player && window.mars.state.link === 'open'")
+    begun = me.state()
+    me.press("north")
+    me.wait("window.mars.state.player.frame.outcome")
+    page.keyboard.press("r")  # the same again
+    me.wait(f"window.mars.state.player.frame.episode !== '{begun['episode']}'")
+    assert me.state()["grid"] == begun["grid"]
     assert me.errors == []
 
 

@@ -87,10 +87,11 @@ export const words = {
     if (!theirs) return "";
     if (theirs.outcome === null) return `${rival} is still exploring: ${many(theirs.step, "move")}, ${percent(theirs.coverage)} % so far.`;
     const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
-    if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}, score ${score(theirs.score)}.`;
+    const scored = theirs.score === null ? "" : `, score ${score(theirs.score)}`;
+    if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}${scored}.`;
     if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
     if (a === b) return `${who} and ${rival} both needed ${many(a, "move")}.`;
-    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${rival} (${b}, score ${score(theirs.score)}).`;
+    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${rival} (${b}${scored}).`;
   },
   inWords(frame, name) {
     const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>

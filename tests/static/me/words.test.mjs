@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { bestText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
 const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 2 } };
@@ -20,4 +20,21 @@ test("the page says in a sentence what was driven", () => {
   assert.match(bestText(task, { ...best, explored: 0 }), /No terrain/);
   assert.equal(terrainText(best), "random 21 \u00d7 42");
   assert.equal(task.outcome("collided"), "crashed");
+});
+
+test("an episode is measured by one's own best and by the last ten on terrains like it", () => {
+  const played = (number, moves, rest = {}) => ({ episode: `e${number}`, level: "random", rows: 21, cols: 21, outcome: "explored", moves, ended_ms: number, ...rest });
+  const older = Array.from({ length: 12 }, (_, at) => played(12 - at, 100)), other = played(13, 1, { rows: 42 });
+  const history = (newest, best) => ({ total: 14, episodes: [newest, other, ...older], bests: [{ level: "random", rows: 21, cols: 21, best }] });
+  assert.equal(personalText(history(played(14, 80), played(14, 80)), "e14"), "Your best so far.");
+  assert.equal(personalText(history(played(14, 90), played(3, 70)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best is 70.");
+  assert.equal(personalText(history(played(14, 110), played(3, 70)), "e14"), "Your best is 70.");
+  assert.equal(personalText(history(played(14, 90, { outcome: "collided" }), played(3, 70)), "e14"), "");
+  assert.equal(personalText({ total: 1, episodes: [played(1, 80)], bests: [{ level: "random", rows: 21, cols: 21, best: played(1, 80) }] }, "e1"), "", "a first one has nothing before it");
+});
+
+test("the curve of moves lost is said in words", () => {
+  assert.match(lostText([]), /^No episode of yours can be judged/);
+  assert.equal(lostText([40, 20, 10]), "23.3 moves lost an episode on average, over 3 episodes. 40.0 in the first half, 10.0 in the second.");
+  assert.equal(lostText([7]), "7.0 moves lost an episode on average, over 1 episode.");
 });

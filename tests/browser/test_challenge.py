@@ -1,0 +1,58 @@
+"""A challenge: from a replay to the same terrain against what was done there, both results, and no human figure."""
+
+from app.db.store import Store
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from tests.support.browser import AS_A_PERSON, NO_3D, judged
+from tests.support.recorded import play
+
+
+def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player, tmp_path):
+    store = Store(tmp_path / "playground.db")
+    against = play(store, 4, explore=True, config=EnvConfig.of("random", (9, 12)), driver="script")
+    store.close()
+    server = serve()
+    me = player(server, (*NO_3D, *AS_A_PERSON))
+    page = me.page
+    page.goto(f"{server.url}/replay/{against.id}")
+    page.get_by_test_id("beat-this").click()
+    me.wait("window.mars?.state.player && window.mars.state.link === 'open'")
+    begun = me.state()
+    assert page.url.endswith(f"#challenge={against.id}")
+    assert (me.state("mode"), me.state("counts"), me.state("rival.frame.step")) == (
+        "practice",
+        False,
+        0,
+    )
+    policy = policies.load("frontier-utility")
+    me.explore(policy, lambda frame: frame["step"] == 3)
+    me.shows("steps-rival", "3")  # the opponent moves with me
+    page.reload()
+    me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
+    assert me.state()["episode"] == begun["episode"]
+    mine = me.explore(policy, lambda frame: frame["outcome"])
+    theirs = me.state("rival.frame")
+    done = page.request.get(f"{server.url}/api/episodes/{against.id}").json()
+    assert (theirs["outcome"], theirs["step"]) == ("explored", done["steps"])
+    page.get_by_test_id("end-compare-player").get_by_text("moves").wait_for()
+    said = page.get_by_test_id("end-compare-player").inner_text()
+    gap = mine["step"] - theirs["step"]
+    assert f"{abs(gap)} move" in said or "both needed" in said
+    assert judged(page, "challenge-end") == []
+    # a terrain that was chosen: in no human figure, whoever played it
+    stored = page.request.get(f"{server.url}/api/episodes/{mine['episode']}").json()
+    assert (stored["driver"], stored["counts"]) == ("human", False)
+    assert page.request.get(f"{server.url}/api/human-level").json()["figures"] == []
+    assert page.request.get(f"{server.url}/api/episodes?who=human").json() == []
+    assert page.get_by_test_id("beat-this").get_attribute("href") == (
+        f"#challenge={mine['episode']}"
+    )
+    page.keyboard.press("Enter")  # practice, and no ranked terrain
+    me.wait(f"window.mars.state.player.frame.episode !== '{mine['episode']}'")
+    assert (me.state("mode"), me.state("counts")) == ("practice", False)
+    assert "#watch=" in page.url
+
+    page.goto("about:blank")
+    page.goto(f"{server.url}/#challenge=0123456789abcdef")
+    page.get_by_text("This challenge cannot be opened").wait_for()
+    assert me.errors == []
