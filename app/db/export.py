@@ -16,6 +16,7 @@ import secrets
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import ZIP_DEFLATED, ZipFile
@@ -24,7 +25,6 @@ from app.db.columns import TABLES, Column, ColumnType, markdown
 from app.db.reader import Reader, Who
 from app.db.resimulation import simulate
 from app.db.trial import Trial
-from marsexplorer.config import CORE_VERSION
 from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
@@ -100,13 +100,15 @@ def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
     day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
     tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
     counts = {"episodes": lines["episodes"], "moves": lines["steps"], "day": day}
-    return DATASHEET.format(**counts, version=CORE_VERSION, tables="\n".join(tables))
+    return DATASHEET.format(
+        **counts, version=version("marsexplorer-playground"), tables="\n".join(tables)
+    )
 
 
 DATASHEET = """\
 # Human scores: datasheet
 
-Exported on {day} with version {version} of the rules: {episodes} episodes, {moves} moves.
+Exported on {day} by version {version} of the playground: {episodes} episodes, {moves} moves.
 
 - **Why**: to say how well people explore, beside policies on the same terrains.
 - **What a row is**: `episodes.csv` has an episode that counts, `steps.csv` a move of one, joined by `episode`.
