@@ -43,17 +43,13 @@ class CardError(Exception):
 
 @dataclass(frozen=True)
 class Card:
-    """A card as its holder may know it; `number` counts the author's cards in this evaluation from 1.
-
-    key  SHA-256 (hex) of its token
-    """
+    """A card as its holder may know it; `number` counts the author's cards in this evaluation from 1."""
 
     id: str
     evaluation: str
     author: str
     number: int
     description: Mapping[str, str]
-    key: str = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -114,13 +110,19 @@ class Cards:
         self._folder, self._list = progress.folder, CardList(progress.folder)
         self._store, self._known = progress.lobby.store, progress.study_store
         self._participations = Participations(self._folder, self._known, self._lobby.sources)
-        self._held: dict[str, _Held] = {}
-        """By the SHA-256 of the token."""
+        self._keys: dict[str, tuple[str, str]] = {}
+        """SHA-256 of a card's token -> its evaluation and its id."""
+        self._held: dict[tuple[str, str], _Held] = {}
 
     async def find(self, token: str) -> Card:
         """Return the card with a token; CardError 404, one sentence for an unknown, a revoked and a closed one."""
         digest = hashlib.sha256(token.encode()).hexdigest()
-        held = self._held.get(digest) or await self._load(token)
+        key = self._keys.get(digest)
+        if key is None:
+            key = self._keys[digest] = self._key(token)
+        held = self._held.get(key)
+        if held is None:  # another call may have loaded it meanwhile
+            held = self._held.setdefault(key, await self._load(*key))
         study = self._study(held)
         issued = self._list.of(held.evaluation).get(held.issued.id)
         if issued is None or issued.revoked_at is not None or not study.is_running:
@@ -129,8 +131,7 @@ class Cards:
             await self._close(held)
         if held.is_closed:
             raise CardError(404, NO_CARD)
-        self._held[digest] = held
-        return self._card(held, digest)
+        return self._card(held)
 
     def task_name(self, card: Card) -> str:
         """Return the short name of what is played, without a slash: `mars`, or the environment's id."""
@@ -178,14 +179,7 @@ class Cards:
         """Begin the attempt at an instance, or go on where it stands; CardError 409 once it is finished."""
         held = self._count(card)
         self._check_index(held, index)
-        async with held.changing:
-            attempt = held.attempts.get(index)
-            if attempt is None:
-                await self._begin(held, index)
-            elif attempt.has_ended:
-                raise CardError(
-                    409, f"instance {index} is finished: a card has one attempt at each instance"
-                )
+        await asyncio.shield(self._begin(held, index))  # a lost connection interrupts nothing
         return await self._seen(held, index)
 
     async def observe(self, card: Card, index: int) -> Seen:
@@ -268,20 +262,23 @@ class Cards:
             held.participant = await self._store.read(
                 partial(self._known.participant, participant.id)
             )
-        return self._card(held, card.key)
+        return self._card(held)
 
-    async def _load(self, token: str) -> _Held:
-        """Return a card as the database holds it; CardError for the token of none."""
+    def _key(self, token: str) -> tuple[str, str]:
+        """Return the evaluation and the id of the card with a token; CardError for any other text."""
         found = None
         for study in self._folder.evaluations():  # all of them, so that the time says nothing
             issued = self._list.read_token(study, token)
-            found = found if issued is None else (study, issued)
+            found = found if issued is None else (study.name, issued.id)
         if found is None:
             raise CardError(404, NO_CARD)
-        study, issued = found
+        return found
+
+    async def _load(self, evaluation: str, ident: str) -> _Held:
+        """Return a card as the database holds it."""
 
         def read() -> tuple[Participant | None, list[Trial]]:
-            participant = self._known.card(study.name, issued.id)
+            participant = self._known.card(evaluation, ident)
             return participant, [] if participant is None else self._known.trials(participant.id)
 
         participant, trials = await self._store.read(read)
@@ -291,10 +288,10 @@ class Cards:
             )
             for each in trials
         }
-        return _Held(study.name, issued, participant, attempts)
+        return _Held(evaluation, self._list.of(evaluation)[ident], participant, attempts)
 
     def _of(self, card: Card) -> _Held:
-        return self._held[card.key]
+        return self._held[card.evaluation, card.id]
 
     def _count(self, card: Card) -> _Held:
         """Return a card in use, with one call more; CardError 429 where that is one too many."""
@@ -318,11 +315,12 @@ class Cards:
         assert agents is not None  # only evaluations have cards
         return agents
 
-    def _card(self, held: _Held, key: str) -> Card:
-        said = {} if held.participant is None else json.loads(held.participant.settings)
-        return Card(
-            held.issued.id, held.evaluation, held.issued.author, held.issued.number, said, key
+    def _card(self, held: _Held) -> Card:
+        said, issued = (
+            {} if held.participant is None else json.loads(held.participant.settings),
+            held.issued,
         )
+        return Card(issued.id, held.evaluation, issued.author, issued.number, said)
 
     def _is_over(self, held: _Held, study: Study) -> bool:
         """Return whether the time of the whole card is over."""
@@ -335,7 +333,18 @@ class Cards:
             raise CardError(404, f"expected an instance 0 to {count - 1}, got {index}")
 
     async def _begin(self, held: _Held, index: int) -> None:
-        """Begin the attempt at an instance on a board of its own; hold `changing`."""
+        """Begin the attempt at an instance on a board of its own, unless it runs; CardError 409 once it is finished."""
+        async with held.changing:
+            if held.is_closed:
+                raise CardError(404, NO_CARD)
+            if (attempt := held.attempts.get(index)) is None:
+                await self._begin_new(held, index)
+            elif attempt.has_ended:
+                raise CardError(
+                    409, f"instance {index} is finished: a card has one attempt at each instance"
+                )
+
+    async def _begin_new(self, held: _Held, index: int) -> None:
         study, participant = self._study(held), await self._participant(held)
         participation = self._participations.of(participant)
         board = self._lobby.new_board(participant.player_id, participation)
@@ -413,6 +422,8 @@ class Cards:
 
     async def _close(self, held: _Held) -> None:
         async with held.changing:
+            if held.is_closed:
+                return
             for index in held.attempts:
                 session = await self._session(held, index)
                 if not session.shown.ended:

@@ -1,5 +1,6 @@
 """Agents play a sealed evaluation with cards: once at each instance, from what was seen alone, and without a score."""
 
+import asyncio
 import dataclasses
 import json
 
@@ -97,6 +98,45 @@ def test_the_address_of_a_card_is_of_no_use_once_the_evaluation_is_closed(agent,
     assert refused(agent, "act", 0, 1) == (404, NO_CARD)
 
 
+def test_calls_at_once_make_one_participant_and_one_attempt(serve, root):
+    server, token = serve(), token_of(root)
+    cards = server.services.cards
+
+    async def reset():
+        return await cards.begin(await cards.find(token), 0)
+
+    async def at_once():
+        return await asyncio.gather(*(reset() for _ in range(8)))
+
+    assert len(set(map(str, server.on_loop(at_once())))) == 1
+    count = server.services.store.connection.execute
+    assert count("SELECT count(*) FROM participants").fetchall() == [(1,)]
+    assert count("SELECT count(*) FROM series_episodes").fetchall() == [(1,)]
+    for spelling in (
+        token.lower(),
+        f"{token[:4]}-{token[4:]}",
+        f" {token}",
+        token.replace("0", "O"),
+    ):
+        if spelling != token:
+            with pytest.raises(CardError):
+                Agent(server, spelling)
+
+
+def test_a_reset_that_waits_for_the_end_of_its_card_begins_nothing(agent):
+    agent.play(0, moves=1)
+    cards = agent.server.services.cards
+
+    async def both():
+        card = await cards.find(agent.token)
+        return await asyncio.gather(cards.close(card), cards.begin(card, 1), return_exceptions=True)
+
+    _, refusal = agent.server.on_loop(both())
+    assert (refusal.status, str(refusal)) == (404, NO_CARD)
+    rows = agent.server.services.store.connection.execute("SELECT outcome FROM episodes").fetchall()
+    assert rows == [("abandoned",)]
+
+
 def test_what_is_said_of_an_agent_is_fixed_by_its_first_attempt_but_for_the_cost(agent):
     card = agent.call("describe", {"agent": "Rule", "version": "1", "model": "none"})
     assert (card.author, card.number, card.description["agent"]) == ("Ann", 1, "Rule")
@@ -141,6 +181,7 @@ def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
     assert outcomes == [("abandoned",)] * 2
 
 
+@pytest.mark.long
 def test_another_environment_is_played_the_same_way(serve, tmp_path):
     own(tmp_path / "studies", instances=2)
     agent = Agent(serve(task="gymnasium:FrozenLake-v1"), token_of(tmp_path / "studies"))
