@@ -1,0 +1,147 @@
+"""The ready-made agents play whole sealed series with the clients of others: OpenEnv's, verifiers' and the official MCP client.
+
+They run in the environment that `make agents` makes; no model is asked, but a scripted stand-in of an OpenAI-compatible API.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx
+import pytest
+
+from marsexplorer.config import EnvConfig
+from tests.support.agents import own, token_of
+from tests.support.scripted_model import scripted_model
+
+ROOT = Path(__file__).parents[2]
+CLIENTS = ROOT / ".venv-agents" / "bin"
+AGENTS = ROOT / "examples" / "agents"
+MARS, ROOMS = "mars", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
+TURNS = ("left", "right", "forward")
+
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (CLIENTS.parent / ".done").is_file(), reason="needs .venv-agents: make agents"
+    ),
+]
+
+
+def run(program, *arguments, **variables):
+    """Return what a program prints; its last words are shown when it fails."""
+    path = f"{CLIENTS}{os.pathsep}{os.environ['PATH']}"
+    environ = {**os.environ, "PATH": path, "OPENAI_API_KEY": "none", **variables}
+    if program == CLIENTS / "python":
+        environ.pop("PYTHONPATH", None)  # what is installed there is all that it has
+    command = [str(each) for each in (program, *arguments)]
+    done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def frozen(tmp_path_factory):
+    """`frozen(task)` is a folder with an evaluation of two instances: the environment is examined once."""
+    root, done = tmp_path_factory.mktemp("frozen"), set()
+
+    def freeze(task):
+        studies = root / task.replace(":", "-")
+        if task not in done:
+            config = EnvConfig("random", 9, 12, sensor_radius=4) if task == MARS else None
+            own(studies, task=task, config=config, instances=2)
+            done.add(task)
+        return studies
+
+    return freeze
+
+
+@pytest.fixture
+def card(serve, frozen):
+    """`card(task)` serves an evaluation on a database of its own, and returns the server and a card's address."""
+
+    def begin(task):
+        server = serve(task=task, studies=frozen(task))
+        return server, f"{server.url}/agents/{token_of(frozen(task))}"
+
+    return begin
+
+
+def ends(server):
+    """Return outcome and moves of every episode as it is stored."""
+    sql = "SELECT outcome, (SELECT count(*) FROM steps WHERE episode_id = id) FROM episodes ORDER BY started_ms"
+    return server.on_loop(
+        server.services.store.read(lambda: server.services.store.connection.execute(sql).fetchall())
+    )
+
+
+@pytest.mark.parametrize("task", [MARS, ROOMS])
+def test_openenvs_command_finds_its_protocol_there(card, task):
+    _, address = card(task)
+    assert "Verdict: PASS" in run(CLIENTS / "openenv", "validate", "--url", address)
+
+
+@pytest.mark.parametrize("task", [MARS, ROOMS])
+def test_random_moves_play_a_series_by_openenvs_client(card, task):
+    server, address = card(task)
+    said = run(CLIENTS / "python", AGENTS / "random_moves.py", address)
+    assert said.count("moves\n") == 2
+    assert said.endswith("the card is closed\n")
+    assert len(ends(server)) == 2
+    assert all(outcome for outcome, _ in ends(server))
+    assert httpx.get(address).status_code == 404
+
+
+def test_a_policy_plays_a_series_by_a_plain_websocket(card):
+    server, address = card(MARS)
+    run(sys.executable, AGENTS / "policy_file.py", address, "--policy", "frontier-cost")
+    assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
+
+
+@pytest.mark.parametrize("task", [MARS, ROOMS])
+def test_a_model_of_language_plays_a_series_by_text_frames(card, task):
+    server, address = card(task)
+    with scripted_model(TURNS) as (model, api):
+        given = (AGENTS / "language_model.py", address, "--model", "scripted")
+        run(CLIENTS / "python", *given, OPENAI_BASE_URL=api)
+    assert len(model.asked) == sum(moves for _, moves in ends(server))
+    if task == MARS:
+        assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
+
+
+def test_a_model_of_vision_plays_a_series_by_pictures(card):
+    server, address = card(ROOMS)
+    with scripted_model(TURNS) as (model, api):
+        given = ("--model", "scripted", "--frames", "picture")
+        run(CLIENTS / "python", AGENTS / "language_model.py", address, *given, OPENAI_BASE_URL=api)
+    assert len(model.asked) == sum(moves for _, moves in ends(server)) > 100
+    assert "image_url" in json.dumps(model.asked[-1])
+
+
+@pytest.mark.parametrize("task", [MARS, ROOMS])
+def test_a_model_plays_a_series_by_the_official_mcp_client(card, task):
+    server, address = card(task)
+    with scripted_model(TURNS) as (_, api):
+        given = (AGENTS / "mcp_tools.py", address, "--model", "scripted")
+        said = run(CLIENTS / "python", *given, OPENAI_BASE_URL=api)
+    assert said.count("moves\n") == 2
+    if task == MARS:
+        assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
+
+
+@pytest.mark.parametrize("task", [MARS, ROOMS])
+def test_verifiers_loop_plays_a_series(card, task, tmp_path):
+    server, address = card(task)
+    with scripted_model(TURNS) as (_, api):
+        given = ("--model", "scripted", "--output-dir", tmp_path / "out", "--no-rich")
+        places = ("--env.taskset.base-url", address, "--client.base-url", api)
+        run(CLIENTS / "vf-eval", "@", AGENTS / "verifiers.toml", *given, *places)
+    (traces,) = (tmp_path / "out").rglob("traces.jsonl")
+    rewards = [json.loads(line) for line in traces.read_text().splitlines()]
+    assert len(rewards) == 2
+    assert len(ends(server)) == 2
+    assert all(outcome for outcome, _ in ends(server))
+    if task == MARS:
+        assert [outcome for outcome, _ in ends(server)] == ["explored", "explored"]
