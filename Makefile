@@ -20,7 +20,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents test test-long paper test-research check check-types check-rest format docs bench audit sbom clean browser
+.PHONY: help play agents test test-long paper test-research check check-types check-rest format docs bench audit sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -67,6 +67,11 @@ sbom: $(AUDIT) ## the packages of constraints.txt as a CycloneDX bill of materia
 	@mkdir -p dist
 	PYTHONWARNINGS=ignore $(BIN)/cyclonedx-py requirements constraints.txt --pyproject pyproject.toml --output-reproducible --of JSON -o $(SBOM)
 	@echo "$(SBOM) lists what is installed beside this release"
+
+dist: $(AUDIT) ## wheel and source distribution in dist/, checked by twine
+	rm -f dist/*.whl dist/*.tar.gz
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*.whl dist/*.tar.gz
 
 format: $(DEV) ## reformat and mend what ruff can mend
 	$(BIN)/ruff format .

@@ -12,6 +12,7 @@ import time
 import tomllib
 from contextlib import suppress
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,11 @@ def test_help_teaches_with_examples(run, name):
 
 def test_help_names_every_command_and_the_version_is_printed(run):
     assert all(name in run("--help")[1] for name in cli.list_commands(None))
-    assert run("--version") == (0, "marsexplorer, version 0.1.0\n", "")
+    assert run("--version") == (
+        0,
+        f"marsexplorer, version {version('marsexplorer-playground')}\n",
+        "",
+    )
 
 
 @pytest.mark.parametrize(
