@@ -46,6 +46,9 @@ def test_ten_lines_of_curl_drive_a_whole_episode(server):
 def test_the_page_names_every_call(server):
     page = re.sub(r"\{[^}`]*\}", "{}", PAGE)
     for path, verbs in server.app.openapi()["paths"].items():
+        if path.startswith("/agents/{token}"):
+            assert "`/agents/{}/...`" in page  # a card's own openapi.json lists them
+            continue
         plain, end = re.sub(r"\{.*?\}", "{}", path), path.rpartition("/")[2]
         for verb in verbs:
             is_named = re.search(rf"`{verb.upper()} {re.escape(plain)}[`?]", page)
