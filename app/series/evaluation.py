@@ -67,7 +67,7 @@ def evaluation_of_task(
     """Return the protocol of an evaluation of a task on so many instances."""
     fixed: dict[str, Any] = {
         "title": f"Agents: {name}", "warm_up": 0, "ranked": instances, "players": 1, "questions": (),
-        "consent": {"text": _CONSENT}, "recruitment": "invitation", "agents": agents.model_dump(),
+        "consent": {"text": _CONSENT}, "agents": agents.model_dump(),
     }  # fmt: skip
     return default_protocol(name, config, task, **{**fixed, **rest})
 

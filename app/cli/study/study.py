@@ -347,6 +347,10 @@ def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, databas
     with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
     sees it at once.
     """
+    with study_errors():
+        is_of_agents = folder.draft(name).agents is not None
+    if is_of_agents:
+        raise click.UsageError(f"{name!r} is of agents: `marsexplorer evaluation close {name}`")
     question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
     found = closed(name, None if yes else question, now, sealed, folder, database)
     if found.is_open:
@@ -446,6 +450,8 @@ def list_(folder: Folder) -> None:
     for name in folder.names():
         with study_errors():
             protocol = folder.draft(name)
+        if protocol.agents is not None:
+            continue
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
     if not rows:
