@@ -49,7 +49,7 @@ def compare_agents(
     ]
     for receipt in receipts:
         run = _run_of(receipt, protocol)
-        about = {name: receipt[name] for name in ("card", "agent", "sees", "began_at", "ended_at")}
+        about = {name: receipt[name] for name in ("card", "agent", "sees", "seen_by")}
         begun = sum(each["begun"] for each in receipt["episodes"])
         name = receipt["agent"].get("agent") or f"card {receipt['card']['id']}"
         figures = _figures(run, tables, random)

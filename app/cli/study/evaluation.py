@@ -249,19 +249,29 @@ def verify(
         found.append(Finding("receipt", "the signing key", signer, wanted))
     for each in found:
         click.echo(str(each))
-    card, agent = content["card"], content["agent"].get("agent", "an agent without a name")
+    if not found:
+        _show_receipt(content, signing.SignerCheck(signer, "key" if wanted else None).sentence())
+    what = (
+        "every episode simulated again" if opening else "no episode simulated: give the --opening"
+    )
+    click.echo(f"{len(found) or 'nothing'} wrong; {what}")
+    return 1 if found else 0
+
+
+def _show_receipt(content: dict[str, Any], signer: str) -> None:
+    """Print whose receipt it is, and who could have seen its instances."""
+    card, seen = content["card"], content["seen_by"]
+    agent = content["agent"].get("agent", "an agent without a name")
     click.echo(
         f"{agent}, card {card['id']} of {card['author']}, evaluation {content['evaluation']}"
     )
     if card["note"]:
         click.echo(card["note"])
-    checked = signing.SignerCheck(signer, "key" if wanted == signer else None)
-    click.echo(checked.sentence())
-    what = (
-        "every episode simulated again" if opening else "no episode simulated: give the --opening"
+    people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
+    others = (
+        f"{seen['other_cards_before']} other cards, operators (since {seen['operators_since']})"
     )
-    click.echo(f"{len(found) or 'nothing'} wrong; {len(content['episodes'])} instances, {what}")
-    return 1 if found else 0
+    click.echo(f"who could have seen the instances before: {people}, {others}\n{signer}")
 
 
 @evaluation.command(short_help="Show an evaluation and its cards.")
