@@ -125,9 +125,9 @@ export const stepsEnd = (boards) => axisEnd(Math.max(0, ...boards.map(({ progres
 /** Paint how far boards have come over moves, a curve for each.
  * @param {HTMLElement} place @param {Task} task @param {{board: Board, colour: string, isDashed?: boolean}[]} curves
  * @param {{inks: Inks, font: string, over?: ChartLook["over"]}} look */
-export function paintProgress(place, { chart: { goal, axis } }, curves, look) {
+export function paintProgress(place, { clock, chart: { goal, axis } }, curves, look) {
   paintChart(place, {
-    ...look, goal, edges: { left: 44, right: 14, top: 8, bottom: 22 }, x: movesAxis(stepsEnd(curves.map(({ board }) => board))),
+    ...look, goal, edges: { left: 44, right: 14, top: 8, bottom: 22 }, x: movesAxis(stepsEnd(curves.map(({ board }) => board)), clock ? "frames" : "moves"),
     y: axis(place.clientHeight, curves.flatMap(({ board }) => board.progress)),
     lines: curves.map(({ board: { progress: y }, colour, isDashed }) => ({ colour, dash: isDashed ? DASHES : [], dot: 3.5, x: [...y.keys()], y })),
   });

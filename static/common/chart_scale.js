@@ -39,11 +39,11 @@ export function span(values) {
   return high - low < 1e-6 ? [low - 0.5, high + 0.5] : [low, high];
 }
 
-/** @param {number} end @returns {ChartAxis} an axis of moves, with at most eight numbers */
-export function movesAxis(end) {
+/** @param {number} end @param {string} [unit] @returns {ChartAxis} an axis of moves, with at most eight numbers */
+export function movesAxis(end, unit = "moves") {
   const gap = tickStep(Math.max(1, end));
   const found = Array.from({ length: Math.floor(end / gap) + 1 }, (_, k) => k * gap);
-  return { low: 0, high: Math.max(1, end), ticks: found, text: (move) => (move ? String(move) : "0 moves") };
+  return { low: 0, high: Math.max(1, end), ticks: found, text: (move) => (move ? String(move) : `0 ${unit}`) };
 }
 /** @param {number} height_px @returns {ChartAxis} an axis of shares, in percent */
 export function axisOfShares(height_px) {

@@ -1,6 +1,7 @@
 // The debrief: own figures, own trials as bars, and the replay of a warm-up terrain next to a policy's.
 import { create, by, put } from "../common/page.js";
 import { begun, createPlayer, stepOf } from "../common/player.js";
+import { lengthOf } from "../common/task.js";
 import { capital, many, score } from "../common/words.js";
 import { screenOf } from "./state.js";
 import { dispatch, state, study } from "./store.js";
@@ -35,7 +36,7 @@ function show(index, { own, policy }) {
   const runs = { own: task.courseOf("You", own), policy: task.courseOf(policy.name, policy.frames) };
   const last = Math.max(0, ...Object.values(runs).map((course) => (course ? course.actions.length : 0)));
   player?.goTo(0); // the clock of the one before stops
-  player = createPlayer(begun(last, SPEED), (playback) =>
+  player = createPlayer(begun(last, task.clock ?? SPEED), (playback) =>
     dispatch({ kind: "replay-moved", replay: { index, runs, playback } }));
   player.goTo(0);
 }
@@ -62,10 +63,10 @@ function paintFigures(debrief) {
 }
 /** @param {Study.Debrief["episodes"]} episodes @returns a table with a row for each trial, its score as a bar */
 function trialTable(episodes) {
-  const head = [capital(task.round), "Outcome", "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
+  const head = [capital(task.round), "Outcome", task.clock ? "Seconds" : "Moves", "Score"].map((text) => create("th", text, { scope: "col" }));
   const rows = episodes.map(({ trial, outcome, steps, score: value }) => {
     const bar = create("i", [], { style: `--share: ${Math.max(0, Math.min(1, value))}` });
-    return create("tr", [create("th", String(trial + 1), { scope: "row" }), ...[[task.status(outcome)], [String(steps)], [bar, score(value)]].map((cell) => create("td", cell))]);
+    return create("tr", [create("th", String(trial + 1), { scope: "row" }), ...[[task.status(outcome)], [lengthOf(task, steps)], [bar, score(value)]].map((cell) => create("td", cell))]);
   });
   return create("table", [create("thead", create("tr", head)), create("tbody", rows)], { class: "bars" });
 }
@@ -88,7 +89,7 @@ function paintReplay({ index, runs, playback }, { palette, accent, rival }) {
     task.paint(place, board, { name: course.name, palette, accent: run === "own" ? accent : rival, width_px: place.clientWidth,
       height_px: place.clientHeight, dpr: devicePixelRatio || 1 });
     const { value, unit } = task.headline(board.frame);
-    put(by(`${run}-now`), `${many(moves, "move")}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
+    put(by(`${run}-now`), `${task.clock ? `${lengthOf(task, moves)} s` : many(moves, "move")}, ${value} ${unit.split(" ")[0]}${outcome ? `, ${task.status(outcome)}` : ""}`);
   }
 }
 

@@ -12,6 +12,7 @@ function paintNumbers(frame, { phase, rules, task }, keyOf) {
   const { value, unit } = task.headline(frame);
   put(by("moves"), lengthOf(task, frame.step));
   put(by("moves-name"), task.clock ? "Seconds" : "Moves");
+  put(by("curve-over"), task.clock ? "frames" : "moves");
   put(by("coverage"), value);
   put(by("unit"), ` ${unit.split(" ")[0]}`);
   put(by("headline-name"), task.chart.title);

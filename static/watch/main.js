@@ -1,16 +1,16 @@
 // Wires the live view of somebody else's board: its socket -> state -> one scheduled repaint. Nothing here sends anything.
 import { api, ApiError, request } from "../common/api.js";
 import { paintProgress } from "../common/chart.js";
-import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, paintLink, partsOf, put } from "../common/page.js";
+import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, partsOf, put } from "../common/page.js";
 import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
-import { paintNumbers } from "../common/task.js";
+import { lengthOf, paintNumbers } from "../common/task.js";
 import { sizeText } from "../common/words.js";
 import { idInPath, liveHeadline, watchedName } from "./words.js";
 
 const id = idInPath(location.pathname) ?? "";
 const part = partsOf(document);
-/** How long each frame of an ended episode is shown. */
+/** How long each frame of an ended episode is shown; where time runs, as long as it was. */
 const FRAME_MS = 250;
 const chart = by("chart");
 
@@ -20,6 +20,7 @@ let asked = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 const repaint = createRepaint(() => paint());
 const sizes = createSizes(() => repaint());
+const paintCurveSoon = createSlow(paintCurve);
 /** @type {ReturnType<typeof follow> | null} */
 let follower = null;
 
@@ -43,9 +44,14 @@ function paint() {
   put(by("name"), name);
   put(by("terrain"), state.size === null ? state.level : `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
   const { value, unit } = paintNumbers(part, task, frame);
+  if (task.clock) paintCurveSoon(task, board);
+  else paintCurve(task, board);
+  chart.setAttribute("aria-label", `${name}: ${value} ${unit} after ${lengthOf(task, frame.step)} ${task.clock ? "seconds" : "moves"}`);
+}
+/** @param {Task} task @param {Board} board */
+function paintCurve(task, board) {
   const { you, font, inks } = chartColours(chart);
   paintProgress(chart, task, [{ board, colour: you }], { font, inks });
-  chart.setAttribute("aria-label", `${name}: ${value} ${unit} after ${frame.step} moves`);
 }
 
 /** @param {string} player */
@@ -82,8 +88,10 @@ function playFrames(watched, [first, ...rest]) {
   put(by("badge"), "replay");
   put(by("watching-text"), watched.task.title);
   put(by("watching-line"), "");
-  for (const [index, message] of rest.entries()) setTimeout(() => dispatch({ kind: "received", role: "player", message }), FRAME_MS * (index + 1));
-  setTimeout(() => put(by("watching-text"), watched.task.ending(watched.frame).title), FRAME_MS * rest.length);
+  const { clock } = watched.task;
+  const at_ms = (/** @type {number} */ index) => (clock && rest[index] ? rest[index].step / clock * 1000 : FRAME_MS * (index + 1));
+  for (const [index, message] of rest.entries()) setTimeout(() => dispatch({ kind: "received", role: "player", message }), at_ms(index));
+  setTimeout(() => put(by("watching-text"), watched.task.ending(watched.frame).title), at_ms(rest.length - 1));
   return false;
 }
 

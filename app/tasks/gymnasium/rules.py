@@ -605,7 +605,8 @@ def bytes_of(observation: Any) -> bytes:
     if isinstance(observation, str):
         return observation.encode()
     array = np.asarray(observation)
-    return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
+    whole = np.ascontiguousarray(array)
+    return b"".join((f"{array.dtype.str}{array.shape}".encode(), whole.view(np.uint8).data))
 
 
 def plain(observation: Any) -> Any:

@@ -1,0 +1,236 @@
+"""Boards of other environments: from a key to its picture on screen, and twelve boards of Breakout at 60 ticks a second.
+
+    python -m research.speed.real_time [--presses 100] [--boards 12] [--seconds 60] [--json figures.json]
+
+First a person presses keys in a real Chromium: FourRooms and Crafter in turns, Breakout in real time, as far as installed.
+A time goes from the key's event to the task after the animation frame that follows the picture which shows it; of Breakout
+that is the first on which the paddle stands elsewhere. Then `--boards` people play Breakout for `--seconds`, the server and its
+boards' processes on one core and the people on another, chain and commits on. The exit code is 1 where a board makes fewer than
+59 ticks a second, or `verify` finds something. Wants a quiet machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import random
+import secrets
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+from websockets.asyncio.client import connect
+
+from app.board.clock import COUNTDOWN_S, late_share
+from app.series.verification import verify_database
+from tests.support.browser import AS_A_PERSON, NO_3D, QUIET, chromium_path, free_port
+
+ROOMS, CRAFTER, BREAKOUT = (
+    "minigrid:MiniGrid-FourRooms-v0", "crafter:CrafterReward-v1", "ale_py:ALE/Breakout-v5",
+)  # fmt: skip
+MOST_MS = {ROOMS: 20, CRAFTER: 60, BREAKOUT: 30}
+"""What p95 is to stay under on a quiet machine."""
+LEAST_RATE = 59.0
+PADDLE = 190
+"""Row of Breakout's picture that the paddle is on."""
+PRESSED = """addEventListener("keydown", (event) => {
+  if (!event.repeat) [window.pressed, window.before] = [event.timeStamp, window.shown];
+}, true)"""
+WATCH = """(row) => {
+  const img = document.querySelector("img.picture"), canvas = document.createElement("canvas");
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  window.times = [];
+  img.addEventListener("load", () => {
+    canvas.width = img.naturalWidth; canvas.height = 1;
+    context.drawImage(img, 0, -row);
+    window.shown = row ? context.getImageData(0, 0, canvas.width, 1).data.join() : window.times.length;
+    const at = window.pressed;
+    if (!at || (row && window.shown === window.before)) return;
+    window.pressed = null;
+    requestAnimationFrame(() => setTimeout(() => window.times.push(performance.now() - at)));
+  });
+}"""
+
+
+@contextmanager
+def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tuple[str, int]]:
+    """Yield the address and the process of a server of an environment, kept on some cores where they are named."""
+    port, database = free_port(), folder / "boards.db"
+    command = [sys.executable, "-m", "app.cli", "serve", "--env", env, "--port", str(port)]
+    command += ["--database", str(database)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        if cores is not None:
+            os.sched_setaffinity(process.pid, cores)  # before it has begun others
+        url = f"http://127.0.0.1:{port}"
+        deadline = time.monotonic() + 120
+        while True:
+            try:
+                httpx.get(f"{url}/healthz")
+                break
+            except httpx.HTTPError as error:
+                if time.monotonic() > deadline or process.poll() is not None:
+                    raise RuntimeError(f"no server of {env}") from error
+                time.sleep(0.2)
+        yield url, process.pid
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+        process.wait(60)
+
+
+def key_to_picture(env: str, presses: int) -> np.ndarray:
+    """Return the milliseconds from each key to the picture that shows it."""
+    from playwright.sync_api import sync_playwright
+
+    options = {"executable_path": chromium_path(), "args": [*QUIET, *NO_3D, *AS_A_PERSON]}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served(env, Path(folder)) as (url, _),
+        sync_playwright() as playwright,
+        playwright.chromium.launch(**options) as browser,
+    ):
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.add_init_script(PRESSED)
+        page.goto(url)
+        page.wait_for_function(
+            "() => document.querySelector('img.picture')?.complete && window.mars.state.link === 'open'"
+        )
+        keys = page.evaluate("() => Object.values(window.mars.state.task.keys).flat()")
+        keys = [each for each in keys if each in ("ArrowLeft", "ArrowRight")]
+        if ticks := page.evaluate("() => window.mars.state.task.clock !== null"):
+            page.keyboard.press(keys[0])
+            page.wait_for_function("() => window.mars.state.player.clock.state === 'running'")
+        page.evaluate(WATCH, PADDLE if ticks else 0)
+        dice = random.Random(1)
+        for number in range(presses):
+            key = keys[number % len(keys)]
+            page.keyboard.down(key)
+            page.wait_for_timeout(dice.randint(90, 150))
+            page.keyboard.up(key)
+            page.wait_for_timeout(dice.randint(150, 250))
+        return np.array(page.evaluate("() => window.times"))
+
+
+async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -> str:
+    """Play a board for so many seconds, pressing another key three times a second, and return its episode."""
+    dice, browser = random.Random(number), httpx.AsyncClient(base_url=url, headers={"Origin": url})
+    board = (await browser.post("/api/sessions", json={}, timeout=60)).json()
+    cookie = "; ".join(f"{each.name}={each.value}" for each in browser.cookies.jar)
+    at = f"{url.replace('http', 'ws')}/ws/sessions/{board['session']}"
+    plain: dict[str, Any] = {"compression": None, "proxy": None, "origin": url}
+    episode: str = board["frame"]["episode"]
+    async with connect(at, additional_headers={"Cookie": cookie}, **plain) as socket:
+        step, down = 0, ""
+
+        async def send(*events: tuple[str, str | None]) -> None:
+            now = round(time.monotonic() * 1000, 1)
+            told = [
+                {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now, "step": step}
+                for kind, code in events
+            ]  # fmt: skip
+            batch = {"episode": episode, "batch": secrets.token_hex(8), "events": told}
+            await socket.send(json.dumps({"kind": "events", **batch}))
+
+        async def read() -> None:
+            nonlocal step
+            async for text in socket:
+                if (message := json.loads(text))["kind"] == "frame":
+                    step = message["step"]
+
+        await begun.wait()
+        await send(("resume", None))
+        reading = asyncio.create_task(read())
+        ends = time.monotonic() + COUNTDOWN_S + seconds
+        while time.monotonic() < ends:
+            key = dice.choice(("ArrowLeft", "ArrowRight"))
+            await send(*([("keyup", down)] if down else []), ("keydown", key))
+            down = key
+            await asyncio.sleep(dice.uniform(0.25, 0.4))
+        reading.cancel()
+    await browser.aclose()
+    return episode
+
+
+def many_boards(boards: int, seconds: float) -> tuple[list[float], list[float], int, float]:
+    """Return ticks a second and late share of each board, what `verify` found, and kB of the file a minute and board."""
+
+    async def play(url: str) -> list[str]:
+        begun = asyncio.Barrier(boards)
+        return await asyncio.gather(
+            *(_play(url, number, seconds, begun) for number in range(boards))
+        )
+
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[-1]})
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            with served(BREAKOUT, Path(folder), {cores[0]}) as (url, _):
+                episodes = asyncio.run(play(url))
+            path = Path(folder) / "boards.db"
+            rates, late = [], []
+            with closing(sqlite3.connect(path)) as conn:
+                for episode in episodes:
+                    sql = "SELECT server_ms FROM steps WHERE episode_id = ? ORDER BY step"
+                    times = [row[0] for row in conn.execute(sql, [episode])]
+                    rates.append(1000 * (len(times) - 1) / (times[-1] - times[0]))
+                    late.append(late_share(times, 60))
+            size = path.stat().st_size / 1000 / boards * 60 / seconds
+            return rates, late, len(verify_database(path).findings), size
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def main() -> int:
+    """Measure, print and perhaps write the figures; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--presses", type=int, default=100, help="keys an environment; 0: none")
+    parser.add_argument(
+        "--boards", type=int, default=12, help="boards of Breakout at once; 0: none"
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="for which they are played")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    wanted = parser.parse_args()
+    found: dict[str, Any] = {"load": os.getloadavg()[0]}
+    print(f"load average {found['load']:.1f}, cores {len(os.sched_getaffinity(0))}", flush=True)
+    for env, most in MOST_MS.items() if wanted.presses else ():
+        if find_spec(env.partition(":")[0]) is None:
+            print(f"{env}: its package is not installed")
+            continue
+        try:
+            times = key_to_picture(env, wanted.presses)
+        except RuntimeError as error:
+            print(f"{error}: it said why")
+            continue
+        p50, p95 = np.percentile(times, (50, 95)) if len(times) else (np.nan, np.nan)
+        found[env] = {"presses": len(times), "p50_ms": p50, "p95_ms": p95}
+        print(f"{env}: key to picture, {len(times)} of {wanted.presses} presses: ", end="")
+        print(f"p50 {p50:.1f}, p95 {p95:.1f} ms; wanted below {most}", flush=True)
+    fails = False
+    if wanted.boards:
+        rates, late, findings, size = many_boards(wanted.boards, wanted.seconds)
+        fails = min(rates) < LEAST_RATE or findings > 0
+        found["boards"] = {"rates": rates, "late": late, "findings": findings, "kb": size}
+        print(f"{wanted.boards} boards of Breakout on one core for {wanted.seconds:g} s: ", end="")
+        print(f"{min(rates):.2f} to {max(rates):.2f} ticks a second, wanted {LEAST_RATE:g};")
+        print(f"late {min(late):.2%} to {max(late):.2%}, ", end="")
+        print(f"{findings} findings, {size:.0f} kB a minute and board")
+    if wanted.json:
+        wanted.json.write_text(json.dumps(found, indent=1))
+    return int(fails)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
