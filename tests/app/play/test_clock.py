@@ -8,9 +8,11 @@ import pytest
 
 from app.board import attestation, clock, session
 from app.board.clock import Controls, Held, late_share, pauses_of
+from app.series.plausibility import labels_of, pause_share, plausibility_labels
+from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from app.task import describe, rules_of
-from app.tasks.gymnasium.description import Description
+from app.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
 from tests.support.servers import eventually
 
@@ -267,3 +269,46 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(ticking, tmp_path
         me.pass_ticks(3)
     assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
     assert levels(tmp_path)[0] == ("human", "attested", None)
+
+
+@pytest.mark.parametrize(
+    ("said", "wrong"),
+    [
+        ("clock = 0", "clock"), ("clock = 61", "clock"), ('clock = "fast"', "clock"),
+        ('keys = { "KeyA+Fire" = 0 }', "expected codes like ArrowUp"),
+    ],
+)  # fmt: skip
+def test_a_clock_and_keys_that_are_none_are_named_with_their_line(tmp_path, said, wrong):
+    file = tmp_path / "odd.toml"
+    file.write_text(f'id = "FrozenLake-v1"\n{said}\n')
+    with pytest.raises(ValueError, match=f"line 2: {wrong}|line 2: keys: {wrong}"):
+        read_description(file)
+
+
+def test_the_no_op_is_the_one_of_the_file_else_the_one_called_so():
+    told = {"id": "FrozenLake-v1", "clock": 10}
+    assert rules_of(TASK).noop == 0
+    assert rules_of(f"gymnasium:{Description(**told).told}").noop is None
+    assert rules_of(f"gymnasium:{Description(**told, noop='up').told}").noop == 3
+
+
+def test_a_path_whose_scores_are_hidden_tells_none():
+    rules = rules_of("gymnasium:FrozenLake-v1")
+    view = rules.run(rules.default, 7, bytes([1, 2])).view()
+    assert json.loads(view.history("e"))["headlines"] == [0.0, 0.0, 0.0]
+    assert json.loads(view.history("e", True))["headlines"] == [None, None, None]
+
+
+def test_a_protocol_says_what_is_allowed_and_late_frames_are_labelled():
+    config = rules_of(TASK).default
+    limits = {"max_pauses": 2, "max_paused_s": 30, "max_late": 0.1}
+    protocol = default_protocol("ticking", config, TASK, **limits)
+    assert protocol.allowed == clock.Allowed(2, 30, 0.1)
+    assert "late frames" in labels_of(protocol)
+    assert "under 80 ms" not in labels_of(protocol)
+    assert "late frames" not in labels_of(default_protocol("mars", rules_of("mars").configuration({})))  # fmt: skip
+    times = [33 * tick + 100 * (tick > 10) + 5000 * (tick > 20) for tick in range(30)]
+    moves = [{"server_ms": at, "input": None} for at in times]
+    assert plausibility_labels(moves, [], 30, 0.03) == ("late frames",)
+    assert plausibility_labels(moves, [], 30, 0.1) == ()
+    assert pause_share(moves, [], 30) == pytest.approx(5033 / times[-1])
