@@ -500,10 +500,12 @@ class Session:
     ) -> None:
         """Abandon the running episode for good and publish its last frame; `note()` runs in the same transaction.
 
-        step  None: after whatever move is being made now
+        step  None: after whatever move is being made now, as always where time runs
         """
         async with self.changing:
-            self._check_current(episode, self.shown.steps if step is None else step)
+            if step is None or self.clock is not None:
+                step = self.shown.steps
+            self._check_current(episode, step)
             await self._end_here(await self.take_abandoned(), note)
 
     async def _stepped(self, run: Run, action: int) -> tuple[float, View]:

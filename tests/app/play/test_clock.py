@@ -139,7 +139,7 @@ CHANGES = {
     f"UPDATE input_events SET server_ms = server_ms - 200 WHERE number = {LAST}": "attestation",
     "UPDATE input_events SET code = 'KeyZ' WHERE code = 'KeyD'": "attestation",
     "UPDATE input_events SET trusted = 0 WHERE kind = 'keydown'": "attestation",
-    "UPDATE input_events SET server_ms = server_ms + 400 WHERE kind = 'resume'": "attestation",
+    "UPDATE input_events SET kind = 'focus' WHERE kind = 'resume'": "attestation",
     "UPDATE steps SET action = 2 WHERE step = 3": "trajectory_hash",
     "UPDATE steps SET reward = 0 WHERE step = 3": "reward of step 3",
     "UPDATE steps SET server_ms = server_ms + 1 WHERE step = 3": "digest of its stored fields",
@@ -248,6 +248,19 @@ def test_nothing_but_the_picture_and_the_figures_leaves_the_server(ticking):
             told.append(json.loads(socket.connection.recv(timeout=10)))
     seen = {key for message in told for key in message}
     assert seen <= {"kind", "episode", "headlines", "state", "ms", "reason", "count"}
+
+
+def test_an_episode_is_given_up_while_time_runs(ticking):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.go_on()
+        me.pass_ticks(5)
+        session = ticking.on_loop(ticking.services.lobby.get(board))
+        ticking.on_loop(session.abandon(me.frame["episode"], 1))
+        me.until(lambda: me.frame["outcome"])
+        me.drain(0.2)
+    assert (me.frame["outcome"], me.state) == ("abandoned", "standing")
 
 
 def test_keys_that_could_not_be_kept_let_the_board_stand_still(ticking, tmp_path, monkeypatch):
