@@ -160,7 +160,31 @@ def tried(what):
     return "done"
 
 
-for each in (Path, Failing, Nosy, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
+class Shipped(gymnasium.Env):
+    """Crafter as it is shipped."""
+
+    metadata: ClassVar = {"render_modes": ["rgb_array"]}
+    action_space = gymnasium.spaces.Discrete(17)
+    observation_space = gymnasium.spaces.Box(0, 255, (90, 90, 3), np.uint8)
+
+    def __init__(self, render_mode=None):
+        self.render_mode = render_mode
+
+    def reset(self, *, seed=None, options=None):
+        import crafter
+
+        self.inner = crafter.Env(seed=seed, size=(90, 90))
+        return self.inner.reset(), {}
+
+    def step(self, action):
+        seen, reward, ended, _ = self.inner.step(action)
+        return seen, reward, ended, False, {}
+
+    def render(self):
+        return self.inner.render()
+
+
+for each in (Shipped, Path, Failing, Nosy, Sleeper, Meanings, OwnKeys, Blind, Wheel, Seeded):
     gymnasium.register(f"{each.__name__}-v0", each)
 
 

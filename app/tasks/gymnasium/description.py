@@ -31,6 +31,11 @@ SPECIAL = {
 """pygame's codes (before and since 2.0) of the keys that print no letter."""
 
 
+PACKAGES = {
+    "gymnasium.envs.box2d": "Box2D", "gymnasium.envs.mujoco": "mujoco", "app.tasks.gymnasium.adapters:Crafter": "crafter",
+}  # fmt: skip
+"""Beginnings of entry points -> the package whose code an environment is, where another one brings it."""
+
 GROUP = "marsexplorer.tasks"
 """The entry points by which packages offer environments under names of their own."""
 
@@ -164,11 +169,7 @@ class Description(BaseModel):
         module = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
         modules = (re.split("[.:]", module)[0], *(name.split(".")[0] for name in self.wrappers))
         owners = _owners()
-        owned = [
-            dist
-            for part, dist in (("box2d", "Box2D"), ("mujoco", "mujoco"))
-            if module.startswith(f"gymnasium.envs.{part}")
-        ]
+        owned = [dist for part, dist in PACKAGES.items() if module.startswith(part)]
         needed = sorted(
             {
                 "gymnasium",

@@ -7,6 +7,7 @@ import pytest
 from app.tasks.gymnasium.doctor import examine
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.odd_environments import REASONS
 
 ODD = "tests.support.odd_environments"
 EXPECTED = {
@@ -39,9 +40,18 @@ def test_what_is_odd_is_named(reason):
     assert (first.step > 1000) == (reason == "late")
 
 
-@pytest.mark.parametrize("reason", ["late", "file", "render"])
+QUICK = ("late", "file", "render")
+"""The twins are of three kinds: they draw the seed's numbers at each step, at reset, or neither."""
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        *QUICK,
+        *(pytest.param(each, marks=pytest.mark.long) for each in REASONS if each not in QUICK),
+    ],
+)
 def test_an_even_twin_passes(reason):
-    """The ten twins are of three kinds: they draw the seed's numbers at each step, at reset, or neither."""
     even = examined("Even", reason)
     assert (even.differences, even.used) == ((), None)
     assert f"no difference in {even.steps} steps" in even.verdict
