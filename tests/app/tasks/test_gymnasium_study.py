@@ -90,7 +90,9 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert ", 0 differ" in capsys.readouterr().out
 
 
-def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
+def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys(
+    serve, tmp_path, capsys
+):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
     for name, task, spread in (
@@ -109,13 +111,6 @@ def test_a_server_of_another_task_says_what_to_do(serve, tmp_path, capsys):
         assert answer.status_code == 409
         titles = rules_of(of).title, rules_of(plays).title
         assert "is of {}, and this server plays {}".format(*titles) in answer.json()["detail"]
-
-
-def test_keys_are_chosen_for_the_actions_of_the_task(serve, tmp_path):
-    studies = ("--studies", tmp_path / "studies")
-    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
-    assert run("study", "new", "lake", "--env", "FrozenLake-v1", *sizes, *studies) == 0
-    assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
     server = serve(task=LAKE)
     person = Participant(server.page(), "lake", Wanderer(0), server.clock)
     person.call("join")
