@@ -4,6 +4,7 @@ import json
 import shutil
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -56,42 +57,56 @@ def changed(value):
     return value + 1_000_003
 
 
-OF_TRIAL = "SELECT t.* FROM {} t JOIN series_episodes x ON t.{} = x.episode_id WHERE x.phase = 'ranked' AND x.trial = 1 LIMIT 1"
-ONE_ROW = {
-    "episodes": OF_TRIAL.format("episodes", "id"),
-    **{
-        table: OF_TRIAL.format(table, "episode_id")
-        for table in ("steps", "series_episodes", "input_events")
-    },
-    **{
-        table: f"SELECT * FROM {table} LIMIT 1"
-        for table in ("participants", "stage_events", "identities", "series")
-    },
+ROWS = {
+    **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("participants", "stage_events", "identities", "series")},
     **{table: f"SELECT * FROM {table} LIMIT 1" for table in ("players", "sessions")},
     **{table: f"SELECT * FROM {table} WHERE number = 7" for table in ("chain", "chain_salts")},
-}
+}  # fmt: skip
 """Table -> SQL for the row of it that is changed."""
 
 COLUMNS = [
     (table, column)
-    for table in ONE_ROW
+    for table in ROWS
     for column in TABLES[table].columns("database" if table.startswith("chain") else "chain")
 ]
 
 
-@pytest.mark.parametrize(("table", "column"), COLUMNS, ids=lambda each: getattr(each, "name", each))
-def test_a_change_to_any_stored_field_is_found(copy, table, column):
-    conn, path = copy
+def change(conn, table, column, row):
+    """Change a column of a row, and say what became of it."""
     names = TABLES[table].names()
-    row = conn.execute(ONE_ROW[table]).fetchone()
     old = row[names.index(column.name)]
     match = " AND ".join(f"{name} IS ?" for name in names)
     new = "x" if old is None and column.type == "text" else changed(old)
     sql = f"UPDATE {table} SET {column.name} = ? WHERE {match}"
     assert conn.execute(sql, (new, *row)).rowcount == 1
+    return f"{table}.{column.name} was {old!r}, became {new!r}"
+
+
+@pytest.mark.parametrize(("table", "column"), COLUMNS, ids=lambda each: getattr(each, "name", each))
+def test_a_change_to_any_stored_field_is_found(copy, table, column):
+    conn, path = copy
+    said = change(conn, table, column, conn.execute(ROWS[table]).fetchone())
     result = verify_database(path)
-    assert result.findings, f"{table}.{column.name} was {old!r}, became {new!r}"
+    assert result.findings, said
     assert result.failed >= 1
+
+
+@pytest.mark.parametrize("table", ["episodes", "series_episodes", "steps", "input_events"])
+def test_a_change_to_any_stored_field_of_an_episode_is_found_and_the_episode_named(
+    played, tmp_path, table
+):
+    """Of each episode another column is changed; all of them are found at once."""
+    key = "id" if table == "episodes" else "episode_id"
+    left = list(TABLES[table].columns("chain"))
+    while left:
+        path = Path(shutil.copy(played[0], tmp_path / "copy.db"))
+        with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+            conn.execute("PRAGMA ignore_check_constraints = ON")
+            rows = conn.execute(f"SELECT * FROM {table} GROUP BY {key} ORDER BY {key}").fetchall()
+            at = TABLES[table].names().index(key)
+            made = [(row[at], change(conn, table, left.pop(), row)) for row in rows[: len(left)]]
+        named = " ".join(finding.where for finding in verify_database(path).findings)
+        assert [said for episode, said in made if episode not in named] == []
 
 
 @pytest.mark.parametrize(
