@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,48 @@ class TrainConfig:
         """Return the fields as JSON-ready values (None for no bound)."""
         values = asdict(self)
         return {name: None if value == float("inf") else value for name, value in values.items()}
+
+
+def with_fields(config: TrainConfig, given: Iterable[str]) -> TrainConfig:
+    """Return a configuration with fields changed, each given as FIELD=VALUE; ValueError says what was expected.
+
+    A field of several numbers takes them with commas, `none` stands for None and `inf` for no bound.
+    """
+    names = [each.name for each in fields(config) if each.name != "name"]
+    values: dict[str, Any] = {}
+    for item in given:
+        name, sign, text = item.partition("=")
+        if not sign or name not in names:
+            raise ValueError(
+                f"expected FIELD=VALUE with a field of {', '.join(names)}, got {item!r}"
+            )
+        values[name] = _value(name, getattr(TrainConfig(), name), text)
+    return replace(config, **values)
+
+
+def _value(name: str, like: Any, text: str) -> Any:
+    """Return a field's value from its text, of the type of its default."""
+    if text == "none" and name == "target_entropy":
+        return None
+    kind = {bool: "true or false", int: "a whole number above 0", float: "a number"}.get(
+        type(like), f"{len(like) if isinstance(like, tuple) else 0} numbers with commas"
+    )
+    try:
+        if isinstance(like, bool):
+            return {"true": True, "false": False}[text.lower()]
+        if isinstance(like, tuple):
+            found = tuple(map(float, text.split(",")))
+            if len(found) != len(like) or not all(map(isfinite, found)):
+                raise ValueError
+            return found
+        number = type(like)(text)
+        if number != number or (
+            isinstance(like, int) and number < (name != "value_warmup_updates")
+        ):
+            raise ValueError
+    except (KeyError, ValueError):
+        raise ValueError(f"{name} takes {kind}, got {text!r}") from None
+    return number
 
 
 RECIPES = {

@@ -138,6 +138,16 @@ class RunFolder:
         run.config.save_policy(run.net, self.policy, card)
 
 
+def steps_of(folder: Path) -> int:
+    """Return the moves that the run in a folder was begun with, from its checkpoint; ValueError when there is none."""
+    path = folder / "checkpoint.pt"
+    if not path.is_file():
+        raise ValueError(f"no checkpoint in {folder}; leave --resume out to begin a run there")
+    identity = json.loads(torch.load(path, weights_only=True)["identity"])
+    config = identity["config"]
+    return int(identity["num_updates"] * config["num_envs"] * config["num_steps"])
+
+
 def differing_names(stored: str, identity: dict[str, Any]) -> str:
     """Return where the identity in a checkpoint, as JSON, is not that of this run: the names; "" where they agree."""
     found, expected = json.loads(stored), json.loads(json.dumps(identity))

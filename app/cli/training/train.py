@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,13 @@ REFINE_CHECKPOINT = "refine.pt"
     help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
 )
 @click.option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="FIELD=VALUE",
+    help="Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
+)
 @seed_option("The same seed, steps and rounds give the same weights.")
 @click.option(
     "--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]"
@@ -63,7 +71,7 @@ REFINE_CHECKPOINT = "refine.pt"
 @click.option(
     "--resume",
     is_flag=True,
-    help="Go on with the run in --out; give the options it began with, --steps as it printed.",
+    help="Go on with the run in --out: the command that began it, with --resume.",
 )
 @click.option(
     "--device",
@@ -80,6 +88,7 @@ def train(
     steps: int | None,
     rounds: int | None,
     workers: int | None,
+    settings: tuple[str, ...],
     seed: int,
     out: Path | None,
     resume: bool,
@@ -97,23 +106,24 @@ def train(
     Examples:
       marsexplorer train                                          30 minutes on level random, 21x21
       marsexplorer train --minutes 5 --seed 1 --out runs/quick
+      marsexplorer train --minutes 5 --set gamma=0.99 --set target_entropy=0.5,0.05
       marsexplorer train --level all --size 21 --size 42 --steps 10000000 --out runs/general
       marsexplorer train --recipe priced --level all --size 21 --size 42 --size 84 --refine 10
       marsexplorer serve --policy runs/quick/quick.onnx
     """
     if minutes is not None and steps is not None:
         raise click.UsageError("--minutes and --steps both say how long; give one of them")
-    if resume and (steps is None or out is None):
-        raise click.UsageError(
-            "--resume needs --out and the --steps that the run began with (its first line printed them)"
-        )
-    from marsexplorer.training.config import RECIPES
+    from marsexplorer.training.config import RECIPES, with_fields
     from marsexplorer.training.ppo import TrainingRun
+    from marsexplorer.training.run_folder import steps_of
 
     configs = configs_of(levels, sizes)
     _check_rounds(rounds, workers, sizes)
     _check_device(device)
-    config = RECIPES[recipe]
+    try:
+        config = with_fields(RECIPES[recipe], settings)
+    except ValueError as error:
+        raise click.UsageError(f"--set: {error}") from error
     sides = [f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size) for size in sizes]
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(sides)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
@@ -125,9 +135,12 @@ def train(
             f"the run in {folder} is being refined; give the --refine that it began with"
         )
     try:
+        if resume and steps is None:
+            steps = steps_of(folder)
         steps = steps or _steps_for(minutes or DEFAULT_MINUTES, config, configs, device)
         given = [f"--level {level}" for level in levels] + [f"--size {side}" for side in sides]
         refining = f" --refine {rounds}" if rounds else ""
+        given += [f"--set {shlex.quote(each)}" for each in settings]
         command = f"marsexplorer train --recipe {recipe} {' '.join(given)} --steps {steps}{refining} --seed {seed} --out "
         here = f"{'' if device == 'cpu' else f' --device {device}'}{f' --workers {workers}' if workers else ''}"
         again = f"{command}{shlex.quote(str(folder))}{here}"
@@ -269,11 +282,13 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
             nonlocal printed
             now = time.monotonic()
             speed = (metrics.global_step - first_step) / max(now - started, 1e-9)
-            steps = f"{metrics.episode_steps:.1f} moves an episode"
             played = f"{metrics.global_step / 1e6:.2f} M moves, {speed:,.0f}/s"
-            earned = (
-                f"return {metrics.episode_return:.0f}, {steps}, {metrics.explored:.1%} explored"
-            )
+            earned = "no episode has ended yet"
+            if not isnan(metrics.episode_return):
+                steps = f"{metrics.episode_steps:.1f} moves an episode"
+                earned = (
+                    f"return {metrics.episode_return:.0f}, {steps}, {metrics.explored:.1%} explored"
+                )
             note, line = f"{played}: {earned}", ""
             if now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates:
                 line, printed = f"{note}, entropy {metrics.entropy:.2f}", now

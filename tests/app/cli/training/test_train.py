@@ -138,3 +138,65 @@ def test_the_shipped_policy_is_refined_from_the_file_that_plays(quick, tmp_path)
     assert card["training"]["began_with"]["training"] == began["training"]
     board = Episode.begin(EnvConfig(), seed=1).codes
     assert load(folder / "mine.onnx").act(board) in range(4)
+
+
+def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
+    quick, in_a_thread, monkeypatch, tmp_path
+):
+    monkeypatch.setitem(RECIPES, "best", replace(TINY, name="best", rule_coef=(0.0, 0.0, 0.0)))
+    folder, updates = tmp_path / "mine", run_folder.RunFolder.on_update
+
+    def stop_after_two(self, metrics):
+        updates(self, metrics)
+        if metrics.global_step == 256:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    words = [
+        "train",
+        "--minutes=0.001",
+        "--set",
+        "gamma=0.9",
+        "--set=target_entropy=0.5,0.05",
+        "--out",
+        str(folder),
+    ]
+    monkeypatch.setattr("app.cli.training.train._steps_for", lambda *_: 512)
+    monkeypatch.setattr(run_folder.RunFolder, "on_update", stop_after_two)
+    stopped = CliRunner().invoke(cli, words)
+    assert "stopped after 256 of 512 moves" in stopped.output
+    assert "no episode has ended yet" in stopped.output
+    assert "nan" not in stopped.output
+    monkeypatch.setattr(run_folder.RunFolder, "on_update", updates)
+    for command in (
+        [*words, "--resume"],
+        shlex.split(re.search(r"go on with: marsexplorer (.*)", stopped.output)[1]),
+    ):
+        done = CliRunner().invoke(cli, command)
+        assert done.exit_code == 0, done.output
+        training = read_card(folder / "mine.onnx")["training"]
+        assert training["moves"] == 512
+        assert (training["recipe"]["gamma"], training["recipe"]["target_entropy"]) == (
+            0.9,
+            [0.5, 0.05],
+        )
+    other = CliRunner().invoke(cli, ["train", "--out", str(folder), "--resume"])
+    assert other.exit_code == 2
+    assert "is of another run (config)" in " ".join(other.output.split())
+
+
+@pytest.mark.parametrize(
+    ("given", "part"),
+    [
+        ("speed=3", "expected FIELD=VALUE with a field of prior_scale,"),
+        ("gamma", "expected FIELD=VALUE"),
+        ("gamma=high", "gamma takes a number, got 'high'"),
+        ("num_envs=0", "num_envs takes a whole number above 0, got '0'"),
+        ("has_bonus=maybe", "has_bonus takes true or false, got 'maybe'"),
+        ("rule_coef=1,2", "rule_coef takes 3 numbers with commas, got '1,2'"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_in_words(given, part, tmp_path):
+    refused = CliRunner().invoke(cli, ["train", "--set", given, "--out", str(tmp_path / "new")])
+    assert refused.exit_code == 2
+    assert part in " ".join(refused.output.split()).replace("│ ", "").replace(" │", "")
+    assert not (tmp_path / "new").exists()
