@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -80,7 +80,7 @@ async def play(address: str, told: dict[str, int]) -> None:
 
 
 def be_agents(addresses: list[str]) -> None:
-    """Let an agent act with each card until a line comes on standard input, and its server is gone; print what was told."""
+    """Let an agent act with each card until its server is gone, then print what each was told."""
     os.nice(19)
     told: dict[str, dict[str, int]] = {address: {} for address in addresses}
 
@@ -146,34 +146,30 @@ def main() -> None:
         return
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0, help="of quiet, and among agents")
-    parser.add_argument("--mars", type=int, default=40, help="agents")
+    parser.add_argument("--mars", type=int, default=40, help="agents, 1 at least")
     parser.add_argument("--rooms", type=int, default=10, help="agents")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
-        places = {"mars": Path(name) / "mars", ROOMS: Path(name) / "rooms"}
-        counts = {"mars": given.mars, ROOMS: given.rooms}
+    counts = {task: count for task, count in (("mars", given.mars), (ROOMS, given.rooms)) if count}
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        places = {task: Path(name) / str(number) for number, task in enumerate(counts)}
         tokens = {task: prepared(places[task], task, count) for task, count in counts.items()}
-        with served(places["mars"], "mars") as mars, served(places[ROOMS], ROOMS) as rooms:
-            own_of = {"mars": mars, ROOMS: rooms}
-            addresses = [
-                f"{own_of[task].url}/agents/{token}" for task in tokens for token in tokens[task]
-            ]
-            measure(mars, 3)  # the first ones take longer
-            quiet = measure(mars, given.seconds)
-            command = [sys.executable, "-m", "research.speed.agents", "--act", *addresses]
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as agents:
-                time.sleep(3)
-                busy = measure(mars, given.seconds)
-                mars.kill()
-                rooms.kill()
-                told = json.loads(agents.communicate(timeout=120)[0])
-        rows = [
-            (
-                task,
-                *lost(places[task], {a: told[a] for a in told if a.startswith(own_of[task].url)}),
-            )
-            for task in places
+        servers = {task: stack.enter_context(served(places[task], task)) for task in counts}
+        addresses = [
+            f"{servers[task].url}/agents/{each}" for task in tokens for each in tokens[task]
         ]
+        measure(servers["mars"], 3)  # the first ones take longer
+        quiet = measure(servers["mars"], given.seconds)
+        command = [sys.executable, "-m", "research.speed.agents", "--act", *addresses]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as agents:
+            time.sleep(3)
+            busy = measure(servers["mars"], given.seconds)
+            for server in servers.values():
+                server.kill()
+            told = json.loads(agents.communicate(timeout=120)[0])
+        rows = []
+        for task, server in servers.items():
+            own_told = {each: told[each] for each in told if each.startswith(server.url)}
+            rows.append((task, *lost(places[task], own_told)))
     before, among = (float(np.percentile(each, 99)) for each in (quiet, busy))
     print(
         f"people's p99: {before:.1f} ms quiet, {among:.1f} ms among agents, ratio {among / before:.2f}"
