@@ -13,7 +13,7 @@ from app.db.series import attempts_of
 from app.series.daily import DailyPlayedError, DailyTerrain, day_before
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.daily_results import describe_attempt, people_on, streak
+from app.web.daily_results import calendar, describe_attempt, people_on, streak
 from app.web.protection import has_own_origin
 from app.web.services import Services
 
@@ -41,6 +41,7 @@ async def get_today(request: Request) -> dict[str, Any]:
         "attempt": describe_attempt(mine, terrain),
         "streak": streak(attempts, terrain.day),
         "played": sum(each.ended_ms is not None for each in attempts),
+        "calendar": calendar(attempts),
         "yesterday": await _earlier(services, day_before(terrain.day)),
     }
 

@@ -24,6 +24,8 @@ from app.web.leaderboard.evaluations import Evaluation, PolicyEvaluations
 
 SHOWN = 10
 """Rows of the table of results."""
+CALENDAR = 28
+"""Days of a player's calendar."""
 WAIT_S = 3.0
 """How long the evaluation waits after somebody has begun: the page that was just opened comes first."""
 _SLOW = ("planner", "random", "lookahead")
@@ -90,6 +92,23 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
     while day in played:
         count, day = count + 1, day_before(day)
     return count
+
+
+def calendar(attempts: Sequence[Trial]) -> list[dict[str, Any]]:
+    """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without 99 %."""
+    ended = sorted((each for each in attempts if each.ended_ms is not None), key=_day)[-CALENDAR:]
+    return [
+        {
+            "day": each.day,
+            "outcome": each.outcome,
+            "moves": each.moves if each.outcome == "explored" else None,
+        }
+        for each in ended
+    ]
+
+
+def _day(attempt: Trial) -> str:
+    return attempt.day or ""
 
 
 def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:

@@ -20,8 +20,3 @@ export const many = (count, one, more = `${one}s`) => `${count} ${count === 1 ? 
  * a key or a touch.
  * @param {string} reason the server's @param {string | null} level */
 export const notCounted = (reason, level) => `This episode ${level === "spoilt" ? "counts as abandoned" : "does not count"}: its moves do not all fit keys or touches of this page (${reason}).`;
-
-/** Return what a policy is called: its name, but for one whose name would not say that it has an advantage over people.
- * @template {string | undefined} T
- * @param {T} name @returns {T | string} */
-export const called = (name) => name === "lookahead" ? "Expert that knows how terrains are made" : name;

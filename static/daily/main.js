@@ -7,8 +7,8 @@ import { startBoards } from "../common/socket.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
-import { called, capital } from "../common/words.js";
-import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
+import { capital, many } from "../common/words.js";
+import { countdown, dayText, pastText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
 /** @type {Daily.Today | null} */
@@ -119,6 +119,7 @@ async function begin() {
     today = /** @type {Daily.Today} */ (await request("daily"));
     put(by("day"), dayText(today.day));
     put(by("streak"), streakText(today.streak));
+    paintCalendar(today.calendar);
     put(by("commitment"), today.commitment);
     startCountdown(today);
     if (today.yesterday) showYesterday(today.yesterday).catch((error) => dispatch({ kind: "notice", text: error.message }));
@@ -146,14 +147,44 @@ function row(who, what, kind, episode) {
 }
 
 /** @param {Daily.PolicyResult[]} policies */
-const policyRows = (policies) => policies.map((policy) => row(called(policy.name), policyText(policy), "policy"));
+const policyRows = (policies) => policies.map((policy) => row(task.nameOf(policy.name), policyText(policy), "policy"));
+
+/** @param {Daily.Past[]} past the oldest first */
+function paintCalendar(past) {
+  by("calendar").replaceChildren(...past.map((each) => {
+    const { short, long } = pastText(task, each);
+    return create("li", [create("span", short, { "aria-hidden": "true" }), create("span", long, { class: "unseen" })], { title: long, class: each.moves === null ? "bad" : "good" });
+  }));
+  by("calendar-part").hidden = past.length === 0;
+}
+
+/** Draw the best route of a day that is over, and one's own beside it.
+ * @param {string} best the episode @param {string | null} own */
+async function paintRoutes(best, own) {
+  const courses = await Promise.all([best, ...(own && own !== best ? [own] : [])].map(async (id) => (await api.replay(id)).run));
+  const places = courses.map((course, index) => {
+    const name = index || best === own ? "You" : "The best";
+    const place = create("div", create("canvas", [], { role: "img" }), { class: "matrix" });
+    return { course, name, place, figure: create("figure", [create("figcaption", `${name}: ${many(course.actions.length, "move")}`), place]) };
+  });
+  by("routes").replaceChildren(...places.map(({ figure }) => figure));
+  by("routes").hidden = false;
+  const { you, policy } = boardColours(document.documentElement);
+  for (const { course, name, place } of places) {
+    const side = place.clientWidth;
+    task.paint(place, task.boardAt(course, course.actions.length), { name, accent: name === "You" ? you : policy, width_px: side, height_px: side, dpr: devicePixelRatio || 1 });
+  }
+}
+
+/** Days in a row, today's among them once it is over. */
+let days = 0;
 
 /** @param {Daily.Results} results */
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
   put(by("end-title"), capital(resultText(task, attempt)));
   put(by("end-rank"), rankText(attempt, people, policies));
-  area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href);
+  area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href, state.player?.progress, days);
   by("replay").setAttribute("href", `watch/${encodeURIComponent(attempt.episode)}`);
   const marks = policies.flatMap(({ name, moves }) => (moves === null ? [] : [{ name, moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
@@ -166,7 +197,10 @@ function paintResults({ day, attempt, people, policies }) {
  * @param {string} day */
 async function showResults(day) {
   try {
-    const found = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
+    const [found, now] = await Promise.all([/** @type {Promise<Daily.Results>} */ (request(`daily/${day}/results`)), /** @type {Promise<Daily.Today>} */ (request("daily"))]);
+    days = now.streak;
+    put(by("streak"), streakText(days));
+    paintCalendar(now.calendar);
     paintResults(found);
     if (found.policies.some(({ state: of }) => of === "waiting" || of === "computing")) setTimeout(() => showResults(day), ASK_AGAIN_MS);
   } catch (error) {
@@ -181,12 +215,15 @@ async function showYesterday({ day, commitment, key }) {
   put(by("key-commitment"), commitment);
   by("key-link").setAttribute("href", `api/daily/${day}`);
   by("key").hidden = by("key-commitment").hidden = by("key-line").hidden = false;
-  const { people, policies } = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
+  const { attempt, people, policies } = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
   put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
   const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
   by("yesterday-rows").replaceChildren(...best, ...policyRows(policies.filter(({ moves }) => moves !== null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;
+  const first = people.table[0]?.episode ?? null;
+  const own = attempt?.state === "ended" ? attempt.episode : null;
+  if (first ?? own) await paintRoutes(/** @type {string} */ (first ?? own), own);
 }
 
 const area = by("share-text", HTMLTextAreaElement);

@@ -3,8 +3,10 @@
 declare namespace Daily {
   type Today = {
     day: string, commitment: string, now_ms: number, next_ms: number, attempt: Attempt | null, streak: number,
+    calendar: Past[],
     yesterday: {day: string, commitment: string, key: string | null} | null,
   };
+  type Past = {day: string, outcome: string, moves: number | null};
   type Results = {day: string, attempt: Attempt | null, people: People, policies: PolicyResult[]};
   type Attempt = {
     state: "open" | "ended", episode: string, outcome: string | null, moves: number, coverage: number | null,

@@ -19,6 +19,13 @@ export function dayText(day) {
 /** @param {number} days in a row */
 export const streakText = (days) => (days > 1 ? `${days} days in a row` : "");
 
+/** Return a day of the calendar: what stands in it, and in words.
+ * @param {Task} task @param {Daily.Past} past */
+export function pastText(task, { day, outcome, moves }) {
+  const result = moves === null ? outcome === "abandoned" ? "left" : task.outcome(outcome) || "ended" : many(moves, "move");
+  return { short: moves === null ? "\u2715" : String(moves), long: `${dayText(day)}: ${result}` };
+}
+
 /** Return what an attempt came to, in a few words.
  * @param {Task} task @param {Pick<Daily.Attempt, "outcome" | "moves" | "coverage">} attempt */
 export function resultText(task, { outcome, moves, coverage }) {
@@ -28,13 +35,23 @@ export function resultText(task, { outcome, moves, coverage }) {
   return `${how} at ${share} after ${many(moves, "move")}`;
 }
 
+const BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588";
+
+/** Return a course as a line of symbols: how much was mapped after each eighth of the moves, and nothing of where.
+ * @param {number[]} progress 0..1 after each move */
+export const symbols = (progress) => progress.length < 2 ? "" : Array.from({ length: 8 }, (_, at) => {
+  const share = progress[Math.round((at + 1) / 8 * (progress.length - 1))];
+  return BARS[Math.min(BARS.length - 1, Math.floor(share * BARS.length))];
+}).join("");
+
 /** Return the text to share: it tells nothing of the terrain.
  * @param {Task} task @param {string} day @param {Daily.Attempt} attempt @param {Daily.PolicyResult[]} policies
- * @param {string} link */
-export function shareText(task, day, attempt, policies, link) {
+ * @param {string} link @param {number[]} [progress] of the attempt @param {number} [days] in a row */
+export function shareText(task, day, attempt, policies, link, progress = [], days = 0) {
   const policy = policies.find(({ name, moves }) => name === NAMED && moves !== null);
-  const compared = policy ? `, ${policy.name} needed ${policy.moves}` : "";
-  return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${link}`;
+  const line = [symbols(progress), streakText(days)].filter(Boolean).join(" ");
+  const compared = policy ? `, ${task.nameOf(policy.name)} needed ${policy.moves}` : "";
+  return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${line && `${line}\n`}${link}`;
 }
 
 /** Return where a player stands among the people and the policies of the day.

@@ -74,7 +74,7 @@ function paint() {
   const figures = rows.flatMap(({ figure }) => (figure ? [figure] : []));
   by("sentence").textContent = standing.headline(task, detail);
   [by("reading-people").textContent, by("reading-policies").textContent] = standing.reading(detail);
-  by("measure-name").textContent = measure === "steps" ? `Steps to ${task.target}, fewer is better` : "Score, more is better";
+  by("measure-name").textContent = measure === "steps" ? `Moves to ${task.target}, fewer is better` : "Score, more is better";
   paintWorking(standing.working(detail.policies));
   by("missing").hidden = !detail.policies.some((policy) => policy.state === "missing");
   const scale = scaleOf(figures, measure);

@@ -1,8 +1,9 @@
 // The table of ranks: a row for each explorer, its interval on the common scale, the people's mean as a line through all rows.
+import { policyName } from "../task/mars/names.js";
 import { paintChart, paintLegend } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
-import { called, many } from "../common/words.js";
+import { many } from "../common/words.js";
 import { coverageEnd, curveText, intervalText, shown, source } from "./standing.js";
 
 /** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
@@ -19,7 +20,7 @@ export function paintRanks(table, marks, rows, scale, measure) {
   const human = rows.find(({ who }) => who === "people")?.figure?.[measure].mean;
   table.tBodies[0].replaceChildren(...rows.map((row) => {
     const summary = row.policy?.summary ? [create("small", row.policy.summary, { class: "wide", title: row.policy.summary })] : [];
-    const head = create("th", [create("i", [], { class: "swatch" }), row.name, ...summary], { scope: "row" });
+    const head = create("th", [create("i", [], { class: "swatch" }), policyName(row.name), ...summary], { scope: "row" });
     const cells = row.figure ? standing(row, row.figure[measure]) : [missing(row, hasLikeness ? 6 : 5)];
     return create("tr", [head, ...cells],
       { "data-who": row.who, "data-testid": `rank-${row.policy?.name ?? row.who}`, style: `--mine: ${row.colour}` });
@@ -64,7 +65,7 @@ function missing({ policy }, columns) {
   const line = create("div", [], { class: "idle" });
   if (policy?.state === "failed") line.append(`No figure: ${policy.error}`);
   else if (policy?.state === "computing") {
-    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${called(policy.name)}` });
+    const bar = create("progress", [], { max: String(policy.of), value: String(policy.done), "aria-label": `Evaluation of ${policyName(policy.name)}` });
     line.append(bar, `terrain ${Math.min(policy.done + 1, policy.of)} of ${policy.of}`);
   } else line.append(policy?.state === "missing" ? "not evaluated here yet" : "waiting to be evaluated");
   return create("td", line, { colspan: String(columns) });
@@ -119,6 +120,8 @@ export function placeOf({ near, far }, value) {
  * @param {Leaderboard.Scale} scale */
 export const breakOf = ({ near, far }) => far && { from: Math.min(near.to, far.to), to: Math.max(near.from, far.from) };
 
+/** @param {Leaderboard.Row} row @returns the row under the name that pages say */
+const titled = (row) => ({ ...row, name: policyName(row.name) });
 const EDGES = { left: 44, right: 12, top: 10, bottom: 40 };
 const dashes = (/** @type {string} */ dash) => (dash ? dash.split(" ").map(Number) : []);
 
@@ -128,13 +131,13 @@ export function paintCoverage({ chart, legend, note }, { chart: { goal, axis }, 
   const end = coverageEnd(drawn.map(({ curve }) => curve));
   const lines = drawn.map(({ colour, dash, curve: { steps, mean, low, high } }) =>
     ({ colour, dash: dashes(dash), x: steps, y: mean, low, high }));
-  paintLegend(legend, drawn);
+  paintLegend(legend, drawn.map(titled));
   paintChart(chart, {
     ...chartColours(chart), lines: lines.reverse(), edges: EDGES, title: "moves", goal,
     x: { low: 0, high: end, ticks: ticks(0, end), text: tickText },
     y: axis(chart.clientHeight, []),
   });
-  const label = drawn.map(({ name, curve }) => curveText(name, curve)).join(". ");
+  const label = drawn.map(({ name, curve }) => curveText(policyName(name), curve)).join(". ");
   chart.setAttribute("aria-label", label || "No figures yet");
   const band = drawn.some(({ curve }) => curve.low.length) ? ", with the 95 % interval of the mean" : "";
   const text = `Mean share of the terrain on the map${band}. An episode that has ended keeps what it had. `
@@ -168,7 +171,7 @@ export function paintTrials({ chart, legend, note }, trials, rows, measure) {
   const means = [...own.y, ...flat.map(({ mean }) => mean)];
   const room = (Math.max(...means) - Math.min(...means)) * 0.25 || 1;
   const [least, most] = [Math.min(...means) - room, Math.max(...means) + room];
-  paintLegend(legend, [{ ...who, dash: "" }, ...flat]);
+  paintLegend(legend, [{ ...who, dash: "" }, ...flat].map(titled));
   const whole = ticks(0, end).filter(Number.isInteger).map((tick) => tick || 1);
   paintChart(chart, {
     ...chartColours(chart), lines: [...level, own], edges: EDGES, title: "episode of a player",
@@ -209,12 +212,12 @@ export const GRADIENT = `linear-gradient(90deg, ${STOPS.map((stop) => `rgb(${sto
 export function paintMaps(place, maps) {
   const top = topOf(maps);
   place.replaceChildren(...maps.map(({ name, colour, visits }) =>
-    create("figure", [painted(name, visits, top), create("figcaption", [mark("swatch", `--mine: ${colour}`), name])])));
+    create("figure", [painted(name, visits, top), create("figcaption", [mark("swatch", `--mine: ${colour}`), policyName(name)])])));
 }
 
 /** @param {string} name @param {number[][]} visits @param {number} top */
 function painted(name, visits, top) {
-  const canvas = create("canvas", [], { role: "img", "aria-label": `Visits of ${name}: ${inWords(visits)}`,
+  const canvas = create("canvas", [], { role: "img", "aria-label": `Visits of ${policyName(name)}: ${inWords(visits)}`,
     width: String(visits[0].length), height: String(visits.length) });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const image = context.createImageData(canvas.width, canvas.height);

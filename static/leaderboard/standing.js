@@ -1,6 +1,7 @@
 // From the server's answer to what stands on the page: order, scale, sentences. No document here.
 import { roundUp } from "../common/chart_scale.js";
-import { called, many } from "../common/words.js";
+import { many } from "../common/words.js";
+import { levelName, policyName } from "../task/mars/names.js";
 
 /** Colour (a custom property of base.css) and dash of the policies everybody has, the same on every board; others take
  * the rest in turn.
@@ -26,7 +27,7 @@ export function rows({ board, people, policies }, measure) {
   /** @type {Leaderboard.Row[]} */
   const found = policies.map((policy) => {
     const [colour, dash] = OWN[policy.name] ?? REST[others.indexOf(policy) % REST.length];
-    return { who: "policy", name: called(policy.name), colour, dash, figure: policy.figure, policy };
+    return { who: "policy", name: policy.name, colour, dash, figure: policy.figure, policy };
   });
   if (people) found.unshift({ who: "people", name: peopleName(board), colour: PEOPLE_COLOUR, dash: "", figure: people, policy: null });
   const rank = (/** @type {Leaderboard.Row} */ { figure }) => (figure ? (measure === "steps" ? 1 : -1) * figure[measure].mean : Infinity);
@@ -56,8 +57,8 @@ export function headline({ target }, { board, people, policies }) {
   const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
   const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === fair.length ? ready[0] : undefined;
-  const policy = best?.figure ? ` The best policy, ${called(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
-  const terrain = `${board.level} ${board.rows} \u00d7 ${board.cols}`;
+  const policy = best?.figure ? ` The best policy, ${policyName(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
+  const terrain = `${levelName(board.level)} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
     return `Volunteers on this playground: nobody has played ${terrain} ranked yet.${policy}`;
@@ -66,7 +67,7 @@ export function headline({ target }, { board, people, policies }) {
   const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
   const abandoned = people.abandoned ? `, ${people.abandoned} of them abandoned` : "";
   const from = `${many(people.players, "player")} and ${many(people.episodes, "episode")}${abandoned}`;
-  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} steps to ${target} (${spread}), from ${from}.${policy}`;
+  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${policy}`;
 }
 
 /** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */
@@ -109,7 +110,7 @@ export function working(policies) {
   const now = open.find(({ state }) => state === "computing");
   const done = policies.reduce((sum, each) => sum + (each.state === "failed" ? each.of : each.done), 0);
   const of = policies.reduce((sum, each) => sum + each.of, 0);
-  const what = now ? `${called(now.name)} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
+  const what = now ? `${policyName(now.name)} plays terrain ${Math.min(now.done + 1, now.of)} of ${now.of}` : "about to start";
   return { text: `Evaluating ${many(open.length, "policy", "policies")}: ${what}. The figures appear here as they are done.`, done, of };
 }
 

@@ -1,8 +1,9 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, wholePercent } from "../common/words.js";
+import { levelName } from "../task/mars/names.js";
 
 /** @param {{level: string, rows: number, cols: number}} terrain */
-export const terrainText = ({ level, rows, cols }) => `${level} ${rows} \u00d7 ${cols}`;
+export const terrainText = ({ level, rows, cols }) => `${levelName(level)} ${rows} \u00d7 ${cols}`;
 
 /** @param {Task} task @param {Me.History} history @returns the sentence below the heading */
 export function summary({ target }, { total, bests }) {

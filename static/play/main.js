@@ -6,7 +6,7 @@ import { all, boardColours, by, chartColours, copyOnClick, createRepaint, create
 import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
-import { called, notCounted } from "../common/words.js";
+import { notCounted } from "../common/words.js";
 import { personalText } from "../me/words.js";
 import { challengedIn, createChallenge } from "./challenge.js";
 import { keepFocusOnBoard } from "./focus.js";
@@ -30,6 +30,8 @@ let waiting = [];
 const latencies = [];
 
 const VISITED = "mars.visited";
+/** How many episodes were played to the end here: after three the legend is known (visit.js). */
+const PLAYED = "mars.played";
 /** The mark on the page's timeline at which the player's matrix was painted for the first time. */
 const FIRST_FRAME = "mars.first-frame";
 /** @type {Set<string>} */
@@ -141,6 +143,7 @@ function dispatch(event) {
     if (state.mode === "ranked" && frame.outcome && wish()) sessions.replay(state);
     if (frame.episode !== before.player?.frame.episode) part["end-own"].hidden = true;
     if (frame.outcome && !before.player?.frame.outcome) {
+      if (state.mode !== "watch") localStorage.setItem(PLAYED, String(Number(localStorage.getItem(PLAYED)) + 1));
       countedEnded();
       sayOwn(frame.episode);
     }
@@ -160,7 +163,7 @@ function paintBoards(before, dpr) {
     const isMine = role === "player";
     const shown = (isMine && parts.losses?.boardOf(board)) || board;
     const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
-    task.paint(part.matrix, shown, { name: called(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
+    task.paint(part.matrix, shown, { name: task.nameOf(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
       ...parts.thinking?.look(state, role), marks: isMine ? parts.losses?.marks() : null });
   }
   const now_ms = performance.now();
@@ -192,11 +195,11 @@ function paintCurves() {
     return board ? [{ board, colour: colours[role], isDashed: role === "rival" }] : [];
   });
   paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
-    ({ name: called(board.name), colour, dash: isDashed ? "9 4" : "" })));
+    ({ name: task.nameOf(board.name), colour, dash: isDashed ? "9 4" : "" })));
   paintProgress(chart, task, curves, { font, inks, over: parts.losses?.overChart({ you, ground, ink: inks.goal }) });
   parts.thinking?.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
   const label = curves.map(({ board: { name, progress } }) =>
-    `${called(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
+    `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
 }
 
@@ -280,6 +283,7 @@ const restore = (board) => { if (board) sessions.resume(board); };
 window.addEventListener("hashchange", () => location.reload()); // a link pasted over another
 for (const button of all("button[data-mode]")) button.addEventListener("click", () => leaving.start(/** @type {Mode} */ (button.dataset.mode), wish()));
 startDialog("terrain");
+startDialog("display");
 const help = startDialog("help");
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat || document.querySelector("dialog[open]")) return;
@@ -290,7 +294,7 @@ document.addEventListener("keydown", (event) => {
   if (isAgain) part.again.click();
   else help.showModal();
 });
-const pad = /** @type {HTMLInputElement} */ (document.querySelector("#wish [name=pad]"));
+const pad = /** @type {HTMLInputElement} */ (document.querySelector("#display-dialog [name=pad]"));
 pad.checked = document.body.dataset.pad === "true";
 pad.addEventListener("change", () => {
   localStorage.setItem("mars.pad", String(pad.checked));
@@ -306,7 +310,7 @@ part.again.addEventListener("click", () => {
   } else if (state.player) sessions.again(state.player.session, state.player.frame.episode);
 });
 for (const role of ROLES) {
-  offerPolicies(panels[role], policies.map(({ name }) => name));
+  offerPolicies(panels[role], task, policies.map(({ name }) => name));
   panels[role].part.pick.addEventListener("change", () => {
     const { value } = /** @type {HTMLSelectElement} */ (panels[role].part.pick);
     terrainDialog?.choose(role, value);

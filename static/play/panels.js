@@ -1,7 +1,7 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { called, score, signed } from "../common/words.js";
+import { score, signed } from "../common/words.js";
 import { challengeHash } from "./challenge.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
@@ -17,7 +17,7 @@ export function paintEndCard(part, task, { mode, player, rival }, tried) {
   put(part["end-line"], line);
   put(part["end-score"], score(frame.score));
   part["end-score-line"].hidden = frame.score === null;
-  const compared = task.compare(frame, rival?.frame ?? null, called(rival?.name) ?? "", mode === "watch" ? called(player?.name) : "You");
+  const compared = task.compare(frame, rival?.frame ?? null, task.nameOf(rival?.name ?? ""), mode === "watch" ? task.nameOf(player?.name ?? "") : "You");
   put(part["end-compare"], [tried, compared].filter(Boolean).join(" "));
   part["end-compare"].hidden = !tried && !compared;
   part.again.hidden = mode === "ranked"; // a terrain counts once
@@ -56,7 +56,7 @@ export function createPanel(root, template, elsewhere = []) {
  * @param {Play.Panel} panel @param {Task} task @param {Board | null} board */
 export function paintPanel({ role, root, part }, task, board) {
   root.classList.toggle("is-empty", !board);
-  put(part.name, called(board?.name) ?? (role === "player" ? "You" : "Policy"));
+  put(part.name, board ? task.nameOf(board.name) : role === "player" ? "You" : "Policy");
   if (!board) return;
   const { share } = paintNumbers(part, task, board.frame);
   put(part.outcome, task.outcome(board.frame.outcome));
@@ -67,9 +67,9 @@ export function paintPanel({ role, root, part }, task, board) {
 }
 
 /** Offer the policies that a board can be given.
- * @param {Play.Panel} panel @param {string[]} names */
-export function offerPolicies({ part }, names) {
-  part.pick.replaceChildren(...names.map((name) => new Option(called(name), name)));
+ * @param {Play.Panel} panel @param {Task} task @param {string[]} names */
+export function offerPolicies({ part }, task, names) {
+  part.pick.replaceChildren(...names.map((name) => new Option(task.nameOf(name), name)));
 }
 
 /** Paint the choice of a policy in the place of its name; a person's board has none.
@@ -128,11 +128,11 @@ export function paintBar(state, rival) {
   paintLink(by("link"), state.link, "live");
   if (task) put(by("goal"), task.goal(player?.frame ?? null));
   put(by("standing"), standing(state, rival));
-  const watched = state.mode === "watch" ? state : null;
-  put(by("tab-player"), called(watched?.player?.name) ?? "You");
-  put(by("tab-rival"), called(watched?.rival?.name) ?? "Policy");
-  put(by("key-player"), called(watched?.player?.name) ?? "you");
-  put(by("key-rival"), called(watched?.rival?.name) ?? "policy");
+  const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
+  put(by("tab-player"), named(player) ?? "You");
+  put(by("tab-rival"), named(state.rival) ?? "Policy");
+  put(by("key-player"), named(player) ?? "you");
+  put(by("key-rival"), named(state.rival) ?? "policy");
   document.body.dataset.mode = state.mode;
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }
@@ -142,7 +142,7 @@ export function standing({ mode, counts, player, task }, rival) {
   if (mode !== "ranked" || !player) return task?.standing ?? "";
   const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
     : `This episode does not count: its ${task?.round} was chosen or met before, or a script has moved.`;
-  return rival ? `${what} After the end, ${called(rival)} plays the same ${task?.round} beside you.` : what;
+  return rival ? `${what} After the end, ${task?.nameOf(rival) ?? rival} plays the same ${task?.round} beside you.` : what;
 }
 
 /** Return whether the page shows the policy's board: a first visit and a ranked episode have the player's alone until

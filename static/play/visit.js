@@ -12,6 +12,7 @@
   };
   const isFirst = kept("mars.visited") === null;
   body.dataset.visit = isFirst ? "first" : "again";
+  body.dataset.knows = String(Number(kept("mars.played")) >= 3);
   body.dataset.boards = isFirst ? "1" : "2";
   body.dataset.pad = kept("mars.pad") ?? String(matchMedia("(pointer: coarse), (max-width: 700px)").matches);
 }

@@ -5,7 +5,6 @@ import { all, boardColours, by, chartColours, copyOnClick, create, createRepaint
 import { ownsKeys } from "../common/keyboard.js";
 import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
 import { loadTask, paintNumbers, showTask } from "../common/task.js";
-import { called } from "../common/words.js";
 import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
@@ -44,7 +43,7 @@ function shortAt(course, step) {
 const lines = ({ you, policy }) => [{ course: data.run, colour: you, isDashed: false }, ...(ghost ? [{ course: ghost, colour: policy, isDashed: true }] : [])];
 function inWords() {
   const shares = (ghost ? [data.run, ghost] : [data.run])
-    .map((course) => `${called(course.name)} ${task.chart.say(task.progressAt(course, player.step))}`);
+    .map((course) => `${task.nameOf(course.name)} ${task.chart.say(task.progressAt(course, player.step))}`);
   return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
 }
 
@@ -55,7 +54,7 @@ function inWords() {
 function paintRun(part, course, step, { other, ...look }) {
   const board = task.boardAt(course, step);
   const ghost = other && { trail: task.boardAt(other.course, step).trail, accent: other.accent };
-  const whole = { ...look, name: called(course.name), ...sizes.of(part.ground), ghost };
+  const whole = { ...look, name: task.nameOf(course.name), ...sizes.of(part.ground), ghost };
   task.paint(part.ground, board, whole);
   task.paintEvents?.(part.ground, course, step, whole);
   const { outcome } = board.frame;
@@ -72,7 +71,7 @@ function paint() {
   if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
   paintCurve(scrubber, task, lines(colours), { step, last: player.playback.last });
-  paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: called(course.name), colour, dash: isDashed ? "9 4" : "" })));
+  paintLegend(by("legend"), lines(colours).map(({ course, colour, isDashed }) => ({ name: task.nameOf(course.name), colour, dash: isDashed ? "9 4" : "" })));
   put(by("play"), player.playback.isPlaying ? "Pause" : step >= player.playback.last ? "Again" : "Play");
   put(by("at"), `move ${step} of ${player.playback.last}`);
   put(by("run-tab-share"), shortAt(data.run, step));
@@ -89,8 +88,8 @@ function showGhost(course) {
   ghost = course;
   document.body.dataset.ghost = String(chosen !== null);
   by("tabs").hidden = chosen === null;
-  put(by("ghost-tab-name"), called(chosen ?? ""));
-  put(by("compared"), course ? `${called(course.name)} ${course.sentence} on the same terrain.` : "");
+  put(by("ghost-tab-name"), task.nameOf(chosen ?? ""));
+  put(by("compared"), course ? `${task.nameOf(course.name)} ${course.sentence} on the same terrain.` : "");
   player.show(withLast(player.playback, Math.max(data.run.actions.length, course ? course.actions.length : 0)));
 }
 /** @param {string | null} name */
@@ -101,7 +100,7 @@ async function choose(name) {
   const waiting = by("waiting");
   parts.ghost.canvas.hidden = true;
   waiting.hidden = false;
-  put(waiting, `${called(name)} is exploring the same terrain\u2026`);
+  put(waiting, `${task.nameOf(name)} is exploring the same terrain\u2026`);
   showGhost(null);
   try {
     const course = /** @type {Course} */ (await request(`episodes/${encodeURIComponent(data.episode)}/ghost?${new URLSearchParams({ policy: name })}`, undefined, 60_000));
@@ -114,7 +113,7 @@ async function choose(name) {
   }
 }
 
-select.replaceChildren(...data.ghosts.map((name) => create("option", called(name), { value: name })), create("option", "no policy", { value: "" }));
+select.replaceChildren(...data.ghosts.map((name) => create("option", task.nameOf(name), { value: name })), create("option", "no policy", { value: "" }));
 select.value = chosen ?? "";
 select.addEventListener("change", () => choose(select.value || null));
 speed.append(...SPEEDS.map((each) => create("option", `${each} moves/s`, { value: String(each) })));

@@ -26,6 +26,8 @@ type Hint = {id: string, gain: string, line: string};
 /** What a folder exports: `taskOf` makes it of what the server says, for its own frames, marks, courses and histories. */
 type Task = TaskOf<Frame, Mark, Course, MoveHistory>;
 interface TaskOf<F, M, C, H> extends TaskAbout {
+  /** A policy's name as pages say it. */
+  nameOf(policy: string): string;
   /** The actions in the order in which they are named and stand on the pad. */
   order: Action[];
   /** What an episode is played on or called, in the words of a page; and what it has to reach. */

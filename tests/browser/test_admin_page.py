@@ -171,7 +171,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_test_id("leaderboard-link").click()
     until(page, "window.mars && window.mars.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
-    said = "Volunteers on this playground: nobody has played random 21 × 21 ranked yet"
+    said = "Volunteers on this playground: nobody has played Scattered 21 × 21 ranked yet"
     assert page.get_by_test_id("sentence").inner_text().startswith(said)
     assert "0 of 10 people" in page.get_by_test_id("people").inner_text()
     assert page.get_by_test_id("rank-people").count() == 0

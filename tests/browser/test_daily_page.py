@@ -54,24 +54,40 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     title = f"{moves} moves, {page.get_by_test_id('coverage').inner_text()} % mapped"
     assert page.get_by_test_id("end-title").inner_text() == title
     assert "first person today" in page.get_by_test_id("end-rank").inner_text()
-    eventually(lambda: "ppo needed" in page.get_by_test_id("share-text").input_value())
+    eventually(lambda: "Expert needed" in page.get_by_test_id("share-text").input_value())
     page.get_by_test_id("copy").click()
     me.shows("copy", "Copied")
     shared = page.evaluate("() => navigator.clipboard.readText()")
     assert shared.startswith("MarsExplorer daily 20")
     assert shared.endswith(f"{server.url}/daily")
+    line = shared.splitlines()[1]
+    assert len(line) == 8, "how much was mapped when, and nothing of where"
+    assert set(line) <= set("▁▂▃▄▅▆▇█")
+    days = page.get_by_test_id("calendar").locator("li")
+    assert days.all_inner_texts() == [f"{moves}\n{days.get_attribute('title')}"]
     check_screen(page, "daily-end", wrong, ("light", "dark"))
     page.reload()
     page.get_by_test_id("end-card").wait_for()
     assert me.state()["step"] == moves
     page.keyboard.press("ArrowUp")
+    server.clock.wait(24 * 3600 * 1000)  # the next day
+    page.goto("about:blank")
+    page.goto(f"{server.url}/daily")
+    me.wait("window.mars?.state.link === 'open' && window.mars.state.player?.frame.step === 0")
+    page.get_by_test_id("routes").get_by_text(f"You: {moves} moves").wait_for()
+    second = me.explore(policy, lambda frame: frame["outcome"])
+    me.shows("streak", "2 days in a row")
+    assert days.count() == 2
+    check_screen(page, "daily-second-day", wrong, ("light", "dark"))
     page.goto(f"{server.url}/me")
-    assert page.get_by_test_id("best").inner_text() == str(moves)
+    best = min(moves, second["step"])
+    assert page.get_by_test_id("best").inner_text() == str(best)
+    page.get_by_test_id("work-out").click()
+    # the first day is over, and its terrain no secret any more
+    page.get_by_text("moves lost an episode on average, over 1 episode").wait_for()
     check_screen(page, "me", wrong, ("light", "dark"))
     page.get_by_test_id("best").click()
     page.wait_for_url("**/watch/*")
-    page.get_by_text(f"{moves} moves").or_(
-        page.get_by_text(str(moves), exact=True)
-    ).first.wait_for()
+    page.get_by_text(f"{best} moves").or_(page.get_by_text(str(best), exact=True)).first.wait_for()
     assert wrong == []
     assert me.errors == []

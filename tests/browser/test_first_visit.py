@@ -75,9 +75,9 @@ def test_a_first_time_visitor_plays_an_episode_by_the_prompts_on_the_screen_alon
     assert (title[2], int(title[3])) == (visitor.reads("coverage-player"), end["step"])
     assert visitor.sees("end-card", r"Score\s+([\d.]+)")[1] == f"{end['score']:.3f}"
     visitor.sees("end-card", "What it is")
-    visitor.sees("board-rival", "ppo")
+    visitor.sees("board-rival", "Expert")
     assert visitor.reads("coach-player") == ""
-    visitor.sees("end-compare-player", "ppo")
+    visitor.sees("end-compare-player", "Expert")
     # it goes on by itself
     me.wait("window.mars.state.rival.frame.step > window.mars.state.player.frame.step")
 
@@ -115,7 +115,7 @@ def test_a_visitor_with_a_phone_taps_hides_the_hints_and_maps_the_whole_terrain(
     assert frame["outcome"] == "explored"
     visitor.sees("end-card", f"Mapped in {frame['step']} moves")
     page.get_by_test_id("tab-rival").tap()
-    visitor.sees("board-rival", "ppo")
+    visitor.sees("board-rival", "Expert")
     assert page.get_by_test_id("board-player").is_hidden()
     page.get_by_role("button", name="Next terrain").tap()
     me.wait(f"window.mars.state.player.frame.episode !== '{frame['episode']}'")
@@ -131,7 +131,7 @@ def test_help_opens_by_button_and_by_key_and_says_what_everything_is(serve, play
     dialog = page.get_by_test_id("help-dialog")
     dialog.wait_for()
     text = dialog.inner_text()
-    words = ("Rules", "Score", "Who is ppo?", "Koutras", "rock", "Play ranked", "Enter")
+    words = ("Rules", "Score", "Who is Expert?", "Koutras", "rock", "Play ranked", "Enter")
     assert all(word in text for word in words)
     links = {link.get_attribute("href") for link in dialog.get_by_role("link").all()}
     assert links >= {"about", "leaderboard", "docs", "daily", "study"}

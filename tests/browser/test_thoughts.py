@@ -30,9 +30,9 @@ def test_the_probabilities_of_ppo_are_drawn_and_can_be_hidden(serve, player):
     assert me.state("player.expected") is None, "nothing is said about a person's board"
     note, strip = me.page.get_by_test_id("thoughts-note"), me.page.get_by_test_id("value-strip")
     note.wait_for()
-    assert "from there ppo should see 0" in note.inner_text()
-    assert "What ppo expects to earn from here on" in strip.inner_text()
-    assert me.page.get_by_test_id("values").get_attribute("aria-label").startswith("ppo expects")
+    assert "from there Expert should see 0" in note.inner_text()
+    assert "What Expert expects to earn from here on" in strip.inner_text()
+    assert me.page.get_by_test_id("values").get_attribute("aria-label").startswith("Expert expects")
     me.still("canvas-rival")
     assert drawn(me) != plain
     me.page.reload()
@@ -100,7 +100,7 @@ def test_on_a_phone_each_of_two_watched_boards_goes_by_its_policy_and_says_where
     # long enough that both still play at the end
     me.begin(player="frontier-priced", rival="frontier-cost", size=42, seed=5)
     me.wait("mars.state.mode === 'watch'")
-    for role, name in (("player", "frontier-priced"), ("rival", "frontier-cost")):
+    for role, name in (("player", "Tidy"), ("rival", "Nearest")):
         tab = page.get_by_test_id(f"tab-{role}")
         eventually(lambda tab=tab, name=name: tab.inner_text() == name)
         tab.click()

@@ -280,18 +280,18 @@ def _questions() -> list[dict[str, Any]]:
         {
             "question": "What ends a round at once?",
             "choices": [
-                "Driving into an obstacle or off the edge",
+                "Driving into a rock or off the edge",
                 "Waiting for a minute",
                 "Crossing my own track",
             ],
             "answer": 0,
-            "why": "Not quite: there is no clock, and your own track is free ground. An obstacle or the edge ends a round.",
+            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends a round.",
         },
         {
             "question": "When is a round complete?",
             "choices": [
                 "When the rover has driven over every cell",
-                "When {coverage} of all cells have been discovered",
+                "When {coverage} of all cells have been mapped",
                 "When the rover is back where it began",
             ],
             "answer": 1,

@@ -2,6 +2,7 @@
 import { paint } from "./board.js";
 import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
 import { ahead } from "./ground.js";
+import { policyName } from "./names.js";
 import { words } from "./words.js";
 
 /** What a server says that has this task alone.
@@ -13,7 +14,7 @@ const ABOUT = {
 
 /** @param {TaskAbout} [about] @returns {Mars.Task} */
 export const taskOf = (about = ABOUT) => ({
-  ...about, ...words, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents,
+  ...about, ...words, nameOf: policyName, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents,
   mark: ({ position }) => position,
   progress: ({ discovered, cells }) => discovered / cells,
   path: ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) }),

@@ -1,5 +1,5 @@
 // The dialog in which a terrain and the policies are chosen.
-import { called } from "../../common/words.js";
+import { levelGroups, levelName, policyName } from "./names.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
 /** How the value of a map begins among the levels. */
@@ -28,7 +28,20 @@ export function favourite(names) {
 
 /** @param {HTMLSelectElement} select @param {{name: string, summary?: string}[]} choices @param {string} chosen */
 function fill(select, choices, chosen) {
-  select.replaceChildren(...choices.map(({ name }) => new Option(called(name), name, false, name === chosen)));
+  select.replaceChildren(...choices.map(({ name }) => new Option(policyName(name), name, false, name === chosen)));
+}
+
+/** Offer the levels: those with plain names, then the paper's codes.
+ * @param {HTMLSelectElement} select @param {string[]} names */
+function fillLevels(select, names) {
+  const { plain, paper } = levelGroups(names);
+  const options = (/** @type {string[]} */ levels) => levels.map((name) => new Option(levelName(name), name, false, name === "random"));
+  select.replaceChildren(...options(plain));
+  if (!paper.length) return;
+  const group = document.createElement("optgroup");
+  group.label = "Paper levels";
+  group.append(...options(paper));
+  select.append(group);
 }
 
 /** @param {Mars.GivenMap[]} maps @returns maps as a group of options below the levels */
@@ -85,7 +98,7 @@ export function createTerrainDialog(dialog, handlers) {
       maps = given;
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
-      fill(select("level"), found, "random");
+      fillLevels(select("level"), found.map(({ name }) => name));
       if (maps.length) select("level").append(mapGroup(maps));
       fill(select("rival"), policies, best);
       fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);

@@ -3,7 +3,7 @@ import { paintChart } from "../../common/chart.js";
 import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { askExpected } from "../../common/messages.js";
 import { by, put } from "../../common/page.js";
-import { called } from "../../common/words.js";
+import { policyName } from "./names.js";
 import { expectedOf, goalText, mostExpected, nextLooks, thoughtOf } from "./thoughts.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
@@ -20,7 +20,7 @@ export function policyBoards(state) {
 /** @param {string} name @param {(number | null)[]} values @returns what a policy expects now, in words */
 function newestText(name, values) {
   const newest = values.filter((value) => typeof value === "number").pop();
-  return newest === undefined || newest === null ? `${name} has not said yet what it expects` : `${name} expects ${newest.toFixed(1)}`;
+  return newest === undefined || newest === null ? `${policyName(name)} has not said yet what it expects` : `${policyName(name)} expects ${newest.toFixed(1)}`;
 }
 
 /** @param {{send: (role: Role, message: object) => boolean,
@@ -48,7 +48,7 @@ export function createThinking({ send, onChange }) {
     const shown = boards.flatMap(([, board]) => { const expected = expectedOf(board); return expected ? [{ board, expected }] : []; });
     by("thoughts-note").hidden = !shown.length;
     if (!shown.length) return;
-    put(by("thoughts-who"), shown.map(({ board }) => called(board.name)).join(" and "));
+    put(by("thoughts-who"), shown.map(({ board }) => policyName(board.name)).join(" and "));
     put(by("thoughts-most"), String(Math.max(...shown.map(({ expected }) => mostExpected(expected)))));
     put(by("thoughts-next"), shown.length === 1 ? nextLooks(shown[0].board.frame, shown[0].expected) : "");
     by("thoughts-next-row").hidden = shown.length > 1;
@@ -74,7 +74,7 @@ export function createThinking({ send, onChange }) {
       paintNote(boards);
       for (const [, { name, values = [] }] of boards) if (values.some((value) => typeof value === "number")) outspoken.add(name);
       const curves = boards.filter(([, { name }]) => outspoken.has(name))
-        .map(([role, { name, values = [] }]) => ({ name: called(name), values, colour: colours[role], isDashed: role === "rival" }));
+        .map(([role, { name, values = [] }]) => ({ name: policyName(name), values, colour: colours[role], isDashed: role === "rival" }));
       by("value-strip").hidden = !curves.length;
       put(by("value-line"), valueLine(curves.map(({ name }) => name)));
       const place = by("values");
@@ -87,7 +87,7 @@ export function createThinking({ send, onChange }) {
 /** Return the sentence under which the strip stands; "" while no policy says what it expects.
  * @param {string[]} names of the policies drawn */
 export function valueLine(names) {
-  return names.length ? `What ${names.join(" and ")} expects to earn from here on, in the points of its training: new ground earns, moves cost` : "";
+  return names.length ? `What ${names.map(policyName).join(" and ")} expects to earn from here on, in the points of its training: new ground earns, moves cost` : "";
 }
 
 /** Return the values at which the strip has a line and a number: its ends, and nought where that lies well between them.

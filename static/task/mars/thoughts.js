@@ -1,6 +1,6 @@
 // What a policy thinks, drawn on its own board: action probabilities as wedges round its rover, the longer the more probable; the
 // cell that it heads for; and what a look from each cell should show, as a heat map. The server works the numbers out when asked.
-import { called } from "../../common/words.js";
+import { policyName } from "./names.js";
 import { cellAfter, markAt, WAYS } from "./ground.js";
 
 /** Shares below it draw nothing. */
@@ -33,7 +33,7 @@ export function thoughtOf(board) {
 export function goalText(boards) {
   const goals = boards.flatMap((board) => {
     const goal = thoughtOf(board)?.goal;
-    return goal ? [`row ${goal[0]}, column ${goal[1]}${boards.length > 1 ? ` (${called(board.name)})` : ""}`] : [];
+    return goal ? [`row ${goal[0]}, column ${goal[1]}${boards.length > 1 ? ` (${policyName(board.name)})` : ""}`] : [];
   });
   return goals.join("; ");
 }

@@ -1,6 +1,7 @@
 // MarsExplorer in words; no document here, so that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
 import { many, percent, score } from "../../common/words.js";
+import { levelName } from "./names.js";
 import { CELL_STATES, cellAfter, markAt, WAYS } from "./ground.js";
 
 const TARGET = "99 %";
@@ -8,14 +9,14 @@ const TARGET = "99 %";
 /** An outcome in a word, as the state of a board, and what the ends of an episode and of a trial say.
  * @type {Record<string, {word: string, status: string, title: string, line: string, trial: [string, string]}>} */
 const ENDINGS = {
-  explored: { word: "mapped", status: "explored", title: "Mapped in {moves}", line: "99 % of {ground} is on the map.",
-    trial: ["Terrain explored", "{target} of the terrain is on the map."] },
+  explored: { word: "mapped", status: "mapped", title: "Mapped in {moves}", line: "99 % of {ground} is on the map.",
+    trial: ["Terrain mapped", "{target} of the terrain is on the map."] },
   collided: { word: "crashed", status: "collided", title: "Crashed at {coverage} after {moves}", line: "The rover hit a rock, which ends the episode.",
-    trial: ["Rover lost: collision", "The rover drove into an obstacle."] },
+    trial: ["Rover lost: collision", "The rover drove into a rock."] },
   out_of_bounds: { word: "off the map", status: "off the map", title: "Off the map at {coverage} after {moves}",
     line: "The rover drove over the edge of the map, which ends the episode.", trial: ["Rover lost: off the map", "The rover drove over the edge of the terrain."] },
   timed_out: { word: "out of moves", status: "out of moves", title: "Out of moves at {coverage} after {moves}",
-    line: "The last move was made before 99 % of {ground} was on the map.", trial: ["Out of moves", "The last move was made before {target} was explored."] },
+    line: "The last move was made before 99 % of {ground} was on the map.", trial: ["Out of moves", "The last move was made before {target} was mapped."] },
   abandoned: { word: "abandoned", status: "abandoned", title: "Abandoned at {coverage} after {moves}", line: "The episode was left before its end.",
     trial: ["Abandoned", "The episode was left before its end."] },
 };
@@ -32,7 +33,7 @@ export const stepsToGoal = ({ outcome: found, step }) => (found === "explored" ?
 export function describe({ grid, position, rows, cols, coverage, step }, name) {
   const around = Object.keys(WAYS).map((way) => `${way} ${stateOf(markAt(grid, cellAfter(position, way)))}`);
   return `State matrix of ${name}: ${rows} rows, ${cols} columns. Rover at row ${position[0] + 1}, column ${position[1] + 1}. `
-    + `${around.join(", ")}. ${percent(coverage)} percent explored in ${many(step, "step")}.`;
+    + `${around.join(", ")}. ${percent(coverage)} percent mapped in ${many(step, "move")}.`;
 }
 /** @param {string | undefined} mark */
 const stateOf = (mark) => /** @type {Record<string, string>} */ (CELL_STATES)[mark ?? ""] ?? "edge";
@@ -64,12 +65,12 @@ const LINES = [
 /** @type {Mars.Words} */
 export const words = {
   round: "terrain", target: TARGET,
-  chart: { title: "Coverage", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
+  chart: { title: "Mapped", goal: { at: 0.99, text: TARGET }, axis: axisOfShares, say: (share) => `${Math.floor(100 * share + 1e-9)} percent` },
   standing: "Your lidar uncovers what is in sight. Rocks and the edge of the map end the episode.",
   outcome: (found) => (found ? ENDINGS[found]?.word ?? found : ""),
   status: (found) => (found ? ENDINGS[found]?.status ?? found : "exploring"),
   goal: (frame) => `Map ${TARGET} of ${frame ? ground(frame) : "the ground"} in as few moves as you can`,
-  place: (level, { rows, cols }) => `${level} \u00b7 ${rows} \u00d7 ${cols}`,
+  place: (level, { rows, cols }) => `${levelName(level)} \u00b7 ${rows} \u00d7 ${cols}`,
   headline: ({ coverage }) => ({ value: percent(coverage), unit: "% mapped", share: coverage }),
   ending(frame) {
     const { title, line } = ENDINGS[frame.outcome ?? ""] ?? { title: "{coverage} after {moves}", line: "" };
@@ -80,7 +81,7 @@ export const words = {
     const isLost = found === "collided" || found === "out_of_bounds";
     const advice = found === "explored" ? "That is all there is to it." : isLost ? "In the study that would have ended this terrain. Try once more, or go on." : "";
     /** @type {[string, string][]} */
-    const figures = [["Moves", String(step)], ["Coverage", `${percent(coverage)} %`]];
+    const figures = [["Moves", String(step)], ["Mapped", `${percent(coverage)} %`]];
     return { title, line: line.replace("{target}", wanted), advice, figures: value === null ? figures : [...figures, ["Score", score(value)]] };
   },
   compare(mine, theirs, rival, who = "You") {

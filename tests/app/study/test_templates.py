@@ -63,7 +63,7 @@ def test_texts_of_every_kind_are_filled_and_braces_can_be_written():
 
 
 def test_the_default_questions_name_the_coverage_that_the_config_asks_for():
-    assert "When 96.5 % of all cells have been discovered" in fill(draft()).questions[1].choices
+    assert "When 96.5 % of all cells have been mapped" in fill(draft()).questions[1].choices
 
 
 def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path):

@@ -48,7 +48,7 @@ test("invitations are counted by their state", () => {
 });
 
 test("endings, places and exports in words", () => {
-  assert.equal(endings(taskOf(), { collided: 1, explored: 4 }), "4 explored, 1 collided");
+  assert.equal(endings(taskOf(), { collided: 1, explored: 4 }), "4 mapped, 1 collided");
   assert.deepEqual([place(0, 0, 2), place(1, 0, 2), place(9, 0, 2)], [0, 50, 100]);
   assert.equal(exportText(null, "Not yet.", 0), "Not yet.");
   assert.equal(exportText({ state: "failed", began_ms: 0, error: "no room", files: [] }, "", 0), "Not made: no room");

@@ -10,7 +10,7 @@ const ppo = { name: "ppo", state: "ready", moves: 75, coverage: 0.99 };
 const people = (you, players = 3) => ({ players, unfinished: 1, moves: [[87, 2]], table: [], you });
 
 test("a shared text says the day, the result and the policy, and nothing else", () => {
-  assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99.3 % mapped, ppo needed 75\nhttp://here/daily");
+  assert.equal(shareText(task, "2026-11-22", explored, [ppo], "http://here/daily"), "MarsExplorer daily 2026-11-22: 87 moves, 99.3 % mapped, Expert needed 75\nhttp://here/daily");
   assert.equal(shareText(task, "2026-11-22", crashed, [{ ...ppo, moves: null }], "x"), "MarsExplorer daily 2026-11-22: crashed at 28.5 % after 16 moves\nx");
 });
 

@@ -18,7 +18,7 @@ test("the page says in a sentence what was driven", () => {
   assert.equal(summary(task, { total: 5, episodes: [], bests: [best] }), "You have driven 5 episodes in this browser, and mapped 3 terrains to 99 %.");
   assert.equal(bestText(task, { ...best, best: {} }), "75 % of 4 episodes mapped to 99 %.");
   assert.match(bestText(task, { ...best, explored: 0 }), /No terrain/);
-  assert.equal(terrainText(best), "random 21 \u00d7 42");
+  assert.equal(terrainText(best), "Scattered 21 \u00d7 42");
   assert.equal(task.outcome("collided"), "crashed");
 });
 

@@ -14,7 +14,7 @@ const participant = (changes = {}) => ({ task, study: "demo", title: "Demo", par
 
 test("no sentence of a ranked terrain contains a score", () => {
   const { figures, go } = words.endCard(frame({ outcome: "explored", step: 30 }), participant({ phase: "ranked" }));
-  assert.deepEqual(figures.map(([name]) => name), ["Moves", "Coverage"]);
+  assert.deepEqual(figures.map(([name]) => name), ["Moves", "Mapped"]);
   assert.equal(go, "Next terrain");
   assert.deepEqual(words.endCard(frame({ outcome: "explored", score: 0.9 }), participant({ phase: "warm_up", stage: "warm_up" })).figures.at(-1), ["Score", "0.900"]);
   assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "ranked", break_due: true })).go, "Go on");

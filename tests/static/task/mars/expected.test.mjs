@@ -38,6 +38,6 @@ test("the strip has a number at each end, and nought between them where there is
   assert.deepEqual(stripTicks([-7.2, 3.1]), [-5, 0]);
   assert.deepEqual(stripTicks([-20, 20]), [-20, 0, 20]);
   assert.deepEqual(stripTicks([2, 9]).length, 2);
-  assert.match(valueLine(["ppo"]), /^What ppo expects to earn from here on/);
+  assert.match(valueLine(["ppo"]), /^What Expert expects to earn from here on/);
   assert.equal(valueLine([]), "");
 });

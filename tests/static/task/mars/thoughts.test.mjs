@@ -38,7 +38,7 @@ test("the cell that a policy heads for is said in words, with its name where the
   const goals = (role, goal) => thought({ episode: role === "rival" ? "e2" : "e1", probabilities: null, value: null, goal });
   const state = receive(receive(begun(), "rival", goals("rival", [1, 2])), "player", goals("player", [0, 1]));
   assert.equal(goalText([state.rival]), "row 1, column 2");
-  assert.equal(goalText([state.player, state.rival]), "row 0, column 1 (You); row 1, column 2 (ppo)");
+  assert.equal(goalText([state.player, state.rival]), "row 0, column 1 (You); row 1, column 2 (Expert)");
   assert.equal(goalText([receive(state, "rival", thought({ episode: "e2", goal: null })).rival]), "");
   assert.equal(goalText([receive(state, "rival", frame({ episode: "e2", step: 1 })).rival]), "", "the goal of the frame before");
 });

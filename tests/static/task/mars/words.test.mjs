@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { hasTwoBoards, standing } from "../../../../static/play/panels.js";
+import { policyName } from "../../../../static/task/mars/names.js";
 import { describe, stepsToGoal, words } from "../../../../static/task/mars/words.js";
 
 const frame = (changes = {}) => ({ episode: "e", step: 16, rows: 3, cols: 4, coverage: 0.2899, score: 0.281, outcome: null, ...changes });
@@ -19,8 +20,8 @@ test("a screen reader hears tenths without a score, the end with it, and new ter
 });
 
 test("below the goal stands what a ranked episode costs, and what follows it", () => {
-  const state = { mode: "ranked", counts: true, player: {}, task: words };
-  assert.match(standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, ppo plays the same terrain/);
+  const state = { mode: "ranked", counts: true, player: {}, task: { ...words, nameOf: policyName } };
+  assert.match(standing(state, "ppo"), /^This ranked episode counts .* abandoned\. After the end, Expert plays the same terrain/);
   assert.match(standing({ ...state, counts: false }, ""), /does not count: .* a script has moved\.$/);
   assert.match(standing({ ...state, mode: "practice" }, "ppo"), /Rocks and the edge/);
 });
