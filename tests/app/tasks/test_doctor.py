@@ -47,7 +47,10 @@ def test_what_is_odd_is_named(reason):
 
 @pytest.mark.parametrize(
     "reason",
-    ["render", *(pytest.param(each, marks=pytest.mark.long) for each in REASONS if each != "render")],
+    [
+        "render",
+        *(pytest.param(each, marks=pytest.mark.long) for each in REASONS if each != "render"),
+    ],
 )
 def test_an_even_twin_passes(reason):
     even = examined("Even", reason)
