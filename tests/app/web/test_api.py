@@ -152,12 +152,12 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("body", "said"), BAD)
-def test_a_bad_request_gets_422_and_nothing_begins(server, body, said):
+def test_a_bad_request_gets_422_and_nothing_begins(server):
     client = server.client()
-    answer = client.post("/api/sessions", content=json.dumps(body), headers=AS_JSON)
-    assert answer.status_code == 422
-    assert said in answer.json()["detail"]
+    for body, said in BAD:
+        answer = client.post("/api/sessions", content=json.dumps(body), headers=AS_JSON)
+        assert answer.status_code == 422, body
+        assert said in answer.json()["detail"]
     assert client.get("/api/health").json()["sessions"] == 0
 
 
