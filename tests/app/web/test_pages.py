@@ -3,7 +3,6 @@
 import re
 from urllib.parse import urljoin
 
-import pytest
 from jinja2 import Environment, FileSystemLoader
 
 from app.web import pages
@@ -69,17 +68,17 @@ def test_a_fault_is_a_page_or_json_and_keeps_its_reason_to_itself(serve, monkeyp
         assert "default-src 'self'" in answer.headers["content-security-policy"]
 
 
-@pytest.mark.parametrize("path", ["/", "/about", "/study", "/study/none", "/leaderboard", "/docs"])
-def test_every_page_has_the_same_bar_and_its_files_are_there(serve, path):
-    client = serve().client()
-    answer = client.get(path, headers=BROWSER)
-    assert answer.status_code == 200
-    files = re.findall(r'(?:href|src)="([^"]*static/[^"]+)"', answer.text)
-    assert files
-    assert all(client.get(urljoin(path, file)).status_code == 200 for file in files)
-    if path not in ("/", "/study/none"):
-        bar = re.findall(r'<a href="([^"]+)"(?: aria-current="page")?>', answer.text)[:5]
-        assert bar == ["./", "daily", "leaderboard", "me", "about"]
+def test_every_page_has_the_same_bar_and_its_files_are_there(server):
+    client = server.client()
+    for path in ("/", "/about", "/study", "/study/none", "/leaderboard", "/docs"):
+        answer = client.get(path, headers=BROWSER)
+        assert answer.status_code == 200
+        files = re.findall(r'(?:href|src)="([^"]*static/[^"]+)"', answer.text)
+        assert files
+        assert all(client.get(urljoin(path, file)).status_code == 200 for file in files)
+        if path not in ("/", "/study/none"):
+            bar = re.findall(r'<a href="([^"]+)"(?: aria-current="page")?>', answer.text)[:5]
+            assert bar == ["./", "daily", "leaderboard", "me", "about"], path
 
 
 def test_the_list_of_studies_says_who_may_join(serve, tmp_path):
