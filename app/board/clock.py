@@ -16,7 +16,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from weakref import WeakSet
 
 from app.board.messages import ClockState
 from app.db.store import StoreError
@@ -32,6 +33,8 @@ STALL_S = 1.0
 """A tick that would come later than this lets the board stand still instead."""
 PAUSE_MS = int(COUNTDOWN_S * 1000)
 """A gap between two ticks that is no shorter is a pause."""
+FEW = 4
+"""Boards that tick at once and commit each tick by itself; those of more wait a moment for each other, which saves commits."""
 STALLED = "The server could not keep up for a moment, so the board stands still."
 TAKES_KEYS = "time runs on this board: it takes the keys that are held, and no moves"
 
@@ -154,14 +157,22 @@ def late_share(times_ms: Sequence[float], clock: int) -> float:
 class BoardClock:
     """The clock of one board: it stands, counts down, or runs.
 
-    state  as the page is told; a new object with each change
+    state    as the page is told; a new object with each change
+    ticking  all clocks that run, on whatever server of this process
     """
+
+    ticking: ClassVar[WeakSet[BoardClock]] = WeakSet()
 
     def __init__(self, board: Session, frames: int) -> None:
         self._board, self._frames = board, frames
         self._held, self._round = Held(), 0
         self._task: asyncio.Task[None] | None = None
         self.state = ClockState(episode="", state="standing")
+
+    @property
+    def shares_commits(self) -> bool:
+        """Whether its ticks wait a moment for those of other boards, to be committed with them."""
+        return len(self.ticking) > FEW
 
     @property
     def is_standing(self) -> bool:
@@ -196,9 +207,13 @@ class BoardClock:
                     return
                 self._held = await self._board.held_keys()
                 self._tell("running")
+            self.ticking.add(self)
             await self._tick(mine)
         except (StoreError, ValueError) as error:
             self.stand(str(error))
+        finally:
+            if self.is_standing:
+                self.ticking.discard(self)
 
     async def _tick(self, mine: int) -> None:
         loop, frame_s = asyncio.get_running_loop(), 1 / self._frames

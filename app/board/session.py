@@ -418,7 +418,7 @@ class Session:
                 driver = self.driver if held.is_trusted else SCRIPT
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
                 self._tick_ms = max(self._clock(), self._event_ms + 1)
-                await self._make(move, self._tick_ms, waits=False)
+                await self._make(move, self._tick_ms, waits=not self.clock.shares_commits)
             except RefusedError as refusal:
                 self.clock.stand(str(refusal))
 

@@ -187,7 +187,8 @@ def test_no_tick_comes_while_the_board_stands_still(ticking, tmp_path):
             me.until(lambda: me.state == "standing")
             again.go_on()
             again.pass_ticks(2)
-        me.until(lambda: me.state == "standing")  # it has left
+        me.until(lambda: me.state == "running")
+        me.until(lambda: me.state == "standing")  # the other one has left
         me.send(("resume", None))
         me.until(lambda: me.state == "countdown")
         me.send(("hidden", None))
