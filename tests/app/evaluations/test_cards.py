@@ -76,6 +76,7 @@ def test_attempts_run_at_the_same_time(agent):
 def test_an_unknown_a_revoked_and_a_closed_card_are_one_answer(agent, root):
     agent.play(0, moves=2)
     other, last = token_of(root, "Bo"), token_of(root, "Cy")
+    Agent(agent.server, other)  # it was in use before it was taken back
     CardList(Folder(root)).revoke("agents", other[:4])
     agent.call("close")
     Agent(agent.server, last)
