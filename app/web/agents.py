@@ -212,7 +212,7 @@ async def play(websocket: WebSocket, token: str) -> None:
     with suppress(WebSocketDisconnect):
         try:
             await agent_of(websocket, token)
-        except CardError as error:
+        except (CardError, StoreError) as error:
             await websocket.send_json(failed(error, "SESSION_ERROR"))
             await close(websocket, UNKNOWN_SESSION, "no open card")
             return
