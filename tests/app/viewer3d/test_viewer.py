@@ -485,3 +485,26 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
         return channel.subscribers, len(asyncio.all_tasks())
 
     assert asyncio.run(run()) == (0, 1)
+
+
+@pytest.mark.parametrize(("side", "waits"), [(9, False), (84, True)])
+def test_a_large_boards_ground_goes_before_its_rover_where_the_processor_draws(side, waits):
+    async def run():
+        viewer = Viewer()
+        episode = Episode.begin(EnvConfig.of("random", side), seed=5)
+        picture = Scene(viewer._server.scene, View(episode), False, ViewOptions())
+        places = [picture.rover_place]
+        for action in (1, 1, 2):  # some moves may have come before the next picture
+            if not episode.ended:
+                episode.step(action)
+        picture.show(View(episode))
+        assert picture.rover_waits is waits
+        places.append(picture.rover_place)
+        picture.glide(1.0)
+        places.append(picture.rover_place)
+        viewer.close()
+        return places
+
+    before, shown, after = asyncio.run(run())
+    assert (shown == before) is waits, "the rover stays until its ground has been drawn"
+    assert after != before

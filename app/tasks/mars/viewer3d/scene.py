@@ -27,6 +27,9 @@ from marsexplorer.config import ACTIONS, OBSTACLE, UNKNOWN
 LARGE_SIDE = 30
 """A board with a side longer than this, in cells, is followed unless the browser asks for the whole map."""
 
+SLOW_SIDE = 60
+"""A board with a side longer than this, in cells, has more ground than a processor draws between two moves."""
+
 
 @dataclass(frozen=True)
 class ViewOptions:
@@ -164,6 +167,7 @@ class Scene:
         self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
         self.episode = episode
         self._board, self._drawn = (0, 0), -1
+        self.rover_waits = False
         self._target: NDArray[np.float64] = np.zeros(3)
         self._paired: View | None = None
         self._episode_nodes: list[viser.SceneNodeHandle] = []
@@ -176,7 +180,7 @@ class Scene:
         self.show(episode)
 
     def show(self, episode: View) -> None:
-        """Bring the scene up to date with the episode; with effects, `glide` then moves the rover to its place."""
+        """Bring the scene up to date with the episode; where `rover_waits` then, `glide` moves the rover to its place."""
         if not _are_of_same_run(episode, self.episode):
             self._begin(episode)
         self.episode = episode
@@ -188,12 +192,15 @@ class Scene:
         row, col = episode.position
         turn = np.pi / 2 * (1 - ACTIONS.index(episode.heading))
         target = np.array([col, -row, turn], np.float64)
-        is_next = self._drawn >= 0 and episode.steps == self._drawn + 1
-        self._from, self._target = (self._target if is_next else target), target
+        if self._options.has_effects:
+            self.rover_waits = self._drawn >= 0 and episode.steps == self._drawn + 1
+        else:  # a large board's ground takes the processor longer to draw than its rover
+            self.rover_waits = self._drawn >= 0 and max(self._board) > SLOW_SIDE
+        self._from, self._target = (self._target if self.rover_waits else target), target
         self._show_end(episode)
         self._show_trail(max(self._drawn, 0))
         self._drawn = episode.steps
-        self.glide(0.0 if self._options.has_effects and is_next else 1.0)
+        self.glide(0.0 if self.rover_waits else 1.0)
 
     @property
     def steps(self) -> int:

@@ -125,6 +125,10 @@ def aspect_of(camera: viser.CameraHandle) -> float:
 GLIDE, GLIDE_PAUSE_S = (0.2, 0.4, 0.6, 0.8, 1.0), 0.018
 """Shares of a move at which a browser with effects is shown the rover, and the seconds between them."""
 
+GROUND_FIRST_S = 0.25
+"""Seconds by which ground and trail of a large board go before the rover, where the processor draws; moves made meanwhile are
+drawn together."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -275,8 +279,8 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
                 scene.show_goal(thought.get("goal"))
                 camera.show(episode.config.rows, episode.config.cols, scene.rover_place)
             client.flush()
-            if options.has_effects and scene.steps != steps:
-                await glide(client, scene, camera)
+            if scene.steps != steps and scene.rover_waits:
+                await (glide if options.has_effects else follow)(client, scene, camera)
 
 
 async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -> None:
@@ -287,6 +291,15 @@ async def glide(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -
             camera.show(scene.episode.config.rows, scene.episode.config.cols, scene.rover_place)
         client.flush()
         await asyncio.sleep(GLIDE_PAUSE_S)
+
+
+async def follow(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) -> None:
+    """Move the rover, and a camera that follows it, once the ground and the trail have had time to be drawn before it."""
+    await asyncio.sleep(GROUND_FIRST_S)
+    with client.atomic():
+        scene.glide(1.0)
+        camera.show(scene.episode.config.rows, scene.episode.config.cols, scene.rover_place)
+    client.flush()
 
 
 def thought_of(session: Session) -> dict[str, Any]:
