@@ -3,6 +3,7 @@ import { request } from "../common/api.js";
 import { all, by, create, reader } from "../common/page.js";
 import { showPeople } from "../common/people.js";
 import { loadTask } from "../common/task.js";
+import { levelName } from "../task/mars/names.js";
 import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
 
@@ -55,7 +56,7 @@ async function loadBoards() {
   const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],
     ["Not yet played by people", rest.filter((each) => !each.players)]];
   boardSelect.replaceChildren(...parts.filter(([, members]) => members.length)
-    .map(([label, members]) => create("optgroup", members.map(({ id, title }) => new Option(title, id)), { label })));
+    .map(([label, members]) => create("optgroup", members.map(({ id, title, study, level }) => new Option(study ? title : title.replace(level, levelName(level)), id)), { label })));
 }
 
 /** @param {number} ms */

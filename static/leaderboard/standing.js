@@ -90,7 +90,7 @@ export function ranksNote({ board, people, policies }, isBroken) {
   const came = policies.filter(({ shipped }) => shipped);
   const origin = came[0]?.shipped;
   if (origin) {
-    const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => name).join(", ")}`;
+    const whose = came.length === policies.length ? "The policies' figures" : `The figures of ${came.map(({ name }) => policyName(name)).join(", ")}`;
     parts.push(`${whose} came with MarsExplorer ${origin.version}; \u201c${origin.command}\u201d makes them again.`);
   }
   return parts.join(" ");

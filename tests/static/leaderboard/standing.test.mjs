@@ -43,7 +43,7 @@ test("the note under the ranks speaks of what is drawn and of nothing else", () 
   assert.equal(ranksNote({ board, people: null, policies: [ready("ppo", 78, 0.95)] }, false), "");
   assert.match(ranksNote({ board, people, policies: [] }, false), /^The dashed line is the mean of the volunteers\.$/);
   assert.match(ranksNote({ board, people: null, policies: [came] }, true), /^The axis is broken .* The policies' figures came with MarsExplorer 1\.2;/);
-  assert.match(ranksNote({ board, people: null, policies: [came, waiting("mine")] }, false), /^The figures of ppo came with/);
+  assert.match(ranksNote({ board, people: null, policies: [came, waiting("mine")] }, false), /^The figures of Expert came with/);
 });
 
 test("ticks are round and few", () => {
