@@ -1,7 +1,9 @@
 """The sums behind the volunteers' figures are those of the episodes, however these came and went; `verify` finds others."""
 
+import shutil
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -22,11 +24,12 @@ from tests.support.stored_studies import freeze, play_study
 WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
 
 
-@pytest.fixture
-def path(tmp_path):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     """Two players of three and one episodes, a participant's two, and what does not count."""
-    path = tmp_path / "play.db"
-    people = play_study(path, freeze(tmp_path / "studies"), ("human", "human"))
+    folder = tmp_path_factory.mktemp("recorded")
+    path = folder / "play.db"
+    people = play_study(path, freeze(folder / "studies"), ("human", "human"))
     with closing(Store(path)) as store:
         (own,) = store.query("SELECT player_id AS id FROM participants WHERE id = ?", [people[0]])
         for seed, player in enumerate(("ada", "ada", "bob", own["id"])):
@@ -36,6 +39,12 @@ def path(tmp_path):
         play(store, 8, "ada", driver="script")
         play_daily(store, "ada")
     return path, people[0]
+
+
+@pytest.fixture
+def path(recorded, tmp_path):
+    """A copy of them, and the participant."""
+    return Path(shutil.copy(recorded[0], tmp_path / "play.db")), recorded[1]
 
 
 def played(path):
@@ -56,6 +65,7 @@ def test_sums_are_those_of_the_episodes_after_each_level_erasure_merge_and_resto
     path, tmp_path
 ):
     path, person = path
+    assert verify_database(path).findings == ()
     assert played(path) == {SMALL.rows: (4, 0), WIDE.rows: (2, 0)}
     back_up(path, tmp_path / "copy.db")
     with closing(Store(path)) as store:
@@ -105,7 +115,6 @@ def test_sums_that_are_not_those_of_the_episodes_are_found_and_a_merge_makes_the
     path, tmp_path, harm
 ):
     path, _ = path
-    assert verify_database(path).findings == ()
     with closing(sqlite3.connect(path, isolation_level=None)) as conn:
         conn.execute("INSERT INTO players VALUES ('eve', 0)")
         conn.execute(harm)
