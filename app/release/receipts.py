@@ -199,27 +199,17 @@ def _receipt(
         episodes.append({"index": index, "begun": False, "actions": "", **came_to})
     start = f"{study.protocol_hash}|{card.id}"
     return {
-        "format": RECEIPT_FORMAT,
-        "evaluation": study.name,
-        "title": protocol.title,
-        "task": protocol.task,
-        "protocol_hash": study.protocol_hash,
-        "commitment": study.commitment,
-        "study": None if agents.study is None else agents.study.model_dump(),
-        "unpaired": agents.unpaired or None,
+        "format": RECEIPT_FORMAT, "evaluation": study.name, "title": protocol.title, "task": protocol.task,
+        "protocol_hash": study.protocol_hash, "commitment": study.commitment,
+        "study": None if agents.study is None else agents.study.model_dump(), "unpaired": agents.unpaired or None,
         "sees": agents.sees,
         "card": {
             "id": card.id, "author": card.author, "number": card.number, "ranks": card.number == 1,
             "note": None if card.number == 1 else f"card {card.number} of this author: it {SEEN_BEFORE}, and does not rank",
         },
-        "agent": json.loads(person.settings),
-        "agent_note": NOTE,
-        "versions": {
-            "core": protocol.core_version,
-            "software": version("marsexplorer-playground"),
-        },
-        "began_at": iso(min(each.started_ms for each in own)),
-        "ended_at": iso(max(each.ended_ms or 0 for each in own)),
+        "agent": json.loads(person.settings), "agent_note": NOTE,
+        "versions": {"core": protocol.core_version, "software": version("marsexplorer-playground")},
+        "began_at": iso(min(each.started_ms for each in own)), "ended_at": iso(max(each.ended_ms or 0 for each in own)),
         "closed_at": iso(study.closed_ms),
         "episodes": episodes,
         "chain": chained(start, episodes),

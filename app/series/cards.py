@@ -145,19 +145,11 @@ class Cards:
         protocol = self._study(held).protocol
         rules, config, agents = protocol.rules, protocol.env_config, self._agents(held)
         return {
-            "evaluation": protocol.name,
-            "title": rules.title,
-            "instructions": rules.briefing(config),
-            "actions": list(rules.actions),
-            "sees": agents.sees,
-            "seen": rules.sees(config),
-            "config": config.to_dict(),
-            "limit": int(config.limit),
-            "instances": protocol.ranked,
-            "hours": agents.hours,
-            "minutes": agents.minutes,
+            "evaluation": protocol.name, "title": rules.title, "instructions": rules.briefing(config),
+            "actions": list(rules.actions), "sees": agents.sees, "seen": rules.sees(config), "config": config.to_dict(),
+            "limit": int(config.limit), "instances": protocol.ranked, "hours": agents.hours, "minutes": agents.minutes,
             "calls": agents.calls * protocol.ranked,
-        }
+        }  # fmt: skip
 
     def instances(self, card: Card) -> list[Instance]:
         """Return the instances, in an order that says nothing of them."""
@@ -259,9 +251,7 @@ class Cards:
             await self._store.write(
                 partial(self._known.set_settings, participant.id, now, settings)
             )
-            held.participant = await self._store.read(
-                partial(self._known.participant, participant.id)
-            )
+            await self._read_again(held, participant.id)
         return self._card(held)
 
     def _key(self, token: str) -> tuple[str, str]:
@@ -389,6 +379,9 @@ class Cards:
                 raise
         return held.participant
 
+    async def _read_again(self, held: _Held, participant_id: str) -> None:
+        held.participant = await self._store.read(partial(self._known.participant, participant_id))
+
     def _add(self, participant: Participant, study: Study, issued: IssuedCard) -> None:
         with self._store.transaction():
             self._progress.add_study(self._progress.check_open(study))
@@ -430,9 +423,7 @@ class Cards:
                     await session.abandon(session.current.id, None)
             participant, now = await self._participant(held), self._lobby.sources.clock_ms()
             await self._store.write(partial(self._known.set_stage, participant.id, now, "complete"))
-            held.participant = await self._store.read(
-                partial(self._known.participant, participant.id)
-            )
+            await self._read_again(held, participant.id)
 
 
 def _ident(index: int) -> str:

@@ -98,16 +98,10 @@ def _about(study: Study) -> dict[str, Any]:
     protocol, agents = study.protocol, study.protocol.agents
     assert agents is not None
     return {
-        "name": study.name,
-        "title": protocol.title,
-        "status": study.status,
-        "task": protocol.rules.title,
-        "where": protocol.rules.where(protocol.env_config),
-        "instances": protocol.ranked,
-        "protocol_hash": study.protocol_hash,
-        "commitment": study.commitment,
-        **agents.model_dump(),
-    }
+        "name": study.name, "title": protocol.title, "status": study.status, "task": protocol.rules.title,
+        "where": protocol.rules.where(protocol.env_config), "instances": protocol.ranked,
+        "protocol_hash": study.protocol_hash, "commitment": study.commitment, **agents.model_dump(),
+    }  # fmt: skip
 
 
 def _path(request: Request, study: Study, file: str) -> FilePath | None:

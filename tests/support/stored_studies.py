@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import random
+import secrets
 
 from app.db import chain
 from app.db.series import StudyStore, add_series
@@ -27,8 +28,8 @@ IDENTITIES = {"PROLIFIC_PID": "5f3e9prolific{}zz", "SESSION_ID": "outside-sessio
 """What must never be found in a release, by participant."""
 
 
-def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
-    """Return a frozen study of 2 + 3 episodes, closed unless `close` is False."""
+def freeze(root, name="dunes", close=True, config=CONFIG, draw=secrets.token_bytes, **rest):
+    """Return a frozen study of 2 + 3 episodes, closed unless `close` is False; `draw` gives its secret."""
     folder = Folder(root)
     known = {
         "warm_up": 2,
@@ -40,7 +41,7 @@ def freeze(root, name="dunes", close=True, config=CONFIG, **rest):
         **rest,
     }
     folder.create(default_protocol(name, config, **known))
-    study = folder.freeze(name)
+    study = folder.freeze(name, draw=draw)
     return folder.close(name) if close else study
 
 
