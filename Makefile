@@ -20,7 +20,7 @@ INSTALL := $(BIN)/python $(PIP) --constraint constraints.txt --editable
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help play agents test test-long paper test-research check check-types check-rest format docs bench audit sbom dist clean browser
+.PHONY: help play agents test test-long cards paper test-research check check-types check-rest format docs bench audit sbom dist clean browser
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -37,6 +37,9 @@ test: $(DEV) browser ## all tests but the long campaigns, real browser included 
 
 test-long: $(DEV) browser ## the slow campaigns
 	$(BIN)/python -m pytest -m long --timeout 3600
+
+cards: $(DEV) ## play every episode that the cards of shipped policies list, move for move (`make test` plays ten of each)
+	$(BIN)/python -m pytest -m long --timeout 3600 tests/marsexplorer/policies/test_cards.py
 
 paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environment of its own; then draw docs/paper.md again
 	$(RESEARCH)/bin/python -m research.paper.claims.page

@@ -188,7 +188,7 @@ class PaperNetwork(nn.Module):
         """Return what a head says of every move, [b, 4, outputs]: all at once, or one after the other over features."""
         inputs = move_inputs(hidden, observation[1]) if len(observation) == 2 else hidden
         found: Tensor = head(inputs)
-        return found.view(len(hidden), 4, outputs).float()
+        return found.view(len(hidden), 4, outputs)
 
     def read_board(self, head: nn.Module, hidden: Tensor, observation: Observation) -> Tensor:
         """Return what a head says of the observation as a whole, [b, outputs]."""
@@ -240,7 +240,8 @@ class PolicyNetwork(PaperNetwork):
 
     def _logits(self, hidden: Tensor, observation: Observation) -> Tensor:
         logits = self.read_moves(self.policy_head, hidden, observation).squeeze(2)
-        return self.fill_invalid(logits, observation)
+        invalid = invalid_moves(observation) if self.shape.mask else torch.zeros_like(logits) > 0
+        return self.fill_invalid(centred(logits, invalid).float(), observation)
 
     def _value(self, hidden: Tensor, observation: Observation) -> Tensor:
         if self.value_head is None:
@@ -353,6 +354,18 @@ def initialize_orthogonal(net: nn.Module) -> None:
             nn.init.orthogonal_(module.weight, 2**0.5)
             assert module.bias is not None
             nn.init.zeros_(module.bias)
+
+
+def centred(logits: Tensor, invalid: Tensor) -> Tensor:
+    """Return logits [b, 4] less their mean over the moves that are not `invalid`, bool[b, 4].
+
+    No probability depends on what a board's logits have in common, so no loss holds it. Where it has grown beyond some 1e7,
+    float32 rounds the differences away, and the gradients of a board's logits, whose sum is 0, sum to about -2: every step
+    of the optimiser then raises all of them, the faster the larger they are. Those of SAC came to 2e10.
+    """
+    weights = (~invalid).to(logits.dtype)
+    mean = (logits * weights).sum(1, keepdim=True) / weights.sum(1, keepdim=True).clamp(min=1.0)
+    return logits - mean
 
 
 def move_inputs(hidden: Tensor, moves: Tensor) -> Tensor:

@@ -28,9 +28,9 @@ from research.paper.networks import PaperNetwork
 class Agent(nn.Module):
     """What is exported: logits float32[1, 4] and, where the network has one, a value float32[1].
 
-    Over features, logits that moves are drawn from are computed in float64. Nothing in the training of an
-    actor holds what its logits have in common: those of `sac-works` are about 2e10, where float32 is
-    exact to 2,048, so that a processor's rounding would choose the moves.
+    Over features, logits that moves are drawn from are computed in float64, and centred before they become float32: those of
+    `sac-works`, which was trained before they were centred, are about 2e10, where float32 is exact to 2,048, so that 99.5 % of
+    its decisions would be ties.
 
     A network of values takes its best move for certain, so its logits are 0 for that and INVALID_LOGIT
     for the others.

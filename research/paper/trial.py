@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import score
 from marsexplorer.evaluation import RULES, evaluate
+from marsexplorer.evaluation.cards import digest
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
 from research.paper.algorithms import Trainer, begin
 from research.paper.jobs import OnProgress, read_lines, write_lines
@@ -149,10 +150,16 @@ def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:
 def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) -> dict[str, Any]:
     """Return how the policy in a file does on held-out terrains, and the best frontier rule on the same."""
     table = evaluate(
-        [str(policy), *RULES], trial.config, trial.terrains, EVALUATION_SEEDS.start, on_episode
+        [str(policy), *RULES],
+        trial.config,
+        trial.terrains,
+        EVALUATION_SEEDS.start,
+        on_episode,
+        traces=True,
     )
     own, *rules = table.rows
-    outcomes = [result.outcome for result in table.results if result.policy == own.policy]
+    played = [result for result in table.results if result.policy == own.policy]
+    outcomes = [result.outcome for result in played]
     return {
         "terrains": trial.terrains,
         "first_seed": EVALUATION_SEEDS.start,
@@ -163,6 +170,21 @@ def measure(policy: Path, trial: Trial, on_episode: Callable[[int, int], None]) 
         "coverage": round(own.coverage_mean, 4),
         **{ending: outcomes.count(ending) / len(outcomes) for ending in ENDINGS},
         "best_rule_steps": round(min(row.steps_mean for row in rules), 2),
+        "moves": [each.steps for each in played],
+        **habits([each.trace.actions for each in played if each.trace]),
+        "actions": [digest(each.trace.actions) for each in played if each.trace],
+    }
+
+
+def habits(episodes: Sequence[Sequence[int]]) -> dict[str, Any]:
+    """Return the commonest action of some episodes, its share of all moves, and the entropy of the moves in nats."""
+    counts = np.bincount([action for episode in episodes for action in episode], minlength=4)
+    shares = counts / counts.sum()
+    entropy = -sum(share * np.log(share) for share in shares if share)
+    return {
+        "commonest": ACTIONS[int(shares.argmax())],
+        "commonest_share": round(float(shares.max()), 4),
+        "entropy_of_moves": round(float(entropy), 4),
     }
 
 

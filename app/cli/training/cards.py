@@ -87,27 +87,16 @@ def measure_policy(
     """
     from app.jobs import Jobs
     from marsexplorer.config import EnvConfig
-    from marsexplorer.evaluation import RULES, evaluate
+    from marsexplorer.evaluation.cards import result_for_card
     from marsexplorer.training.envs import EVALUATION_SEEDS
 
     results, sentences = {}, []
     with Jobs() as jobs:
         for config in configs:
             terrains = min(HELD_OUT_TERRAINS, max(2, HELD_OUT_TERRAINS * EnvConfig().n // config.n))
-            names, first = [str(file), *RULES], EVALUATION_SEEDS.start
-            own, *rules = evaluate(names, config, terrains, first, executor=jobs).rows
-            best = min(row.steps_mean for row in rules)
-            where = f"{config.level} {config.rows}x{config.cols}"
-            results[where] = {
-                "terrains": terrains,
-                "first_seed": first,
-                "steps": round(own.steps_mean, 2),
-                "completion": own.completion,
-                "collisions": own.collisions,
-                "score": round(own.score_mean, 4),
-                "best_rule_steps": round(best, 2),
-            }
-            steps = f"{own.steps_mean:.1f} steps to 99 % on {terrains} terrains of {where} ({own.completion:.0%} explored)"
-            sentences.append(f"{steps}, the best rule {best:.1f}")
+            where, first = f"{config.level} {config.rows}x{config.cols}", EVALUATION_SEEDS.start
+            found = results[where] = result_for_card(file, config, terrains, first, executor=jobs)
+            steps = f"{found['steps']:.1f} steps to 99 % on {terrains} terrains of {where} ({found['completion']:.0%} explored)"
+            sentences.append(f"{steps}, the best rule {found['best_rule_steps']:.1f}")
     save_policy({"results": results})
     return "; ".join(sentences)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
+from marsexplorer.files import replace_whole
 from marsexplorer.policies.base import PolicyFileError, check_onnx
 
 SUFFIX = ".onnx"
@@ -47,3 +49,19 @@ def read_card(path: Path) -> dict[str, Any]:
     from marsexplorer.policies.files.onnx import card_in, read_model
 
     return card_in(read_model(path))
+
+
+def write_card(path: Path, card: dict[str, Any]) -> None:
+    """Put another card into a policy file, whole or not at all; PolicyFileError when it is no ONNX model."""
+    check_onnx()
+    import onnx
+
+    from marsexplorer.policies.files.onnx import read_model
+
+    model = read_model(path)
+    kept = [(each.key, each.value) for each in model.metadata_props if each.key != "card"]
+    del model.metadata_props[:]
+    for key, value in (*kept, ("card", json.dumps(card, indent=1))):
+        model.metadata_props.add(key=key, value=value)
+    with replace_whole(path) as unfinished:
+        onnx.save(model, str(unfinished))

@@ -16,6 +16,7 @@ from research.paper.claims.results import (
     NOTHING,
     PEOPLE,
     REPRODUCED,
+    SLIP,
     Decide,
     Judgement,
     Results,
@@ -47,6 +48,18 @@ def checked(name: str) -> Claim:
     return Claim(None, decide)
 
 
+def slip(name: str) -> Claim:
+    """Return the claim of a check that computes with the paper's own numbers: where it does not hold, the paper slipped."""
+    found = checked(name)
+
+    def decide(results: Results) -> Judgement:
+        judgement = found.decide(results)
+        is_slip = judgement.verdict == verdict(False)
+        return Judgement(judgement.measured, SLIP) if is_slip else judgement
+
+    return Claim(None, decide)
+
+
 def settled(measured: str, said: str, command: str | None = None) -> Claim:
     """Return a claim whose verdict depends on no number: a test holds it, we chose otherwise, or it needs people."""
     return Claim(command, lambda results: Judgement(measured, said))
@@ -60,6 +73,7 @@ PLAYERS = settled(
 FIGURE = "python -m research.paper --figure"
 
 CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
+    "shares": slip("shares"),
     "discovered-obstacles": Claim(f"{FIGURE} 6", played.discovered),
     "lidar": settled(
         "exact: the compiled lidar equals a literal one, cell for cell, on random terrains and radii from 1 to 8",

@@ -64,8 +64,9 @@ def read(folder: Path = FOLDER) -> Results:
 
 
 REPRODUCED, PARTLY, NOT_REPRODUCED = "reproduced", "in part", "not reproduced"
+UNDECIDED, SLIP = "undecided", "a slip of the paper"
 DIFFERENT, PEOPLE, NOT_YET = "done differently", "cannot be tested here: people", "not yet measured"
-VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, DIFFERENT, PEOPLE, NOT_YET)
+VERDICTS = (REPRODUCED, PARTLY, NOT_REPRODUCED, UNDECIDED, SLIP, DIFFERENT, PEOPLE, NOT_YET)
 
 
 @dataclass(frozen=True)
