@@ -6,7 +6,9 @@ A row is added to a file for each terrain as soon as both have played it, so a r
 from __future__ import annotations
 
 import csv
+import json
 import time
+from math import nan
 from pathlib import Path
 
 import click
@@ -25,6 +27,7 @@ FIRST_SEED = 7_000_000_000
 """Of the terrains of the measurement, which nothing else uses."""
 TERRAINS = {21: 300, 42: 100, 84: 20}
 FOLDER = Path(__file__).parent / "measured"
+BOARDS = Path(__file__).parents[2] / "data" / "leaderboard"
 COLUMNS = ("side", "seed", "ppo", "lookahead", "decisions", "seconds")
 """Sides in cells, moves to 99 % of each policy, decisions that looked ahead and the processor seconds they took."""
 
@@ -87,14 +90,22 @@ def read(path: Path) -> list[tuple[float, ...]]:
         return [tuple(map(float, row)) for row in list(csv.reader(file))[1:]]
 
 
-def summary(rows: list[tuple[float, ...]]) -> tuple[str, ...]:
-    """Return a row of the table: size, terrains, both means of moves, their ratio, and the milliseconds of a decision."""
+def on_the_leaderboard(side: int) -> list[tuple[float, ...]]:
+    """Return rows of the leaderboard's terrains, from the figures that come with the package; no time was taken of them."""
+    document = json.loads((BOARDS / f"random-{side}x{side}.json").read_text())
+    steps = {each["policy"]: each["steps"] for each in document["policies"]}
+    both = zip(steps["ppo"], steps[Lookahead.name], strict=True)
+    return [(side, nan, alone, ahead, 0, 0.0) for alone, ahead in both]
+
+
+def summary(which: str, rows: list[tuple[float, ...]]) -> tuple[str, ...]:
+    """Return a row of the table: terrains, size, how many, both means of moves, their ratio, milliseconds a decision."""
     _, _, alone, ahead, decisions, seconds = np.array(rows).T
     ratio, low, high = ratio_interval(ahead, alone)
     side = f"{rows[0][0]:.0f}"
     return (
-        f"{side}x{side}", f"{len(rows)}", f"{alone.mean():.2f}", f"{ahead.mean():.2f}",
-        f"{ratio:.4f} ({low:.4f} to {high:.4f})", f"{1000 * seconds.sum() / max(decisions.sum(), 1):.1f}",
+        which, f"{side}x{side}", f"{len(rows)}", f"{alone.mean():.2f}", f"{ahead.mean():.2f}",
+        f"{ratio:.4f} ({low:.4f} to {high:.4f})", f"{1000 * seconds.sum() / decisions.sum():.1f}" if decisions.sum() else "",
     )  # fmt: skip
 
 
@@ -124,7 +135,12 @@ def summary(rows: list[tuple[float, ...]]) -> tuple[str, ...]:
     default=FOLDER,
     help="The folder of the rows, which a run adds to.  [default: beside this command]",
 )
-@click.option("--table", "is_table", is_flag=True, help="Play nothing, print what the folder has.")
+@click.option(
+    "--table",
+    "is_table",
+    is_flag=True,
+    help="Play nothing, print what the folder and the leaderboard have.",
+)
 def main(
     sizes: tuple[str, ...], terrains: int | None, seed: int, out: Path, is_table: bool
 ) -> None:
@@ -145,8 +161,10 @@ def main(
         if not is_table:
             measure(path, side, range(seed, seed + (terrains or TERRAINS[side])))
         found = read(path)
-        rows += [summary(found)] if len(found) > 1 else []
-    heads = ("size", "terrains", "ppo", "lookahead", "ratio", "ms a decision")
+        rows += [summary("of their own", found)] if len(found) > 1 else []
+    if is_table:
+        rows += [summary("the leaderboard's", on_the_leaderboard(side)) for side in TERRAINS]
+    heads = ("terrains", "size", "how many", "ppo", "lookahead", "ratio", "ms a decision")
     print_table("moves to 99 %, level random", heads, rows)
 
 
