@@ -125,6 +125,7 @@ def test_a_page_is_told_that_time_runs():
 def test_ticks_follow_from_held_keys_and_are_attested(ticking, tmp_path):
     client, board, me = play(ticking)
     assert me.kinds == {"frame", "clock", "kept", "history"}
+    assert me.refused is None
     made = rows(tmp_path, "SELECT action, input, driver FROM steps ORDER BY step")
     assert {NOOP, RIGHT} == {action for action, *_ in made}
     assert set(made) == {(NOOP, None, "human"), (RIGHT, "key", "human")}
@@ -264,7 +265,10 @@ def test_an_episode_is_given_up_while_time_runs(ticking):
     assert (me.frame["outcome"], me.state) == ("abandoned", "standing")
 
 
-def test_keys_that_could_not_be_kept_let_the_board_stand_still(ticking, tmp_path, monkeypatch):
+@pytest.mark.parametrize("error", [session.StoreError, session.RefusedError])
+def test_keys_that_could_not_be_kept_let_the_board_stand_still(
+    ticking, tmp_path, monkeypatch, error
+):
     client, board = begin(ticking)
     with ticking.socket(board, client) as socket:
         me = Keyboard(socket)
@@ -273,7 +277,7 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(ticking, tmp_path
         with monkeypatch.context() as broken:
 
             def refuse(*_):
-                raise session.StoreError("no room")
+                raise error("no room")
 
             broken.setattr(session, "add_input_events", refuse)
             me.send(("keydown", "KeyD"))
