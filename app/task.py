@@ -372,6 +372,15 @@ class Rules(Protocol):
     def check_study(self, config: Configuration) -> None:
         """Raise ValueError, saying what is wanted, where a study cannot be played on a configuration."""
 
+    def lock(self) -> dict[str, Any]:
+        """Return what must be the same where a study is frozen and where it is served, beside the version."""
+
+    def unlike(self, lock: Mapping[str, Any]) -> str:
+        """Return what is here instead of what `lock` returned elsewhere, in words; "" where nothing is."""
+
+    def elsewhere(self, record: Record, rewards: Sequence[float]) -> str:
+        """Return why another version's episode, with the rewards of its moves, cannot be simulated here, and what differs."""
+
     def examine(self, config: Configuration) -> None:
         """Raise ValueError, saying what differs and why, where episodes do not follow from seed and actions."""
 

@@ -31,7 +31,7 @@ class Finding:
 
 def _short(value: Any) -> str:
     text = value if isinstance(value, str) else repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= 200 else text[:197] + "..."
 
 
 def simulate(
@@ -58,8 +58,11 @@ def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Fou
     version = trial.rules.version
     found += _of_config(row, trial)
     if row["core_version"] != version:
-        elsewhere = f"{version} here: only the release that made it can simulate it"
-        found.append(("core_version", row["core_version"], elsewhere))
+        try:
+            here = trial.rules.elsewhere(trial.record(steps), [step["reward"] for step in steps])
+        except (ValueError, TypeError, RuntimeError) as error:
+            here = f"cannot be simulated here: {error}"
+        found.append(("core_version", row["core_version"], here))
         return None
     numbers = [step["step"] for step in steps]
     if numbers != list(range(len(steps))):

@@ -285,9 +285,8 @@ class Folder:
             rules.examine(protocol.env_config)
         except ValueError as error:
             raise StudyError(f"the study {name!r} cannot be frozen: {error}") from error
-        protocol = protocol.model_copy(
-            update={"policy_hashes": _record_policies(protocol, path / FOLDER)}
-        )
+        hashes = _record_policies(protocol, path / FOLDER)
+        protocol = protocol.model_copy(update={"policy_hashes": hashes, "lock": rules.lock()})
         secret, now = draw(32), now_ms()
         paired = self._paired(protocol)
         if paired is not None and not paired.is_open:

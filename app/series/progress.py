@@ -131,12 +131,15 @@ class ParticipantProgress:
                 f"the study {name!r} is of {study.protocol.rules.title}, and this server plays {self.lobby.task.title}: "
                 "whoever invited you must start it with --env"
             )
-        if study.protocol.core_version != study.protocol.rules.version:
+        rules = study.protocol.rules
+        unlike = rules.unlike(study.protocol.lock)
+        if study.protocol.core_version != rules.version or unlike:
             _log.warning(
-                "study %s is for core version %s, this is %s",
+                "study %s is for core version %s, this is %s; here is: %s",
                 name,
                 study.protocol.core_version,
-                study.protocol.rules.version,
+                rules.version,
+                unlike or "nothing else that differs",
             )
             raise StageError(
                 f"the study {name!r} cannot be played on this server now; tell whoever invited you"

@@ -185,6 +185,7 @@ class Protocol(_Part):
     task                 what is played: mars, or gymnasium: with an id or a description as JSON
     config               of every episode, as the task's configuration says it
     core_version         of the rules it was made for
+    lock                 what else must be the same where it is served (`Rules.lock`); freezing writes it
     warm_up, ranked      episodes a participant plays that do not count, and that do
     players              participants planned
     break_every          ranked episodes after which a break is offered
@@ -216,6 +217,7 @@ class Protocol(_Part):
     task: str = "mars"
     config: dict[str, Any]
     core_version: str = Field(default_factory=lambda known: rules_of(known["task"]).version)
+    lock: dict[str, Any] = Field(default_factory=dict)
     warm_up: int = Field(default=15, ge=0, le=500)
     ranked: int = Field(default=30, ge=1, le=500)
     players: int = Field(default=10, ge=1, le=100_000)

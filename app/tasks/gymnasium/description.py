@@ -164,21 +164,19 @@ class Description(BaseModel):
 
     @property
     def versions(self) -> str:
-        """What an episode replays with: the versions of Gymnasium, NumPy and the package of the environment."""
+        """What an episode replays with: the versions of its packages."""
+        return ", ".join(f"{name} {version_of(name)}" for name in self.packages)
+
+    @property
+    def packages(self) -> list[str]:
+        """Gymnasium, NumPy and the packages of the environment and its wrappers."""
         entry = spec_of(self.id).entry_point
         module = entry if isinstance(entry, str) else getattr(entry, "__module__", "")
         modules = (re.split("[.:]", module)[0], *(name.split(".")[0] for name in self.wrappers))
         owners = _owners()
         owned = [dist for part, dist in PACKAGES.items() if module.startswith(part)]
-        needed = sorted(
-            {
-                "gymnasium",
-                "numpy",
-                *owned,
-                *(each for name in modules for each in owners.get(name, ())),
-            }
-        )
-        return ", ".join(f"{name} {version_of(name)}" for name in needed)
+        found = (each for name in modules for each in owners.get(name, ()))
+        return sorted({"gymnasium", "numpy", *owned, *found})
 
 
 @cache

@@ -33,6 +33,7 @@ from app.tasks.gymnasium.description import (
     keys_of,
     spec_of,
 )
+from app.tasks.lock import differences, lock_of
 from app.tasks.policies import ProcessPolicies
 
 MOST_FRAMES = 3000
@@ -506,6 +507,31 @@ class GymnasiumRules:
     def check_study(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where the environment cannot be made."""
         config.make().close()
+
+    def lock(self) -> dict[str, Any]:
+        """Return Gymnasium's own description of the environment, and what this machine computes it with."""
+        try:
+            spec = json.loads(spec_of(self.level).to_json())
+        except (TypeError, ValueError, AttributeError):  # of an entry point that is no text
+            spec = str(spec_of(self.level))
+        return {"spec": canonical(spec), **lock_of(tuple(self.description.packages))}
+
+    def unlike(self, lock: Mapping[str, Any]) -> str:
+        """Return what is here instead of what was there."""
+        return ", ".join(differences(lock, self.lock()))
+
+    def elsewhere(self, record: GymnasiumRecord, rewards: Sequence[float]) -> str:
+        """Return how another version's episode, with its rewards, differs when it is played with what is here."""
+        played = dict(each.rsplit(" ", 1) for each in record.core_version.split(", "))
+        here = dict(each.rsplit(" ", 1) for each in self.version.split(", "))
+        said = f"cannot be simulated here: {', '.join(differences(played, here))}"
+        run = GymnasiumRun(record.config, record.seed)
+        for step, (action, reward) in enumerate(zip(record.actions, rewards, strict=True), 1):
+            if run.ended or run.step(action) != reward:
+                return f"{said}; first difference at step {step}"
+        run = self._given_up(record, run)
+        is_same = (run.outcome, run.digest) == (record.outcome, record.trajectory_hash)
+        return f"{said}; {'no difference' if is_same else 'other observations'} in {len(rewards)} steps"
 
     def examine(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where fresh processes play episodes of 1,000 moves in all differently."""

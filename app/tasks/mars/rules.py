@@ -192,6 +192,18 @@ class MarsRules:
         """Return `no effort` or nothing; counts are the cells known after each move."""
         return ("no effort",) if makes_no_effort(was.config, counts, self.cells(was)) else ()
 
+    def lock(self) -> dict[str, Any]:
+        """Return nothing: the version of the core says it, whose rules have no floating-point arithmetic that could differ."""
+        return {}
+
+    def unlike(self, lock: Mapping[str, Any]) -> str:
+        """Return ""."""
+        return ""
+
+    def elsewhere(self, record: Record, rewards: Sequence[float]) -> str:
+        """Return that another version's episode needs that version."""
+        return f"{self.version} here: only the release that made it can simulate it"
+
     def examine(self, config: EnvConfig) -> None:
         """Do nothing: the tests have examined it."""
 

@@ -1,0 +1,92 @@
+"""What an episode was computed with: another version is named with its first difference, and is no tampering."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from app.series.verification import verify_database
+from app.task import rules_of
+from app.tasks.lock import differences
+from tests.support.command import command
+from tests.support.declared import DECLARATIONS_FILE
+
+LAKE = "gymnasium:FrozenLake-v1"
+
+
+def test_what_differs_is_said_in_a_few_words():
+    here = rules_of(LAKE).lock()
+    assert [*differences(here, here)] == []
+    other = json.loads(json.dumps(here))
+    other["packages"]["numpy"]["version"] = "1.26.4"
+    other["packages"]["gymnasium"]["record"] = "0"
+    other["packages"]["gone"] = {"version": "3", "record": ""}
+    other["python"], other["processor"] = "3.9.1", here["processor"] + " AVX9"
+    other["setting"]["OPENBLAS_CORETYPE"] = "Haswell"
+    numpy, gymnasium = (here["packages"][name]["version"] for name in ("numpy", "gymnasium"))
+    assert [*differences(other, here)] == [
+        "no gone instead of 3",
+        f"gymnasium {gymnasium} with other files",
+        f"numpy {numpy} instead of 1.26.4",
+        "a processor that differs in AVX9",
+        f"python {here['python']} instead of 3.9.1",
+        "OPENBLAS_CORETYPE unset instead of Haswell",
+    ]
+
+
+def test_an_episode_of_another_version_is_named_with_its_first_difference(monkeypatch):
+    rules = rules_of(LAKE)
+    run = rules.run(rules.default, 3, bytes([0, 1, 0]))
+    run.abandon()
+    record, was = run.record(), "gymnasium 0.29.1, numpy 1.26.4"
+    object.__setattr__(record, "core_version", was)
+    said = rules.elsewhere(record, [0.0, 0.0, 0.0])
+    assert said.startswith("cannot be simulated here: gymnasium ")
+    assert "instead of 0.29.1, numpy " in said
+    assert said.endswith("; no difference in 3 steps")
+    assert rules.elsewhere(record, [0.0, 1.0, 0.0]).endswith("; first difference at step 2")
+    object.__setattr__(record, "trajectory_hash", "0")
+    assert rules.elsewhere(record, [0.0, 0.0, 0.0]).endswith("; other observations in 3 steps")
+
+
+def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
+    server = serve(task=LAKE)
+    client = server.page()
+    begun = client.post("/api/sessions", json={}).json()
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        while frame["outcome"] is None:
+            socket.act(frame, "right")
+            frame = socket.frame_after(frame["step"])
+    server.stop()
+    database = tmp_path / "playground.db"
+    assert verify_database(database).findings == ()
+    with closing(sqlite3.connect(database)) as conn, conn:
+        conn.execute("UPDATE episodes SET core_version = 'gymnasium 0.29.1, numpy 1.26.4'")
+    found = [str(each) for each in verify_database(database).findings]
+    assert "digest of its stored fields" in found[0], "what was changed is said first"
+    assert "cannot be simulated here: gymnasium" in found[-1]
+    assert "; no difference in" in found[-1]
+
+
+@pytest.mark.parametrize("part", ["python", "packages"])
+def test_a_study_is_served_where_it_was_frozen_alone(serve, tmp_path, capsys, caplog, part):
+    studies = ("--studies", tmp_path / "studies")
+    sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
+    new = ("study", "new", "lake", "--env", "FrozenLake-v1", "--declarations", DECLARATIONS_FILE)
+    assert command(capsys, *new, *sizes, *studies)[0] == 0
+    assert command(capsys, "study", "freeze", "lake", "--underpowered", *studies)[0] == 0
+    protocol = json.loads((tmp_path / "studies/lake/protocol.json").read_text())
+    assert protocol["lock"] == json.loads(json.dumps(rules_of(LAKE).lock()))
+    server = serve(task=LAKE)
+    assert server.page().post("/api/studies/lake/join").status_code < 300
+    rules = type(rules_of(LAKE))
+    other = {**protocol["lock"], part: {} if part == "packages" else "3.9.1"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rules, "lock", lambda self: other)
+        answer = server.page().post("/api/studies/lake/join")
+    assert (answer.status_code, "cannot be played on this server now" in answer.text) == (409, True)
+    assert {"python": "python 3.9.1 instead", "packages": "no gymnasium instead"}[
+        part
+    ] in caplog.text
