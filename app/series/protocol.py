@@ -15,10 +15,12 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
     StrictBool,
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
@@ -296,6 +298,12 @@ class Protocol(_Part):
                 f"panel_links signed is for recruitment panel, got recruitment {self.recruitment}"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_an_empty_lock(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the fields: a task that locks nothing has no field for it."""
+        found: dict[str, Any] = dump(self)
+        return found if found.get("lock") else {n: v for n, v in found.items() if n != "lock"}
 
     @property
     def rules(self) -> Rules:
