@@ -477,8 +477,8 @@ class GymnasiumRules:
         return f"People see {people}; agents are given {same}."
 
     def briefing(self, config: GymnasiumConfig) -> str:
-        """Return the description's instructions."""
-        return self.instructions
+        """Return the description's instructions, or what is played and how it is scored."""
+        return self.instructions or f"{self.where(config)}. {self.words.definition}"
 
     def design(self, config: GymnasiumConfig) -> str:
         """Return id, arguments, versions, limit, and what people and agents see of it where that is said."""
