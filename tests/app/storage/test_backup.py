@@ -25,6 +25,7 @@ from app.db.store import Store
 from app.series.folder import Folder
 from app.series.protocol import default_protocol
 from app.series.verification import verify_database
+from tests.support.agents import own
 from tests.support.declared import DECLARATIONS
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 from tests.support.servers import eventually
@@ -293,6 +294,9 @@ OPENING = {
     "serve": "--database FILE --port 0",
     "play": "--no-browser --database FILE",
     "export": "--database FILE --out new",
+    "evaluation close": "agents --yes --database FILE --studies studies",
+    "evaluation freeze": "draft --database FILE --studies studies",
+    "evaluation open": "open --database FILE --studies studies",
     "replay": "a1b2 --database FILE --out new.html",
     "study close": "open --yes --database FILE --studies studies",
     "study freeze": "draft --underpowered --database FILE --studies studies",
@@ -340,6 +344,7 @@ def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp
     play_study(tmp_path / "study.db", freeze("studies", "closed"))
     draft = default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS)
     Folder("studies").create(draft)
+    own("studies", task="mars", config=CONFIG)
 
     def run(name, words):
         answers = "a long password\n" * 2
