@@ -35,6 +35,8 @@ EPISODES_PER_LINE = 100
 LINES = 100
 """Lines of the curve of a whole trial."""
 ENDINGS = ("explored", "collided", "out_of_bounds", "timed_out")
+EPISODES = ("moves", "actions")
+"""What the card says of each episode, and the log does not."""
 HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
@@ -102,7 +104,8 @@ class Trial:
         result = measure(policy, self, on_episode)
         results = {f"{self.level} {self.size}x{self.size}": result}
         trainer.save_policy(policy, {**self._card(trainer), "results": results})
-        last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **result}
+        figures = {name: each for name, each in result.items() if name not in EPISODES}
+        last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **figures}
         write_lines(own / "log.jsonl", [self._head(trainer), *lines, last])
 
     def _head(self, trainer: Trainer) -> dict[str, Any]:

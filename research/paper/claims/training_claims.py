@@ -428,6 +428,8 @@ def became(results: Results) -> str:
     for algorithm in ALGORITHMS:
         for record in of_figure_4(results, algorithm, "paper"):
             own = record.result
+            if "collided" not in own:
+                continue
             same = [
                 name
                 for name, figures in constant_actions().items()

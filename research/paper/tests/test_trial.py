@@ -2,12 +2,14 @@
 
 from dataclasses import asdict, replace
 from itertools import pairwise
+from math import log
 
 import onnx
 import pytest
 
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.cards import replay_card
 from marsexplorer.policies import load
 from marsexplorer.policies.files.onnx import OnnxModel
 from research.paper import algorithms
@@ -63,6 +65,10 @@ def test_a_trial_has_a_log_of_its_settings_its_curve_and_its_result_and_a_policy
     card = OnnxModel(path).card
     assert card["training"]["settings"] == head["settings"]
     assert card["results"]["random 9x9"]["score"] == result["score"]
+    assert [each for each in replay_card(path) if each] == []
+    assert result["commonest"] in ACTIONS
+    assert 0.25 <= result["commonest_share"] <= 1
+    assert 0 <= result["entropy_of_moves"] <= log(4) + 1e-4
     assert TRIAL.is_done(tmp_path)
     assert not replace(TRIAL, moves=1000).is_done(tmp_path)
 
