@@ -335,10 +335,15 @@ def rule_by_definition(moves, side, scale):
 
 def test_sigterm_that_is_handled_like_ctrl_c_waits_for_the_end_of_an_update():
     before, done = signal.signal(signal.SIGTERM, signal.default_int_handler), []
-    try:
-        with pytest.raises(KeyboardInterrupt), ppo.postponed_interrupt():
+
+    def update():
+        with ppo.postponed_interrupt():
             os.kill(os.getpid(), signal.SIGTERM)
             done.append("the rest of the update")
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            update()
         assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGTERM, before)
