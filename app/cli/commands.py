@@ -20,6 +20,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),
     "gymnasium": ("pygame",),
+    "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
@@ -31,6 +32,7 @@ INCLUDED: dict[str, tuple[str, ...]] = {
     "export": ("study",),
     "ray": ("train",),
     "gymnasium": ("play",),
+    "hub": ("onnx",),
     "video": ("play",),
 }
 """Extra -> the extras that it includes."""
@@ -51,7 +53,7 @@ COMMANDS = {
     "simulate": ("study.simulate", "study", "Let synthetic players take part in a study."),
     "report": ("study.report", "study", "Write a study's figures with their intervals, as a page and as JSON."),
     "regret": ("study.report", "study", "Show where the players of a study lose moves."),
-    "policies": ("training.policies", "play", "List policies, and show their cards."),
+    "policies": ("training.policies", "hub", "List policies, show their cards, share them on the Hugging Face hub."),
     "verify": ("database", "study", "Simulate every recorded episode again and compare."),
     "stamp": ("database", "study", "Have the end of the chain of hashes time-stamped by an authority."),
     "release": ("bundles", "export", "Write a study as a citable, signed bundle."),

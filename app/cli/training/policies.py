@@ -1,4 +1,4 @@
-"""The command `marsexplorer policies`: which there are, and what their cards say."""
+"""The command `marsexplorer policies`: which there are, what their cards say, and the Hugging Face hub."""
 
 from __future__ import annotations
 
@@ -8,18 +8,26 @@ from pathlib import Path
 
 import click
 
-from app.cli.console import print_table, progress
+from app.cli.console import PATH, print_table, progress
+
+TOKEN = click.option(
+    "--token",
+    envvar="HF_TOKEN",
+    help="Of your account.  [default: HF_TOKEN, or that of `hf auth login`]",
+)
 
 
-@click.group(short_help="List policies, and show their cards.")
+@click.group(short_help="List policies, show their cards, share them on the Hugging Face hub.")
 def policies() -> None:
-    """List policies, and show their cards.
+    """List policies, show their cards, and share them on the Hugging Face hub.
 
     \b
     Examples:
       marsexplorer policies list
       marsexplorer policies card ppo
       marsexplorer policies measure runs/mine/mine.onnx
+      marsexplorer policies push runs/mine/mine.onnx ada/mars-explorer
+      marsexplorer policies pull ada/mars-explorer
     """
 
 
@@ -74,6 +82,46 @@ def measure(policy: str) -> None:
         write_card(file, {**found, "results": results})
 
 
+@policies.command()
+@click.argument("policy")
+@click.argument("repo", metavar="OWNER/NAME")
+@click.option(
+    "--private", is_flag=True, help="Make the repository for you alone, if it is not there yet."
+)
+@TOKEN
+def push(policy: str, repo: str, private: bool, token: str | None) -> None:
+    """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
+
+    POLICY is the name or path of a policy with a card. The repository is made when it is not there.
+    """
+    with _policy_errors():
+        from marsexplorer.policies.files import hub
+
+        file = _file_of(policy)
+        with _hub_errors(hub.HubError):
+            address = hub.push(file, repo, is_private=private, token=token)
+        click.echo(f"{file.name} stands at {address}")
+
+
+@policies.command()
+@click.argument("repo", metavar="OWNER/NAME")
+@click.option(
+    "--out", type=PATH, default=Path(), help="The folder for the file.  [default: the current one]"
+)
+@click.option("--revision", help="A branch, tag or commit.  [default: the newest]")
+@TOKEN
+def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
+    """Download the policy of a repository of the hub and check its card. Nothing in the file is run."""
+    with _policy_errors():
+        from marsexplorer.policies.files import hub
+        from marsexplorer.policies.files.card import read_card
+
+        with _hub_errors(hub.HubError):
+            file = hub.pull(repo, out, revision=revision, token=token)
+        click.echo(f"{file}: {read_card(file).get('summary', 'a policy')}")
+        click.echo(f"Play beside it: marsexplorer serve --policy {file}")
+
+
 def _file_of(policy: str) -> Path:
     """Return the file of a policy; UsageError for a rule, which is code and has none."""
     from marsexplorer.policies.loading import BUILT_IN, find_file
@@ -87,10 +135,22 @@ def _file_of(policy: str) -> Path:
 
 @contextmanager
 def _policy_errors() -> Iterator[None]:
-    """End the command where a policy is not found or its file cannot be read."""
+    """Turn a policy that is not there or cannot be read into a UsageError, a failing disk into a ClickException."""
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
     try:
         yield
     except (PolicyFileError, PolicyNotFoundError) as error:
         raise click.UsageError(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(
+            f"cannot write the policy: {error.strerror or error}; choose another --out"
+        ) from error
+
+
+@contextmanager
+def _hub_errors(kind: type[Exception]) -> Iterator[None]:
+    try:
+        yield
+    except kind as error:
+        raise click.ClickException(str(error)) from error

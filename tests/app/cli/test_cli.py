@@ -160,8 +160,6 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         (f"evaluate --policy random --seed {2**53}", "seed"),
         ("evaluate --policy ppo2", 'no policy "ppo2"'),
         ("evaluate --policy gone.onnx", "no policy file at gone.onnx"),
-        ("policies card gone.onnx", "no policy file at gone.onnx"),
-        ("policies card frontier-cost", "frontier-cost is a rule"),
         ("evaluate random", "--policy"),
         ("evaluate --policy random --map gone.yaml", "gone.yaml is no readable YAML file"),
         (
@@ -196,11 +194,6 @@ def test_sizes_are_read_as_sides_or_rows_by_columns():
     read = SizeType().convert
     assert read("21", None, None) == 21
     assert read("42x84", None, None) == read("42X84", None, None) == (42, 84)
-
-
-def test_a_card_is_printed_as_json(run):
-    code, said, _ = run("policies", "card", "ppo")
-    assert (code, "results" in json.loads(said)) == (0, True)
 
 
 def test_export_writes_both_tables(run, database, tmp_path):
