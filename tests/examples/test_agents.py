@@ -37,7 +37,7 @@ def run(program, *arguments, **variables):
     if program == CLIENTS / "python":
         environ.pop("PYTHONPATH", None)  # what is installed there is all that it has
     command = [str(each) for each in (program, *arguments)]
-    done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
     return done.stdout
 
