@@ -78,12 +78,14 @@ def main():
     parser.add_argument("--frames", choices=("text", "picture"), default="text")
     parser.add_argument("--most-moves", type=int, help="of an instance, which is then left")
     given = parser.parse_args()
-    card = httpx.get(given.card).raise_for_status().json()
+    card = httpx.get(given.card, timeout=60).raise_for_status().json()
     player = Player(given.model, card, given.frames)
     prompts = hashlib.sha256(f"{SYSTEM}{NO_ACTION}".encode()).hexdigest()
     if not card["state"]["begun"]:
         said = {"agent": f"one {given.frames} frame a call", "version": "1", "model": given.model}
-        httpx.post(given.card, json={**said, "prompts_sha256": prompts}).raise_for_status()
+        httpx.post(
+            given.card, json={**said, "prompts_sha256": prompts}, timeout=60
+        ).raise_for_status()
     with GenericEnvClient(base_url=given.card).sync() as env:
         for index in sorted(set(range(card["instances"])) - set(card["state"]["finished"])):
             player.moves.clear()
@@ -96,8 +98,8 @@ def main():
                 result = env.step({"action": action})
             print(f"instance {index}: {result.observation['step']} moves", flush=True)
             cost = f"{player.tokens[0]} tokens in, {player.tokens[1]} out"
-            httpx.post(given.card, json={"cost": cost}).raise_for_status()
-    httpx.post(f"{given.card}/close").raise_for_status()
+            httpx.post(given.card, json={"cost": cost}, timeout=60).raise_for_status()
+    httpx.post(f"{given.card}/close", timeout=60).raise_for_status()
     print("the card is closed")
 
 

@@ -67,16 +67,16 @@ async def main():
     parser.add_argument("card", help="the card's address")
     parser.add_argument("--model", required=True, help="as the API calls it")
     given = parser.parse_args()
-    card = httpx.get(given.card).raise_for_status().json()
+    card = httpx.get(given.card, timeout=60).raise_for_status().json()
     if not card["state"]["begun"]:
         said = {"agent": "tools by MCP", "version": "1", "model": given.model}
-        httpx.post(given.card, json=said).raise_for_status()
+        httpx.post(given.card, json=said, timeout=60).raise_for_status()
     async with Client(f"{given.card}/mcp") as client, AsyncOpenAI() as api:
         for index in sorted(set(range(card["instances"])) - set(card["state"]["finished"])):
             moves = await play(client, api, given.model, index)
             said = "the model called no more tools" if moves is None else f"{moves} moves"
             print(f"instance {index}: {said}", flush=True)
-    httpx.post(f"{given.card}/close").raise_for_status()
+    httpx.post(f"{given.card}/close", timeout=60).raise_for_status()
     print("the card is closed")
 
 

@@ -16,17 +16,20 @@ def main():
     parser.add_argument("card", help="the card's address")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    draw, card = random.Random(given.seed), httpx.get(given.card).raise_for_status().json()
+    draw, card = (
+        random.Random(given.seed),
+        httpx.get(given.card, timeout=60).raise_for_status().json(),
+    )
     if not card["state"]["begun"]:
         said = {"agent": "random moves", "version": "1", "model": "none", "cost": "0"}
-        httpx.post(given.card, json=said).raise_for_status()
+        httpx.post(given.card, json=said, timeout=60).raise_for_status()
     with GenericEnvClient(base_url=given.card).sync() as env:
         for index in sorted(set(range(card["instances"])) - set(card["state"]["finished"])):
             result = env.reset(split="evaluation", index=index)
             while not result.done:
                 result = env.step({"action": draw.choice(card["actions"])})
             print(f"instance {index}: {result.observation['step']} moves", flush=True)
-    httpx.post(f"{given.card}/close").raise_for_status()
+    httpx.post(f"{given.card}/close", timeout=60).raise_for_status()
     print("the card is closed")
 
 
