@@ -39,8 +39,11 @@ export function showTask({ assets, order, keys, title, chart, play, round }) {
     line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action} `]));
   }
   const pad = document.querySelector(".pad");
-  pad?.classList.toggle("is-row", !order.every((action) => keys[action]?.[0] in DIRECTIONS));
-  pad?.replaceChildren(...order.map((action) => padButton(action, keys[action]?.[0] ?? "")));
+  const isRow = !order.every((action) => keys[action]?.[0] in DIRECTIONS);
+  pad?.classList.toggle("is-row", isRow);
+  const rank = (/** @type {string} */ action) => [...Object.keys(DIRECTIONS), keys[action]?.[0]].indexOf(keys[action]?.[0]);
+  const buttons = isRow ? [...order].sort((one, other) => rank(one) - rank(other)) : order; // left is left of right
+  pad?.replaceChildren(...buttons.map((action) => padButton(action, keys[action]?.[0] ?? "")));
 }
 
 /** Say a task's own word wherever a page says "terrain".
