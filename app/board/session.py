@@ -442,11 +442,10 @@ class Session:
         """End the episode as left where its board has stood still more often or for longer than is allowed."""
         async with self.changing:
             allowed = Allowed() if self.participation is None else self.participation.allowed
-            sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
-                OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
-            values = [self._clock() + PAUSE_MS, self.current.id, PAUSE_MS]
-            (found,) = await self._store.read(partial(self._store.query, sql, values))
-            if found["number"] > allowed.pauses or found["ms"] > allowed.paused_s * 1000:
+            until_ms = self._clock() + PAUSE_MS
+            read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
+            number, paused_ms = await self._store.read(read)
+            if number > allowed.pauses or paused_ms > allowed.paused_s * 1000:
                 await self._end_here(await self.take_abandoned())
 
     async def _make(

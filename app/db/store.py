@@ -747,6 +747,13 @@ class Store(Reader):
         sql = "SELECT 1 FROM episodes WHERE id = ? AND session_id = ?"
         return self.connection.execute(sql, (episode_id, session_id)).fetchone() is not None
 
+    def pauses(self, episode_id: str, least_ms: int, until_ms: int) -> tuple[int, float]:
+        """Return how many gaps of so many ms lie between the moves of an episode, or after them, and their sum in ms."""
+        sql = """SELECT count(*) AS number, total(gap) AS ms FROM (SELECT coalesce(lead(server_ms)
+            OVER (ORDER BY step), ?) - server_ms AS gap FROM steps WHERE episode_id = ?) WHERE gap >= ?"""
+        (found,) = self.query(sql, [until_ms, episode_id, least_ms])
+        return found["number"], found["ms"]
+
     def resume_session(self, session_id: str, now_ms: int | None = None) -> Resumable | None:
         """Return a session's latest episode when it is open, or when the session was alive within a day; else None.
 

@@ -369,7 +369,7 @@ def test_chords_and_rolls_raise_no_alarm_whatever_the_clock_is_rounded_to(grain_
     """Up to four keys at once or one after the other within 90 ms, then what a hand needs for the next."""
     episode, page = Episode(seed), Page(grain_ms=grain_ms)
     for keys, apart_ms in groups:
-        episode.press(page, gap_ms=episode.random.uniform(210, 400))
+        episode.press(page, gap_ms=episode.random.uniform(260, 400))
         episode.presses(page, keys - 1, gap_ms=apart_ms, behind=0, latency_ms=0.5)
     assert episode.level(BURSTS).reason is None
 

@@ -311,10 +311,13 @@ RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND tri
             "seed_chosen, assisted",
         ),
         (
-            "UPDATE series_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
+            "UPDATE series_episodes SET trial = 2 - trial WHERE phase = 'ranked'",
             "order of ranked terrains",
         ),
-        ("UPDATE series_episodes SET terrain = 0 WHERE phase = 'ranked'", "ranked terrains"),
+        (
+            "UPDATE series_episodes SET terrain = terrain + 9 WHERE phase = 'ranked'",
+            "ranked terrains",
+        ),
         ("UPDATE series_episodes SET trial = trial + 5 WHERE phase = 'warm_up'", "warm_up trials"),
         ("DELETE FROM series_episodes WHERE phase = 'ranked' AND trial = 0", "ranked trials"),
         (

@@ -56,7 +56,7 @@ def test_the_page_of_an_ended_episode_holds_its_course_and_a_preview_with_absolu
     data = json.loads(page.data)
     assert data == client.get(f"/api/episodes/{ended}/replay").json()
     moves = len(data["run"]["actions"])
-    assert page.metas["og:title"] == f"A person mapped 100 % of the ground in {moves} moves"
+    assert page.metas["og:title"] == f"A person mapped 100.0 % of the ground in {moves} moves"
     assert page.metas["og:url"] == f"https://mars.example/replay/{ended}"
     assert page.metas["og:image"] == f"https://mars.example/replay/{ended}.png"
     assert data["preferred"] == "ppo"
