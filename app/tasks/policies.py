@@ -167,6 +167,10 @@ class ProcessPolicies:
     def find_shipped(self, digest: str) -> None:
         """Return None: no file is shipped."""
 
+    def title(self, name: str) -> str:
+        """Return what reports call a policy: its name."""
+        return name
+
     def has_regret(self, config: Configuration) -> bool:
         """Return False: what a better move would have been is not known."""
         return False

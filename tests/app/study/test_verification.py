@@ -311,7 +311,7 @@ RANKED = "(SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND tri
             "seed_chosen, assisted",
         ),
         (
-            "UPDATE series_episodes SET trial = 2 - trial WHERE phase = 'ranked'",
+            "UPDATE series_episodes SET terrain = 2 - terrain WHERE phase = 'ranked'",
             "order of ranked terrains",
         ),
         (
@@ -341,7 +341,11 @@ def test_a_forger_who_makes_the_chain_anew_is_found_by_what_follows_from_the_cau
     copy, harm, found
 ):
     conn, path = copy
+    of_terrains = "FROM sqlite_schema WHERE name = 'series_episodes_by_terrain'"
+    (index,) = conn.execute(f"SELECT sql {of_terrains}").fetchone()
+    conn.execute("DROP INDEX series_episodes_by_terrain")
     assert conn.execute(harm).rowcount > 0
+    conn.execute(index)
     write_chain_anew(conn)
     said = {finding.what for finding in verify_database(path).findings}
     assert not any("digest" in what for what in said)
