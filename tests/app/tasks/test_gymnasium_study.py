@@ -90,6 +90,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert ", 0 differ" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys(
     serve, tmp_path, capsys
 ):

@@ -70,7 +70,7 @@ def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
     assert "; no difference in" in found[-1]
 
 
-@pytest.mark.parametrize("part", ["python", "packages"])
+@pytest.mark.parametrize("part", [pytest.param("python", marks=pytest.mark.long), "packages"])
 def test_a_study_is_served_where_it_was_frozen_alone(serve, tmp_path, capsys, caplog, part):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")

@@ -80,6 +80,7 @@ def interrupted_once(monkeypatch):
     return arm
 
 
+@pytest.mark.long
 def test_a_run_that_is_stopped_while_it_refines_goes_on_and_has_one_card(
     quick, in_a_thread, interrupted_once, tmp_path
 ):
