@@ -2,8 +2,8 @@
 import { many, wholePercent } from "../common/words.js";
 import { levelName } from "../task/mars/names.js";
 
-/** @param {{level: string, rows: number, cols: number}} terrain */
-export const terrainText = ({ level, rows, cols }) => `${levelName(level)} ${rows} \u00d7 ${cols}`;
+/** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
+export const terrainText = ({ level, rows, cols }) => levelName(level) + (rows ? ` ${rows} \u00d7 ${cols}` : "");
 
 /** @param {Task} task @param {Me.History} history @returns the sentence below the heading */
 export function summary({ target }, { total, bests }) {

@@ -20,8 +20,8 @@ def describe_own(trial: Trial) -> dict[str, Any]:
         "kind": "daily" if trial.day else "ranked" if trial.counts else "practice",
         "day": trial.day,
         "level": config.level,
-        "rows": config.rows,
-        "cols": config.cols,
+        "rows": getattr(config, "rows", None),
+        "cols": getattr(config, "cols", None),
         "outcome": trial.outcome,
         "moves": trial.steps,
         "coverage": trial.coverage,
@@ -54,8 +54,8 @@ def _figure(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict
     best = min(fresh, key=lambda trial: (trial.steps or 0, trial.ended_ms or 0), default=None)
     return {
         "level": config.level,
-        "rows": config.rows,
-        "cols": config.cols,
+        "rows": getattr(config, "rows", None),
+        "cols": getattr(config, "cols", None),
         "max_steps": config.limit,
         "episodes": len(own),
         "explored": len(explored),
