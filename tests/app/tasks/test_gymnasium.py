@@ -75,6 +75,10 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert (found["task"], found["level"]) == (LAKE, "FrozenLake-v1")
     assert (found["attestation"], found["outcome"]) == ("attested", last["outcome"])
     assert set(found["actions"]) <= {"left", "down", "right", "up"}
+    own = client.get("/api/me/history").json()
+    (best,), (mine,) = own["bests"], own["episodes"]
+    assert (best["level"], best["rows"]) == ("FrozenLake-v1", None)
+    assert (mine["episode"], mine["moves"]) == (last["episode"], last["step"])
     again = client.get(f"/api/watch/{last['episode']}").json()
     assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
     answer = client.get(f"/replay/{last['episode']}", follow_redirects=False)
