@@ -27,6 +27,7 @@ import sys
 import tempfile
 import threading
 import time
+import weakref
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -93,6 +94,7 @@ class Preparer:
         self._changing = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection
+        self._ended: weakref.finalize[..., Preparer]
         self.folder: Path
         self._confined: dict[str, str] = {}
 
@@ -114,7 +116,7 @@ class Preparer:
                     told = self._heard()
                     break
                 except (OSError, EOFError) as error:
-                    self._end()
+                    self.close()
                     if attempt:
                         mine.close()
                         raise ValueError(
@@ -147,30 +149,30 @@ class Preparer:
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
         self._connection = Connection(mine.detach())
+        self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
             told = self._heard()
         except (OSError, EOFError):
-            self._end()
+            self.close()
             raise
         if "error" in told:
-            self._end()
+            self.close()
             raise ValueError(told["error"])
         self._confined = told["confined"]
         return self._process
 
     def close(self) -> None:
-        """End the process, and with it all workers."""
-        self._end()
-
-    __del__ = close
-
-    def _end(self) -> None:
+        """End the process, and with it all workers; the same happens when nothing refers to it any more, and at exit."""
         if self._process is not None:
-            self._connection.close()
-            self._process.kill()
-            self._process.wait()
+            self._ended()
             self._process = None
-            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _end(process: subprocess.Popen[bytes], connection: Connection, folder: Path) -> None:
+    connection.close()
+    process.kill()
+    process.wait()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 class Worker:

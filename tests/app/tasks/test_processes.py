@@ -105,6 +105,18 @@ def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
     pytest.skip(guards[OTHER_USER])
 
 
+def test_a_program_that_ends_without_closing_it_leaves_nothing_behind(tmp_path):
+    code = (
+        "import sys; from app.tasks.processes import Preparer; "
+        f"sys.last = Preparer({CONFINED!r}, 'ready'); sys.last.confined()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)},
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert (done.stderr, list(tmp_path.iterdir())) == ("", [])
+
+
 def test_what_cannot_be_prepared_says_why():
     preparer = Preparer(CONFINED, "cannot")
     for ask in (preparer.confined, lambda: preparer.begin({})):
