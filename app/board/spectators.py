@@ -74,13 +74,13 @@ class Spectators:
         episode_id = (await self.shown(link, viewer)).episode_id
         found, run = await self._stored(episode_id, link)
         task, shown = self._lobby.task, run.view()
-        driver, about = found.episode.driver, task.describe(found.episode)
+        about = task.describe(found.episode)
         whole = (
             await on_threads(task, task.frames, run.record(), episode_id) if found.ended else None
         )
         return {
             "episode": episode_id,
-            "player": found.session.driver_name if driver.startswith("policy:") else driver,
+            "player": self._who_drives(found, viewer),
             "task": describe(task),
             **{each: about[each] for each in about if each != "map"},
             "frame": json.loads(shown.frame(episode_id)),
@@ -125,6 +125,14 @@ class Spectators:
                 with suppress(TimeoutError):
                     async with asyncio.timeout(LOOK_S):
                         await woken.wait()
+
+    @staticmethod
+    def _who_drives(found: Resumable, viewer: str | None) -> str:
+        """Return "you" for the viewer's own hand, "human", "script", or a policy's name."""
+        session, driver = found.session, found.episode.driver
+        if driver.startswith("policy:"):
+            return session.driver_name
+        return "you" if viewer is not None and session.player_id == viewer else driver
 
     def _board(self, session_id: str, episode_id: str) -> Session | None:
         """Return a session's board if it is in memory and the episode is the current one on it."""

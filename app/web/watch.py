@@ -24,7 +24,7 @@ async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
 
     `watch_id` is the board's `watch` in the answer of POST /api/sessions. The id of an episode shows that episode alone.
 
-    `player` is "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
+    `player` is "you", "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
     only by its own player before the day is over.
     """
     return await services_of(request).spectators.describe(watch_id, player_of(request))

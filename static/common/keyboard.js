@@ -103,7 +103,7 @@ const round = (ms) => Math.round(ms * 10) / 10;
  *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
  *   onLetGo  what came up; null where all counts as let go
  * @param {{frames: HTMLIFrameElement[], pad: HTMLElement, telemetry: Pick<Telemetry, "note" | "flush" | "leave">,
- *   drives: (code: string) => boolean, onActivity: () => void, onAct: (action: Action, timing: Timing,
+ *   drives: (code: string) => boolean, onActivity?: () => void, onAct: (action: Action, timing: Timing,
  *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
  *   actionOf: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
 export function startControls({ frames, pad, telemetry: { note, flush, leave }, drives, onActivity, onAct, onEnter, actionOf, onLetGo }) {
@@ -127,7 +127,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
     onRelease: (at_ms) => { up_ms = at_ms; },
     onEnter, actionOf, onLetGo,
     onEvent({ type, code, repeat, isTrusted: trusted }, isOwn, at_ms) {
-      if (type === "keydown") onActivity();
+      if (type === "keydown") onActivity?.();
       if (drives(code) && !isOwn) note(/** @type {"keydown"} */ (type), { code, repeat, trusted, at_ms });
     },
   };
@@ -160,7 +160,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
     }
   }
   for (const kind of [...Object.keys(NOTED), "pointerout", "contextmenu"]) pad.addEventListener(kind, (event) => touch(/** @type {PointerEvent} */ (event)), true);
-  addEventListener("pointerdown", onActivity, true);
+  addEventListener("pointerdown", () => onActivity?.(), true);
   addEventListener("focus", () => note("focus"));
   addEventListener("blur", () => note("blur"));
   document.addEventListener("visibilitychange", () => {

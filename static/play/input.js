@@ -23,7 +23,7 @@ const REPEAT_SETTING = "mars.repeat";
  * @param {{task: Task, onClock: () => Board | null, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
- *   announce: (text: string) => void, onActivity: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
+ *   announce: (text: string) => void, onActivity?: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
 export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
@@ -95,7 +95,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     const take = createSwipe({
       isOn: isSwiped, actionOf: actionOfKey,
       onSwipe(action, event) {
-        onActivity();
+        onActivity?.();
         controls.press("touch", action, event, note("touchdown", action, event), "swipe");
       },
       onEnd: (action, event) => controls.release("swipe", note("touchup", action, event)),

@@ -106,7 +106,7 @@ const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { s
 const { moves, telemetry, clock } = startInput({
   task, onClock: () => (state.mode === "practice" || state.mode === "ranked" ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
   isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"),
-  frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity() {},
+  frames: ROLES.map((role) => panels[role].viewer), onEnter,
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });

@@ -5,8 +5,7 @@ import { boardColours, by, chartColours, copyOnClick, createRepaint, createSizes
 import { follow, socketUrl, startHeartbeat } from "../common/socket.js";
 import { apply, initialState } from "../common/game_state.js";
 import { lengthOf, paintNumbers } from "../common/task.js";
-import { sizeText } from "../common/words.js";
-import { idInPath, liveHeadline, watchedName } from "./words.js";
+import { endedLine, idInPath, liveHeadline, watchedName } from "./words.js";
 
 const id = idInPath(location.pathname) ?? "";
 const part = partsOf(document);
@@ -40,13 +39,14 @@ function paint() {
   const { player: board, task } = state;
   if (!board || !task) return;
   const { frame, name } = board;
-  task.paint(part.ground, board, { name, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
-  put(by("name"), name);
-  put(by("terrain"), state.size === null ? state.level : `${state.level === "map" ? "a map" : `level ${state.level}`}, ${sizeText(state.size)} cells`);
+  const said = task.nameOf(name);
+  task.paint(part.ground, board, { name: said, accent: boardColours(part.ground).you, ...sizes.of(part.ground), dpr: window.devicePixelRatio || 1 });
+  put(by("name"), said);
+  put(by("terrain"), task.place(state.level, frame));
   const { value, unit } = paintNumbers(part, task, frame);
   if (task.clock) paintCurveSoon(task, board);
   else paintCurve(task, board);
-  chart.setAttribute("aria-label", `${name}: ${value} ${unit} after ${lengthOf(task, frame.step)} ${task.clock ? "seconds" : "moves"}`);
+  chart.setAttribute("aria-label", `${said}: ${value} ${unit} after ${lengthOf(task, frame.step)} ${task.clock ? "seconds" : "moves"}`);
 }
 /** @param {Task} task @param {Board} board */
 function paintCurve(task, board) {
@@ -57,7 +57,7 @@ function paintCurve(task, board) {
 /** @param {string} player */
 function showLive(player) {
   put(by("badge"), "live");
-  put(by("watching-text"), liveHeadline(player));
+  put(by("watching-text"), liveHeadline(state.task?.nameOf(player) ?? player));
   put(by("watching-line"), "You see each move as it is made. Your keys move nothing here.");
   put(part.outcome, "");
   delete part.outcome.dataset.outcome;
@@ -65,14 +65,14 @@ function showLive(player) {
 }
 
 /** Say how an episode ended, and offer its replay where there is one for whoever asks.
- * @param {string} episode */
-async function showEnd(episode) {
+ * @param {Watched} watched */
+async function showEnd({ episode, player }) {
   put(by("badge"), "ended");
   put(by("watching-text"), "This episode has ended");
-  put(by("watching-line"), episode === id ? "" : `The next ${state.task?.round ?? "episode"} on this board is shown here as soon as it begins.`);
+  put(by("watching-line"), endedLine(player, state.task?.round ?? "episode", episode !== id));
   const replay = /** @type {ReplayData | null} */ (await request(`episodes/${episode}/replay`).catch(() => null));
   if (!replay || state.player?.frame.episode !== episode) return;
-  put(by("watching-text"), `${replay.run.name} ${replay.run.sentence}`);
+  put(by("watching-text"), `${state.task?.nameOf(replay.run.name)} ${replay.run.sentence}`);
   put(part.outcome, replay.run.sentence);
   part.outcome.dataset.outcome = replay.run.outcome ?? "";
   by("watch-replay", HTMLAnchorElement).href = `../replay/${episode}`;
@@ -103,7 +103,7 @@ async function load() {
   if (watched.frames && !watched.task.play) return playFrames(watched, watched.frames);
   dispatch({ kind: "watched", watched, name: watchedName(watched.player) });
   if (!watched.frames) showLive(watched.player);
-  else await showEnd(watched.episode);
+  else await showEnd(watched);
   if (!watched.frames || watched.episode !== id) return true;
   follower?.close();
   dispatch({ kind: "link", link: "open" }); // the server closed the socket at the end

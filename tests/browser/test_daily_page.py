@@ -70,21 +70,27 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.get_by_test_id("end-card").wait_for()
     assert me.state()["step"] == moves
     page.keyboard.press("ArrowUp")
-    server.clock.wait(24 * 3600 * 1000)  # the next day
-    page.goto("about:blank")
-    page.goto(f"{server.url}/daily")
-    me.wait("window.mars?.state.link === 'open' && window.mars.state.player?.frame.step === 0")
-    page.get_by_test_id("routes").get_by_text(f"You: {moves} moves").wait_for()
-    second = me.explore(policy, lambda frame: frame["outcome"])
-    me.shows("streak", "2 days in a row")
-    assert days.count() == 2
-    check_screen(page, "daily-second-day", wrong, ("light", "dark"))
+    played = [moves]
+    for day in ("2", "3"):
+        server.clock.wait(24 * 3600 * 1000)  # the next day
+        page.goto("about:blank")
+        page.goto(f"{server.url}/daily")
+        me.wait("window.mars?.state.link === 'open' && window.mars.state.player?.frame.step === 0")
+        page.get_by_test_id("routes").get_by_text(f"You: {played[-1]} moves").wait_for()
+        newest = me.explore(policy, lambda frame: frame["outcome"])
+        played.append(newest["step"])
+        me.shows("streak", f"{day} days in a row")
+        assert days.count() == int(day)
+    check_screen(page, "daily-third-day", wrong, ("light", "dark"))
+    page.goto(f"{server.url}/watch/{newest['episode']}")  # its replay is secret today
+    page.get_by_text("Its replay opens once the day is over.").wait_for()
+    assert page.locator("#name").inner_text() == "You"
     page.goto(f"{server.url}/me")
-    best = min(moves, second["step"])
+    best = min(played)
     assert page.get_by_test_id("best").inner_text() == str(best)
     page.get_by_test_id("work-out").click()
-    # the first day is over, and its terrain no secret any more
-    page.get_by_text("moves lost an episode on average, over 1 episode").wait_for()
+    # two days are over, and their terrains no secret any more
+    page.get_by_text("moves lost an episode on average, over 2 episodes").wait_for()
     check_screen(page, "me", wrong, ("light", "dark"))
     # the best may be today's, whose replay is as secret as its terrain; the first day is over
     page.get_by_test_id("rows").get_by_role("link").last.click()

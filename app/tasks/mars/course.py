@@ -26,6 +26,16 @@ PREFERRED = ("ppo", "frontier-cost")
 """The policy that is shown when none is asked for: the first of these that did not drive the episode itself."""
 
 
+PLAIN_POLICIES = {
+    "ppo": "Expert", "frontier-cost": "Nearest", "frontier-utility": "Greedy", "frontier-priced": "Tidy",
+    "planner": "Planner", "lookahead": "Expert that knows how terrains are made", "random": "Random",
+}  # fmt: skip
+"""Names of policies as pages and pictures say them; `static/task/mars/names.js` has the same."""
+PLAIN_LEVELS = {
+    "1-1-1": "Open", "random": "Scattered", "3-2-1": "Boulders", "building": "Building", "cave": "Cave"
+}  # fmt: skip
+"""Those of levels; any other has the paper's code."""
+
 NextAction = Callable[[NDArray[np.uint8]], int | None]
 
 
@@ -59,7 +69,8 @@ class Course:
     @property
     def place(self) -> str:
         """Where it was played, in words."""
-        return "a map" if self.config.level == MAP else f"level {self.config.level}"
+        level = self.config.level
+        return "a map" if level == MAP else PLAIN_LEVELS.get(level) or f"level {level}"
 
     @property
     def moves(self) -> int:
@@ -73,7 +84,12 @@ class Course:
     @property
     def headline(self) -> str:
         """Who did what: `A person mapped 99 % of the ground in 75 moves`."""
-        return f"{self.name} {sentence(self)}"
+        return f"{self.plain_name} {sentence(self)}"
+
+    @property
+    def plain_name(self) -> str:
+        """Who drove, a policy by its plain name."""
+        return PLAIN_POLICIES.get(self.name, self.name)
 
     def preview(self) -> bytes:
         """Return the end as a PNG."""

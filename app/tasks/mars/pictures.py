@@ -199,7 +199,7 @@ class AnimationPicture:
         """Write name and moves above the board, coverage as a bar and what it came to below."""
         look, right = self._look, left + self._column
         base = look.margin + round(1.4 * look.text)
-        draw.text((left, base), course.name, TEXT, font(look.text), anchor="ls")
+        draw.text((left, base), course.plain_name, TEXT, font(look.text), anchor="ls")
         moves = f"{min(step, course.moves)}"
         draw.text((right, base), "moves", MUTED, font(look.text), anchor="rs")
         place, large = (right - round(3.3 * look.text), base), font(round(1.6 * look.text))

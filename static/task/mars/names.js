@@ -6,7 +6,7 @@ const POLICIES = Object.freeze({
   lookahead: "Expert that knows how terrains are made", random: "Random",
 });
 /** @type {Readonly<Record<string, string>>} */
-const LEVELS = Object.freeze({ "1-1-1": "Open", random: "Scattered", "3-2-1": "Dense", building: "Building", cave: "Cave" });
+const LEVELS = Object.freeze({ "1-1-1": "Open", random: "Scattered", "3-2-1": "Boulders", building: "Building", cave: "Cave" });
 
 /** @param {string} policy @returns its plain name, or the technical one of a policy that came with somebody's own file */
 export const policyName = (policy) => POLICIES[policy] ?? policy;

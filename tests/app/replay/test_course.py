@@ -1,10 +1,20 @@
 """The course of an episode against its frames, and a policy on its terrain against the policy's own episode."""
 
+import re
+
 import numpy as np
 import pytest
 
+from app import STATIC
 from app.task import GhostError
-from app.tasks.mars.course import course_of, play_ghost, preferred, sentence
+from app.tasks.mars.course import (
+    PLAIN_LEVELS,
+    PLAIN_POLICIES,
+    course_of,
+    play_ghost,
+    preferred,
+    sentence,
+)
 from app.tasks.mars.run import CELL_CHARACTERS
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -61,6 +71,13 @@ def test_an_abandoned_episode_was_left():
     course = course_of("A person", episode.record())
     assert (course.outcome, course.score) == ("abandoned", episode.score)
     assert course.headline == f"A person left at {share(episode)} after 4 moves"
+    assert course_of("ppo", episode.record()).headline.startswith("Expert left at ")
+
+
+def test_pages_and_pictures_have_the_same_plain_names():
+    said = (STATIC / "task/mars/names.js").read_text()
+    pairs = dict(re.findall(r'"?([\w-]+)"?: "([^"]+)"', said))
+    assert pairs == {**PLAIN_POLICIES, **PLAIN_LEVELS}
 
 
 def test_a_ghost_is_the_policys_own_episode_on_that_terrain():

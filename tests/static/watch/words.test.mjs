@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { apply, initialState } from "../../../static/common/game_state.js";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { idInPath, liveHeadline, watchedName } from "../../../static/watch/words.js";
+import { endedLine, idInPath, liveHeadline, watchedName } from "../../../static/watch/words.js";
 
 test("a watched episode is a board as it stands", () => {
   const history = { positions: [[0, 0], [1, 0], [0, 0]], discovered: [1, 2, 3] };
@@ -11,8 +11,9 @@ test("a watched episode is a board as it stands", () => {
   const watched = { episode: "e1", player: "human", level: "random", size: [9, 12], frame, history, frames: null, task: taskOf() };
   const { player: board } = apply(initialState(), { kind: "watched", watched, name: watchedName("human") });
   assert.deepEqual([board.session, board.name, board.trail.length, board.frame.step], ["e1", "Somebody", 3, 2]);
-  assert.deepEqual(["human", "script", "ppo"].map(watchedName), ["Somebody", "A script", "ppo"]);
-  assert.deepEqual(["human", "ppo"].map(liveHeadline), ["Live: somebody else is exploring", "Live: ppo is exploring"]);
+  assert.deepEqual(["you", "human", "script", "ppo"].map(watchedName), ["You", "Somebody", "A script", "ppo"]);
+  assert.deepEqual(["you", "human", "Expert"].map(liveHeadline), ["Live: you are exploring", "Live: somebody else is exploring", "Live: Expert is exploring"]);
+  assert.deepEqual([endedLine("you", "terrain", false), endedLine("human", "terrain", false)], ["Its replay opens once the day is over.", ""]);
 });
 
 test("the address names the episode, also under a prefix", () => {
