@@ -169,7 +169,9 @@ class TrainingEnvs:
         worlds = {name: tensor.numpy() for name, tensor in state["worlds"].items()}
         self.codes = self.env.restore(worlds)
         for name, values in state["recent_episodes"].items():
-            getattr(self.recent, name).extend(values)
+            episodes = getattr(self.recent, name)
+            episodes.clear()
+            episodes.extend(values)
         self.recent.count = state["num_episodes"]
 
 

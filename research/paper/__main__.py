@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
@@ -30,6 +31,7 @@ from research.paper.figures.curves import (
 )
 from research.paper.jobs import ERROR_FILE, BusyError, Job, run_jobs
 from research.paper.plan import (
+    BUDGETS,
     FIGURES,
     LEVEL,
     SIZE,
@@ -39,7 +41,7 @@ from research.paper.plan import (
     plan,
     records_of_figure,
 )
-from research.paper.trial import Trial
+from research.paper.trial import Trial, carry
 
 AT_LEAST_1, AT_LEAST_2 = click.IntRange(min=1), click.IntRange(min=2)
 REPORT_FORMAT = "marsexplorer-report-1"
@@ -54,9 +56,9 @@ REPORT_FORMAT = "marsexplorer-report-1"
 )
 @click.option(
     "--budget",
-    type=click.Choice(["small", "full"]),
+    type=click.Choice([*BUDGETS]),
     default="small",
-    help="small does figure 4 in half an hour on two cores, full in some hours.",
+    help="small does figure 4 in half an hour on two cores, full in some hours; authors has trainings as long as theirs.",
 )
 @click.option(
     "--algorithms",
@@ -96,7 +98,7 @@ REPORT_FORMAT = "marsexplorer-report-1"
     "--export",
     type=PATH,
     help="Train nothing: write what is finished in --out to small files in this folder, beside what it has of other "
-    "trainings and policies.",
+    "trainings and policies, and how far the others are.",
 )
 @click.option(
     "--redraw",
@@ -126,6 +128,9 @@ def paper(
     their seeds, so a run that is stopped leaves a whole with fewer seeds. The same command goes on from
     there: what is done is not done again, and --seeds 5 adds two trainings of each kind to three.
 
+    A training that is stopped by Ctrl-C or SIGTERM goes on exactly where it was, here and, by what --export wrote, on
+    another machine.
+
     Figures 6 and 7 have the policies that were trained in --out too.
 
     \b
@@ -133,6 +138,7 @@ def paper(
       python -m research.paper --figure 4                              small: half an hour on two cores
       python -m research.paper --figure 4 --budget full --list         what that would do
       python -m research.paper --figure 4 --algorithms ppo --variants works --seeds 5
+      python -m research.paper --figure 4 --budget authors --variants paper
       python -m research.paper --figure 4 --redraw research/paper/data --out pictures
     """
     figures = FIGURES if figure == "all" else (figure,)
@@ -155,6 +161,7 @@ def paper(
                 click.echo(_outlook(jobs, folder))
                 return
             _check_installed(jobs, folder)
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
             failures = _run_all(request, folder, workers or cores())
             show_figures(figures, folder, folder, human_file)
             _complain(failures, folder)
@@ -206,7 +213,7 @@ def _run_all(request: Request, folder: Path, workers: int) -> dict[str, str]:
         except BusyError as error:
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt:
-            sentence = f"stopped; {folder} keeps what is done, and the same command does the rest"
+            sentence = f"stopped; {folder} keeps what is done and how far trainings are; the same command goes on"
             click.echo(sentence, err=True)
             raise
     return failures
@@ -281,7 +288,8 @@ def _show_plays(figure: str, source: Path, folder: Path) -> None:
 def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
     """Write what is finished in `folder` to `target`: figureN.jsonl of trainings, figureN-POLICY.jsonl of plays.
 
-    Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay.
+    Trainings of other kinds, and files of other policies, that `target` has from earlier runs stay. Where trainings are that
+    are not finished goes to target/checkpoints.
     """
     for figure in figures:
         paths = []
@@ -294,6 +302,8 @@ def export_results(figures: Sequence[str], folder: Path, target: Path) -> None:
             click.echo(f"{path}: {path.stat().st_size / 1000:.0f} kB")
         if not paths:
             click.echo(f"figure {figure}: nothing is finished in {folder}")
+    for sentence in carry(folder, target / "checkpoints"):
+        click.echo(sentence)
 
 
 def read_human_level(path: Path) -> figure4.HumanLevel:

@@ -40,6 +40,12 @@ class Trainer(Protocol):
         library.
         """
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that changes between two rounds, as tensors, numbers and lists."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set everything as `state_dict` returned it, the process' generators of random numbers included."""
+
 
 class PPOTrainer:
     """Train by PPO, our own trainer. A round is an update.
@@ -65,6 +71,15 @@ class PPOTrainer:
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
         """Write the policy with a card."""
         self._run.config.save_policy(self._run.net, path, card)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of the run."""
+        return self._run.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set the state of the run."""
+        self._run.load_state_dict(state)
+        self.moves = self._run.global_step
 
 
 def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:

@@ -1,7 +1,8 @@
 """Jobs, the units of work of the paper's experiments, each in a process of one thread, as many at a time as there are cores.
 
 A job writes its result at its end, so a run that is stopped or killed loses what was under way and nothing
-else: the same run begun again does what is left.
+else: the same run begun again does what is left. A signal ends a job where it tells its progress, so that a long one can
+save how far it is.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import fcntl
 import json
 import multiprocessing
 import os
+import signal
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,6 +26,8 @@ from marsexplorer.files import write_whole
 
 LOOK_INTERVAL_S = 0.5
 """Seconds between two calls of `advance`, at most."""
+STOP_TIMEOUT_S = 60.0
+"""Seconds that a job has to end by itself before its process is killed."""
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
@@ -66,7 +70,7 @@ class Job(Protocol):
         """Return whether the whole result lies under `folder / name`."""
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Do the job from its beginning."""
+        """Do the job; `on_progress` raises KeyboardInterrupt when it has to stop."""
 
 
 class BusyError(RuntimeError):
@@ -127,6 +131,9 @@ def run_jobs(
                 advance(int(100 * sum(shares.values())), 100 * len(shares))
         finally:
             for worker in running:
+                worker.process.terminate()
+            for worker in running:
+                worker.process.join(STOP_TIMEOUT_S)
                 worker.process.kill()
                 worker.process.join()
     return failures
@@ -145,16 +152,19 @@ def _work(job: Job, folder: Path, share: Any, parent: int) -> None:
     """Run a job in this process; what it raises is kept in ERROR_FILE."""
     error_file = folder / job.name / ERROR_FILE
     error_file.unlink(missing_ok=True)
+    signals: list[int] = []
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, lambda number, frame: signals.append(number))
 
     def on_progress(done: float) -> None:
         share.value = done
-        if os.getppid() != parent:
-            raise SystemExit("the run that began this job was killed")
+        if signals or os.getppid() != parent:
+            raise KeyboardInterrupt
 
     try:
         job.run(folder, on_progress)
         share.value = 1.0
-    except KeyboardInterrupt:  # a terminal sends it to all processes; the run says so
+    except KeyboardInterrupt:  # the run says so
         return
     except Exception as error:
         first = (str(error).strip().splitlines() or [""])[0]

@@ -42,6 +42,18 @@ class Budget:
     terrains: int
 
 
+ITERATIONS = 2250
+"""Of RLlib, at which the authors' script cuts figure 4 (`comparingV2.py`)."""
+PAPER_MOVES = {
+    "ppo": 4000 * ITERATIONS,
+    "a2c": 4000 * ITERATIONS,
+    "rainbow": 1000 * ITERATIONS,
+    "sac": 100 * ITERATIONS,
+}
+"""Algorithm -> moves of the paper's training of figure 4: iterations of the size of RLlib's default, for A2C as drawn."""
+LEVEL_MOVES = 800_000
+"""Of the paper's PPO on each of the 12 levels, figure 5."""
+
 BUDGETS = {
     "small": Budget(
         {
@@ -78,7 +90,12 @@ BUDGETS = {
         HELD_OUT_TERRAINS,
     ),
 }
-"""small: about 2 CPU minutes a trial; full: about 10."""
+BUDGETS["authors"] = Budget(
+    BUDGETS["full"].moves | PAPER_MOVES,
+    BUDGETS["full"].levels | {"paper": LEVEL_MOVES},
+    HELD_OUT_TERRAINS,
+)
+"""small: about 2 CPU minutes a trial; full: about 10; authors: as long as the authors' by the letter, an hour for PPO's."""
 VARIANTS = {"4": ("paper", "works"), "5": ("paper",)}
 """Figure -> the variants that it has unless others are asked for."""
 

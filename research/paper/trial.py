@@ -4,6 +4,8 @@ Its folder has
 
     log.jsonl          "kind": "trial", the trial, its settings and versions; then lines of "kind": "curve"; last "result"
     NAME.onnx          the policy with its card
+    checkpoint.pt      of a training that is not finished: where it stands, saved every CHECKPOINT_INTERVAL_S and when it is
+                       stopped. It goes on from there exactly, or from CARRIED, where an earlier machine left it
 
 A line of the curve is of the moment: `moves` and `cpu_s` (CPU seconds of this process) so far, `episodes` ended so far, and
 means over the last EPISODES_PER_LINE episodes as they were played in training: normalized `score`, `coverage`, `steps`,
@@ -13,6 +15,7 @@ and how they ended, as shares (`explored` is completion, then `collided`, `out_o
 from __future__ import annotations
 
 import platform
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -27,6 +30,7 @@ from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import score
 from marsexplorer.evaluation import RULES, evaluate
 from marsexplorer.evaluation.cards import digest
+from marsexplorer.files import replace_whole
 from marsexplorer.training.envs import EVALUATION_SEEDS, RecentEpisodes
 from research.paper.algorithms import Trainer, begin
 from research.paper.jobs import OnProgress, read_lines, write_lines
@@ -41,6 +45,11 @@ HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
 HARDWARE = f"{platform.machine()}, one thread"
+CHECKPOINT_INTERVAL_S = 600.0
+LARGEST_CHECKPOINT = 10_000_000
+"""Bytes of a checkpoint that is carried to another machine."""
+CARRIED = Path(__file__).parent / "data" / "checkpoints"
+"""What --export wrote of trainings that are not finished: NAME.pt."""
 TRAINING_SHARE = 0.95
 """What training counts of a trial's progress; the rest is the measurement."""
 
@@ -80,20 +89,39 @@ class Trial:
         return bool(lines) and lines[-1]["kind"] == "result" and lines[0]["trial"] == asdict(self)
 
     def run(self, folder: Path, on_progress: OnProgress) -> None:
-        """Train and measure, and write the policy and the log."""
+        """Train, from a checkpoint where there is one, and measure, and write the policy and the log."""
         torch.set_num_threads(1)
         own, begun = folder / self.name, time.process_time()
         own.mkdir(parents=True, exist_ok=True)
         trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
         interval = max(1, self.moves // LINES)
         lines: list[dict[str, Any]] = []
+        checkpoint = own / "checkpoint.pt"
+        if (stored := self._stored(checkpoint)) is not None:
+            trainer.load_state_dict(stored["trainer"])
+            lines, begun = stored["lines"], begun - stored["cpu_s"]
+
+        def save() -> None:
+            cpu_s = time.process_time() - begun
+            state = {"trainer": trainer.state_dict(), "lines": lines, "cpu_s": cpu_s}
+            with replace_whole(checkpoint) as path:
+                torch.save({"trial": asdict(self), "moves": trainer.moves, **state}, path)
+
+        saved = time.monotonic()
         while trainer.moves < self.moves:
             before = trainer.moves
             numbers = trainer.advance()
             if before // interval < trainer.moves // interval or trainer.moves >= self.moves:
                 means = recent_means(self.config, trainer.envs.recent)
                 lines.append(_curve_line(trainer, time.process_time() - begun, means | numbers))
-            on_progress(TRAINING_SHARE * min(1.0, trainer.moves / self.moves))
+            try:
+                on_progress(TRAINING_SHARE * min(1.0, trainer.moves / self.moves))
+            except KeyboardInterrupt:
+                save()
+                raise
+            if time.monotonic() - saved > CHECKPOINT_INTERVAL_S:
+                save()
+                saved = time.monotonic()
         cpu_s = round(time.process_time() - begun, 2)
         policy = own / f"{self.name}.onnx"
         trainer.save_policy(policy, self._card(trainer))
@@ -107,6 +135,24 @@ class Trial:
         figures = {name: each for name, each in result.items() if name not in EPISODES}
         last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **figures}
         write_lines(own / "log.jsonl", [self._head(trainer), *lines, last])
+        checkpoint.unlink(missing_ok=True)
+
+    def _stored(self, own: Path) -> dict[str, Any] | None:
+        """Return the checkpoint in the trial's own folder, else the one of this trial in CARRIED; None where neither is.
+
+        ValueError when the own one is of a trial with other options.
+        """
+        for path in (own, CARRIED / f"{self.name}.pt"):
+            if not path.is_file():
+                continue
+            stored: dict[str, Any] = torch.load(path, weights_only=True)
+            if stored["trial"] == asdict(self):
+                return stored
+            if path == own:
+                raise ValueError(
+                    f"{own} is of another trial ({stored['trial']}); give another --out"
+                )
+        return None
 
     def _head(self, trainer: Trainer) -> dict[str, Any]:
         return {
@@ -126,6 +172,38 @@ class Trial:
             "size": [self.size, self.size],
             "training": training,
         }
+
+
+def carry(folder: Path, target: Path) -> list[str]:
+    """Copy the checkpoints of the trials in `folder` to `target`, and say each in a sentence; those of finished ones go."""
+    said = []
+    for copy in target.glob("*.pt"):
+        head = next(iter(read_lines(folder / copy.stem / "log.jsonl")), None)
+        if head is not None and head["trial"] == torch.load(copy, weights_only=True)["trial"]:
+            copy.unlink()
+    for checkpoint in sorted(folder.glob("*/checkpoint.pt")):
+        copy = target / f"{checkpoint.parent.name}.pt"
+        size = checkpoint.stat().st_size
+        if size > LARGEST_CHECKPOINT:
+            said.append(f"{checkpoint} stays: {size / 1e6:.0f} MB are too many to carry")
+            continue
+        target.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(checkpoint, copy)
+        said.append(f"{copy}: {torch.load(copy, weights_only=True)['moves']:,} moves so far")
+    return said
+
+
+def read_unfinished(folder: Path = CARRIED) -> list[dict[str, Any]]:
+    """Return how far the carried trials are: `trial`, `moves`, and the last line of the curve as `line`."""
+    found = (torch.load(path, weights_only=True) for path in sorted(folder.glob("*.pt")))
+    return [
+        {
+            "trial": Trial(**each["trial"]),
+            "moves": each["moves"],
+            "line": (each["lines"] or [{}])[-1],
+        }
+        for each in found
+    ]
 
 
 def _curve_line(trainer: Trainer, cpu_s: float, numbers: dict[str, float]) -> dict[str, Any]:

@@ -38,7 +38,7 @@ from research.paper.figures.curves import (
     points_of,
     rows_of,
 )
-from research.paper.plan import LEVEL, SIZE, is_full
+from research.paper.plan import ITERATIONS, LEVEL, LEVEL_MOVES, PAPER_MOVES, SIZE, is_full
 from research.paper.tables import Estimate, markdown_table
 from research.paper.trial import ENDINGS, HELD_OUT_TERRAINS, Trial
 
@@ -48,17 +48,6 @@ SEEDS = 3
 """Fewest seeds that a verdict is given on."""
 Trials = dict[str, list[Record]]
 """Algorithm or level -> its trials."""
-ITERATIONS = 2250
-"""Of RLlib, at which the authors' script cuts figure 4 (`comparingV2.py`)."""
-PAPER_MOVES = {
-    "ppo": 4000 * ITERATIONS,
-    "a2c": 4000 * ITERATIONS,
-    "rainbow": 1000 * ITERATIONS,
-    "sac": 100 * ITERATIONS,
-}
-"""Algorithm -> moves of the paper's training of figure 4: iterations of the size of RLlib's default, for A2C as drawn."""
-LEVEL_MOVES = 800_000
-"""Of the paper's PPO on each of the 12 levels, figure 5."""
 PAPER_STEPS = ITERATIONS * 30 * -(-4000 // 128)
 """Gradient steps of the paper's PPO: 30 passes in batches of 128."""
 

@@ -1,7 +1,10 @@
 """`python -m research.paper` as people type it: what it would do, what it refuses, what it trains, draws and exports."""
 
 import json
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -10,6 +13,7 @@ from marsexplorer.config import EnvConfig
 from research.paper.__main__ import paper, read_human_level
 from research.paper.jobs import lock
 from research.paper.tests.logs import trial_of, write_trial
+from research.paper.trial import LARGEST_CHECKPOINT
 
 PICTURES = ("figure4-moves.png", "figure4-cpu.png", "figure4-endings.png")
 TABLES = ("figure4.csv", "figure4.jsonl")
@@ -45,6 +49,21 @@ def test_a_training_is_made_drawn_and_not_made_again(tmp_path):
     log = (tmp_path / "ppo-paper-random-21-s0" / "log.jsonl").read_bytes()
     assert "0 of 1 jobs to do in" in run(*options)[2]
     assert (tmp_path / "ppo-paper-random-21-s0" / "log.jsonl").read_bytes() == log
+
+
+@pytest.mark.long
+def test_a_run_that_is_told_to_end_saves_where_its_training_is(tmp_path):
+    options = (*PPO_ALONE, "--moves", 10**9, "--out", tmp_path / "out")
+    command = [sys.executable, "-m", "research.paper", *map(str, options)]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[3], stderr=subprocess.PIPE)
+    own, deadline = tmp_path / "out" / "ppo-paper-random-21-s0", time.monotonic() + 120
+    while not own.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    process.terminate()
+    said = process.communicate()[1].decode()
+    assert process.returncode == 1
+    assert "keeps what is done and how far trainings are; the same command goes on" in said
+    assert (own / "checkpoint.pt").stat().st_size < LARGEST_CHECKPOINT
 
 
 def test_without_tianshou_three_algorithms_are_refused_before_anything_is_trained(

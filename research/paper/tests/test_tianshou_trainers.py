@@ -33,6 +33,8 @@ SMALL = EnvConfig.of("random", (7, 8))
 ALGORITHMS = ("a2c", "rainbow", "sac")
 MOVES = {"a2c": 6000, "rainbow": 1536, "sac": 2048}
 """Of a short training."""
+INTERRUPTED = {"a2c": 4000, "rainbow": 1280, "sac": 1792}
+"""After the first gradient steps of it."""
 
 
 def weights(trainer):
@@ -140,10 +142,21 @@ def test_a_policy_of_probabilities_samples_and_one_of_values_is_greedy(tmp_path)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_the_same_training_gives_the_same_numbers_and_weights(algorithm):
-    some, others = [], []
-    for numbers in (some, others):
-        trainer = short_trainer(algorithm)
-        numbers += [advance(trainer, MOVES[algorithm]), weights(trainer)]
-    assert some[0] == others[0]
-    assert torch.equal(some[1], others[1])
+def test_the_same_training_interrupted_or_not_gives_the_same_numbers_and_weights(
+    algorithm, tmp_path
+):
+    moves, path = MOVES[algorithm], tmp_path / "state.pt"
+    whole = short_trainer(algorithm)
+    expected = advance(whole, moves)
+    first = short_trainer(algorithm)
+    numbers = advance(first, INTERRUPTED[algorithm])
+    torch.save(first.state_dict(), path)
+    np.random.seed(0)
+    torch.manual_seed(0)
+    second = short_trainer(algorithm)
+    second.load_state_dict(torch.load(path, weights_only=True))
+    assert second.moves == first.moves < moves
+    numbers += advance(second, moves)
+    assert numbers == expected
+    assert torch.equal(weights(second), weights(whole))
+    assert list(second.envs.recent.returns) == list(whole.envs.recent.returns)

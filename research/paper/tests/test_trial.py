@@ -12,7 +12,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cards import replay_card
 from marsexplorer.policies import load
 from marsexplorer.policies.files.onnx import OnnxModel
-from research.paper import algorithms
+from research.paper import algorithms, trial
 from research.paper.algorithms import PPOTrainer, begin, check_variant
 from research.paper.jobs import read_lines
 from research.paper.trainers import settings
@@ -79,6 +79,46 @@ def test_the_same_trial_gives_the_same_curve_policy_and_result(quick, tmp_path):
     assert without_time(tmp_path / "one") == without_time(tmp_path / "other")
     file = f"{TRIAL.name}/{TRIAL.name}.onnx"
     assert weights(tmp_path / "one" / file) == weights(tmp_path / "other" / file)
+
+
+def stops_after(rounds):
+    """Return what a job tells its progress to that is stopped after some rounds."""
+    told = []
+
+    def on_progress(share):
+        told.append(share)
+        if len(told) == rounds:
+            raise KeyboardInterrupt
+
+    return on_progress
+
+
+def test_a_trial_that_was_stopped_goes_on_exactly_here_and_on_another_machine(
+    quick, tmp_path, monkeypatch
+):
+    TRIAL.run(tmp_path / "whole", lambda share: None)
+    with pytest.raises(KeyboardInterrupt):
+        TRIAL.run(tmp_path / "stopped", stops_after(1))
+    with pytest.raises(ValueError, match=r"is of another trial .*give another --out"):
+        replace(TRIAL, moves=64).run(tmp_path / "stopped", lambda share: None)
+    with pytest.raises(KeyboardInterrupt):
+        TRIAL.run(tmp_path / "stopped", stops_after(1))
+    carried = tmp_path / "carried"
+    checkpoint = tmp_path / "stopped" / TRIAL.name / "checkpoint.pt"
+    assert trial.carry(tmp_path / "stopped", carried)[0].endswith("64 moves so far")
+    (far,) = trial.read_unfinished(carried)
+    assert (far["trial"], far["moves"], far["line"]["moves"]) == (TRIAL, 64, 64)
+    checkpoint.unlink()
+    monkeypatch.setattr(trial, "CARRIED", carried)
+    shares = []
+    TRIAL.run(tmp_path / "stopped", shares.append)
+    assert shares[0] == TRAINING_SHARE  # only the third round was left
+    assert without_time(tmp_path / "stopped") == without_time(tmp_path / "whole")
+    file = f"{TRIAL.name}/{TRIAL.name}.onnx"
+    assert weights(tmp_path / "stopped" / file) == weights(tmp_path / "whole" / file)
+    assert trial.carry(tmp_path / "stopped", carried) == []
+    assert not checkpoint.exists()
+    assert not [*carried.iterdir()]
 
 
 def changed(variant):

@@ -73,6 +73,7 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
         self._buffer = make_replay(
             capacity, own.num_envs, self.form.width, own.priority_alpha, own.priority_beta
         )
+        self._actions: list[NDArray[np.int64]] = []
 
     @abstractmethod
     def act(self) -> NDArray[np.int64]:
@@ -86,7 +87,7 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
         """Play and learn for a round; return the means of its gradient steps' numbers."""
         own, steps = self._off_policy, []
         for _ in range(STEPS_OF_ROUND):
-            add(self._buffer, self.environments.step(self.act()))
+            self._play(self.act())
             before, self.moves = self.moves, self.moves + own.num_envs
             if self.moves > own.learning_starts:
                 for _ in range(self.moves // own.moves_per_update - before // own.moves_per_update):
@@ -97,6 +98,29 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
                     )
         names = steps[0] if steps else {}
         return {name: float(np.mean([step[name] for step in steps])) for name in names}
+
+    def _play(self, actions: NDArray[np.int64]) -> None:
+        self._actions.append(actions)
+        add(self._buffer, self.environments.step(actions))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state with all actions, of which the buffer is made again, and its priorities."""
+        buffer = self._buffer
+        return super().state_dict() | {
+            "actions": torch.from_numpy(np.array(self._actions, np.uint8)),
+            "priorities": torch.from_numpy(np.asarray(buffer.weight[np.arange(buffer.maxsize)])),
+            "priority_range": [float(buffer._max_prio), float(buffer._min_prio)],
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Play the actions, which fills the buffer, and set the rest; the trainer must be at its beginning."""
+        for actions in state["actions"].numpy().astype(np.int64):
+            self._play(actions)
+        buffer = self._buffer
+        buffer.weight[np.arange(buffer.maxsize)] = state["priorities"].numpy()
+        highest, lowest = state["priority_range"]
+        buffer._max_prio, buffer._min_prio = np.float32(highest), np.float32(lowest)
+        super().load_state_dict(state)
 
 
 class RainbowTrainer(OffPolicyTrainer):
@@ -144,6 +168,15 @@ class RainbowTrainer(OffPolicyTrainer):
     def numbers(self, stats: Any) -> dict[str, float]:
         """Return the loss of a gradient step."""
         return {"loss": stats.loss}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state, and how many gradient steps there were: the target network is copied by them."""
+        return super().state_dict() | {"gradient_steps": self.algorithm._iter}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set them."""
+        super().load_state_dict(state)
+        self.algorithm._iter = state["gradient_steps"]
 
 
 class BestOfDistributions(C51Policy):
@@ -242,3 +275,12 @@ class SACTrainer(OffPolicyTrainer):
             "value_loss": stats.critic1_loss,
             "alpha": stats.alpha,
         }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state with the optimiser of the entropy's weight, which tianshou leaves out."""
+        return super().state_dict() | {"alpha": self._alpha._optim.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set them."""
+        super().load_state_dict(state)
+        self._alpha._optim.load_state_dict(state["alpha"])

@@ -111,6 +111,27 @@ class TianshouTrainer:
         """Write the policy with a card."""
         save_agent(self.net, path, card)
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return networks, optimisers, environments and both global generators."""
+        _, keys, *place = np.random.get_state(legacy=True)
+        return {
+            "moves": self.moves,
+            "algorithm": dict(self.algorithm.state_dict()),
+            "envs": self.envs.state_dict(),
+            "torch": torch.get_rng_state(),
+            "numpy": [torch.from_numpy(np.asarray(keys, np.int64)), *place],
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Set them."""
+        self.moves = state["moves"]
+        self.algorithm.load_state_dict(state["algorithm"])
+        self.envs.load_state_dict(state["envs"])
+        self.environments.obs = self.form.pack(self.envs.observe())
+        keys, *place = state["numpy"]
+        np.random.set_state(("MT19937", keys.numpy().astype(np.uint32), *place))
+        torch.set_rng_state(state["torch"])
+
 
 def adam(learning_rate: float) -> Any:
     """Return what makes tianshou's optimisers: Adam, all tensors in one call."""
