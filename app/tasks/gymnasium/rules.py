@@ -40,6 +40,8 @@ MOST_FRAMES = 3000
 """Pictures of a replay, at most."""
 POLICIES = "app.tasks.gymnasium.policies"
 """The module that plays them."""
+EXAMINED = 200
+"""Moves on a seed that are compared before a study is frozen."""
 FAILED = "environment_failed"
 """The outcome of an episode whose environment failed twice at the same move; it counts as one that was left there."""
 
@@ -534,10 +536,10 @@ class GymnasiumRules:
         return f"{said}; {'no difference' if is_same else 'other observations'} in {len(rewards)} steps"
 
     def examine(self, config: GymnasiumConfig) -> None:
-        """Raise ValueError where fresh processes play episodes of 1,000 moves in all differently."""
+        """Raise ValueError where fresh processes play episodes of `EXAMINED` moves on each of five seeds differently."""
         from app.tasks.gymnasium.doctor import examine
 
-        found = examine(self.name, steps=200, config=config.to_dict())
+        found = examine(self.name, steps=EXAMINED, config=config.to_dict())
         if found.differences:
             raise ValueError(
                 f"{found.verdict}; mend the environment or name a wrapper that does; `marsexplorer doctor` says more"
