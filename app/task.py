@@ -435,7 +435,9 @@ def rules_of(task: str) -> Rules:
     return cast(Rules, import_module(f"app.tasks.{package}.rules").rules(rest))
 
 
-PACKAGES = ("mars", "gymnasium")
+MARS = "mars"
+"""The task that a server plays where none is named: MarsExplorer."""
+PACKAGES = (MARS, "gymnasium")
 """The packages of `app.tasks`. The module `rules` of each has a function `rules` of what follows the colon in a task's name."""
 
 
@@ -547,6 +549,9 @@ class Task(Rules, Protocol):
 
         TaskFullError where no further run can begin at the moment.
         """
+
+    def viewer(self) -> Any:
+        """Return the 3-D view of a server's boards (`Services.viewer`); None where there is none."""
 
     def guards(self) -> str:
         """Return what guards the server from its runs, a sentence; "" where none is needed. ValueError where none can begin."""

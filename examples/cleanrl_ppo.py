@@ -1,6 +1,6 @@
 """PPO in one file, in the style of CleanRL, on the vectorized environment with its same-step autoreset.
 
-    pip install . torch
+    pip install '.[mars]' torch
     python examples/cleanrl_ppo.py --steps 20000
 
 When an episode ends, the vector environment begins the next in the same step: `observations` holds the first observation of

@@ -1,6 +1,6 @@
 """A simulated robot with two driven wheels and a laser explores a map in metres, by the goals of a policy. No ROS is needed.
 
-    pip install . matplotlib
+    pip install '.[mars]' matplotlib
     python examples/differential_robot.py --policy frontier-priced --out robot.png
     python examples/differential_robot.py --map office.yaml
 

@@ -1,6 +1,6 @@
 """MarsExplorer asked as EnvPool is: send() the moves of one batch and recv() whichever batch is ready.
 
-pip install .
+pip install '.[mars]'
 python examples/envpool_style.py --steps 200000
 
 While the policy decides for one batch, threads step the others: the compiled rules hold no lock of the interpreter. Nothing

@@ -1,6 +1,6 @@
 """MarsExplorer with the buffers of PufferLib: the trainer owns the memory, and the environment writes to it.
 
-pip install . torch
+pip install '.[mars]' torch
 python examples/pufferlib_style.py --steps 200000
 
 The class has the buffers, num_agents, spaces, reset and step of pufferlib.PufferEnv. It does not derive from it, so that the

@@ -1,6 +1,6 @@
 """PPO of RLlib on MarsExplorer.
 
-    pip install . "ray[rllib]" torch
+    pip install ".[mars]" "ray[rllib]" torch
     python examples/rllib_ppo.py --steps 2000
 
 The network is RLlib's default one, and its input is the flattened state matrix. RLlib does not mask invalid moves by itself,

@@ -1,6 +1,6 @@
 """MaskablePPO of sb3-contrib on MarsExplorer, with invalid moves masked and a small convolutional network.
 
-    pip install '.[onnx]' stable-baselines3 sb3-contrib
+    pip install '.[mars,onnx]' stable-baselines3 sb3-contrib
     python examples/sb3_maskable_ppo.py --steps 4096 --out mine.onnx
 
 The file can be evaluated and served without Stable-Baselines3:

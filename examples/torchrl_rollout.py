@@ -1,6 +1,6 @@
 """A TorchRL rollout of MarsExplorer, with the mask of valid moves in the tensordict.
 
-pip install . torchrl
+pip install '.[mars]' torchrl
 python examples/torchrl_rollout.py --steps 200
 """
 

@@ -14,10 +14,16 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from llvmlite import ir
-from numba import int64, njit, types, uint64
-from numba.core import event
-from numba.extending import intrinsic
+try:
+    from llvmlite import ir
+    from numba import int64, njit, types, uint64
+    from numba.core import event
+    from numba.extending import intrinsic
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "MarsExplorer's rules are compiled by numba: pip install 'marsexplorer-playground[mars]'",
+        name=error.name,
+    ) from error
 
 F = TypeVar("F", bound=Callable[..., Any])
 

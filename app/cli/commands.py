@@ -8,9 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 EXTRAS: dict[str, tuple[str, ...]] = {
+    "mars": ("numba", "llvmlite"),
     "maps": ("PIL", "yaml"),
-    "play": (
-        "viser", "PIL", "msgspec", "zstandard", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
+    "play": ("viser", "msgspec", "zstandard"),
+    "server": (
+        "PIL", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
         "prometheus_client", "pythonjsonlogger", "argon2", "pyblst",
     ),
@@ -19,20 +21,21 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),
-    "gymnasium": ("pygame",),
+    "any": ("pygame",),
     "hub": ("huggingface_hub", "httpx2", "click", "rich"),
     "video": ("av",),
 }  # fmt: skip
 """Extra -> the modules that it brings itself, by the names they are imported by."""
 
 INCLUDED: dict[str, tuple[str, ...]] = {
-    "play": ("onnx", "maps"),
-    "train": ("onnx",),
+    "maps": ("mars",),
+    "any": ("server",),
+    "play": ("server", "mars", "onnx", "maps"),
+    "train": ("mars", "onnx"),
     "study": ("play",),
     "export": ("study",),
     "ray": ("train",),
-    "gymnasium": ("play",),
-    "hub": ("onnx",),
+    "hub": ("mars", "onnx"),
     "video": ("play",),
 }
 """Extra -> the extras that it includes."""
@@ -42,7 +45,7 @@ COMMANDS = {
     "play": ("serve", "play", "Play one environment on this machine, in its browser."),
     "export": ("database", "play", "Write the recorded episodes as CSV."),
     "replay": ("replay", "play", "Write an episode as a page in one file, a GIF or an MP4."),
-    "doctor": ("doctor", "gymnasium", "Say whether an environment follows from seed and actions."),
+    "doctor": ("doctor", "any", "Say whether an environment follows from seed and actions."),
     "evaluate": ("training.evaluate", "play", "Score policies on the same terrains."),
     "leaderboard": ("training.leaderboard", "play", "Make the leaderboard's figures of the shipped policies."),
     "train": ("training.train", "train", "Train a policy on this machine."),
@@ -79,7 +82,7 @@ def missing_extra(error: ModuleNotFoundError, words: Sequence[str]) -> str | Non
     if not extras:
         return None
     command = next((word for word in words if word in COMMANDS), None)
-    extra = COMMANDS[command][1] if command else extras[0]
+    extra = COMMANDS[command][1] if command else "play"
     if module not in _modules(extra):
         extra = extras[0]
     what = f"marsexplorer {command}" if command else "marsexplorer"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +129,7 @@ def serve(
 
     --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
     picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
-    with: pip install 'marsexplorer-playground[gymnasium]'
+    with: pip install 'marsexplorer-playground[any]'
 
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
@@ -155,10 +155,12 @@ def serve(
       marsexplorer serve --env FrozenLake-v1 --database lake.db
       marsexplorer serve --map office.yaml --map garage.yaml
     """
-    from app.tasks.mars.players import of_paper
-
     check_more(more, policies)
-    of_the_paper = of_paper().values() if given.pop("paper") else ()
+    of_the_paper: Iterable[Path] = ()
+    if given.pop("paper"):
+        from app.tasks.mars.players import of_paper
+
+        of_the_paper = of_paper().values()
     flags = {name: value for name, value in given.items() if value is not None}
     if "task" in flags:
         flags["task"] = task_name(flags["task"])

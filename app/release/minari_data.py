@@ -7,6 +7,7 @@ compression would change them. Reference scores make Minari's normalized score t
 from __future__ import annotations
 
 import os
+import shlex
 import string
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +20,7 @@ import numpy as np
 from app.release.errors import library
 from app.release.manifest import ReleaseHeader
 from app.release.tables import TableRow
-from app.task import Configuration, Record, Run, rules_of
+from app.task import MARS, Configuration, Record, Run, rules_of
 
 EPISODES_PER_WRITE = 64
 TEXT_LENGTH = 1000
@@ -82,7 +83,10 @@ class MinariWriter:
         rules = rules_of(task)
         low, high = rules.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
-        comes_with = "Its environment comes with: pip install marsexplorer-playground"
+        needs = ["marsexplorer-playground[mars]"]
+        if task != MARS:
+            needs = [each.replace(" ", "==") for each in rules.version.split(", ")]
+        comes_with = f"Its environment comes with: pip install {shlex.join(needs)}"
         env = rules.environment(config)
         with _datasets_in(self._root):
             return self._minari.create_dataset_from_buffers(
@@ -93,7 +97,7 @@ class MinariWriter:
                 algorithm_name=driver,
                 author="the study's participants, under pseudonyms",
                 description=f"{self._header.title} Data licence: {licence}. {comes_with}",
-                requirements=["marsexplorer-playground"],
+                requirements=needs,
                 ref_min_score=low,
                 ref_max_score=high,
                 data_format="hdf5",

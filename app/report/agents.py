@@ -20,7 +20,7 @@ from app.report.statistics.study_figures import live_figure, primary_set
 from app.series.data import StudyData
 from app.series.policy_episodes import PolicyEpisode
 from app.series.protocol import Protocol
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 
 def compare_agents(

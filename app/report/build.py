@@ -49,7 +49,7 @@ from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
 from app.series.flow import participant_flow
 from app.task import rules_of
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 ESTIMAND = (
     "The mean, over players like these, of a player's mean over exactly these terrains: every player weighs the same, and the "

@@ -19,7 +19,7 @@ from app.report.statistics.study_figures import StudyFigure
 from app.report.statistics.terrain_leaks import LeakTrend
 from app.series.flow import ParticipantFlow
 from app.task import Words, rules_of
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
 SYNTHETIC = (

@@ -27,7 +27,7 @@ from app.series.data import StudyData, trial_records
 from app.series.policy_files import REGRET_POLICY
 from app.series.protocol import Protocol, StudyError
 from app.task import Record
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 POLICY = REGRET_POLICY
 """The policy that goes on after each action, and whose own regret is stated as the ground to compare with."""

@@ -6,18 +6,28 @@ import asyncio
 from contextlib import closing
 from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Path, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 
 from app.db.reader import Reader
 from app.db.series import attempts_of
 from app.series.daily import DailyPlayedError, DailyTerrain, day_before
+from app.task import MARS
 from app.web.access import player_of, remember_player, services_of
 from app.web.api import session_summary
 from app.web.daily_results import calendar, describe_attempt, people_on, streak
 from app.web.protection import has_own_origin
 from app.web.services import Services
 
-router = APIRouter(prefix="/api/daily", tags=["daily"])
+
+def _is_offered(request: Request) -> None:
+    """Check that the server plays MarsExplorer, whose the daily terrain is; HTTPException 404 otherwise."""
+    if (task := services_of(request).lobby.task).name != MARS:
+        raise HTTPException(
+            404, f"the daily terrain is MarsExplorer's, and this server plays {task.title}"
+        )
+
+
+router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])
 Day = Annotated[
     str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
 ]

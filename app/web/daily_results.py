@@ -19,7 +19,6 @@ from app.db.trial import Trial
 from app.jobs import Jobs
 from app.series.daily import DailyTerrain, day_before
 from app.task import PolicyOffer
-from app.tasks.mars.terrains import cells_of_seed
 from app.web.leaderboard.evaluations import Evaluation, PolicyEvaluations
 
 SHOWN = 10
@@ -42,7 +41,7 @@ def people_on(
     the player's own row, None where they have none.
     """
     cells, ended = (
-        cells_of_seed(terrain.config, terrain.seed),
+        _cells(terrain),
         results(reader, terrain.series.name, terrain.ends_ms),
     )
     found = [_row(each, cells, player_id) for each in ended]
@@ -74,7 +73,7 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
         "episode": attempt.id,
         "outcome": attempt.outcome,
         "moves": attempt.moves,
-        "coverage": attempt.discovered / cells_of_seed(terrain.config, terrain.seed)
+        "coverage": attempt.discovered / _cells(terrain)
         if attempt.discovered is not None
         else None,
         "score": attempt.score,
@@ -121,6 +120,13 @@ def _why_unranked(attempt: Trial, terrain: DailyTerrain) -> str | None:
     if attempt.ended_ms is not None and attempt.ended_ms >= terrain.ends_ms:
         return "it ended after midnight UTC, when its day was over"
     return None
+
+
+def _cells(terrain: DailyTerrain) -> int:
+    """Return how many cells coverage refers to; a daily terrain is MarsExplorer's."""
+    from app.tasks.mars.terrains import cells_of_seed
+
+    return cells_of_seed(terrain.config, terrain.seed)
 
 
 def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, Any]:

@@ -35,11 +35,7 @@ from app.series.debrief import Debriefs
 from app.series.folder import Folder
 from app.series.participation import Participations
 from app.series.progress import ParticipantProgress
-from app.task import Task, rules_of
-from app.tasks.mars.policies import PolicyCatalogue, check_file
-from app.tasks.mars.task import Mars
-from app.tasks.mars.terrains import MapCatalogue
-from app.tasks.mars.viewer3d.viewer import Viewer
+from app.task import MARS, Policies, Task, rules_of
 from app.web import (
     admin,
     agents,
@@ -88,7 +84,7 @@ from app.web.replays.service import Replays
 from app.web.requests import NotedRoute, ObservedRequests
 from app.web.services import Services
 from app.web.settings import Settings
-from marsexplorer.evaluation.intervals import t_quantile
+from marsexplorer.intervals import t_quantile
 
 __all__ = ["ServerError", "create_app", "run"]
 
@@ -111,7 +107,7 @@ class Prepared:
     """
 
     sources: Sources | None = None
-    policies: PolicyCatalogue | None = None
+    policies: Policies | None = None
     task: Task | None = None
     store: Store | None = None
 
@@ -154,7 +150,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                         sweeper.cancel()
 
     app = FastAPI(
-        title="MarsExplorer Playground", version=Mars.version, description=api_docs.DESCRIPTION,
+        title="MarsExplorer Playground", version=rules_of(settings.task).version, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection)
@@ -241,7 +237,10 @@ def _services(
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    offers = task.policies.offers() if task.name == Mars.name else ()  # on boards of MarsExplorer
+    is_mars = (
+        task.name == MARS
+    )  # the daily terrain and the leaderboard's own boards are MarsExplorer's
+    offers = task.policies.offers() if is_mars else ()
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
@@ -270,12 +269,12 @@ def _services(
         daily_policies=DailyPolicies(
             store.path.with_name(store.path.name + "-daily.json"), offers, jobs
         ),
-        viewer=Viewer(),
+        viewer=task.viewer(),
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
         cards=Cards(progress),
         debriefs=Debriefs(store),
-        leaderboard=Leaderboard(store.path, offers, settings.studies, jobs),
+        leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
         replays=Replays(store.path, offers, jobs),
         health=health,
         admin=None
@@ -284,11 +283,12 @@ def _services(
     )
 
 
-def _task(settings: Settings, policies: PolicyCatalogue | None = None) -> Task:
+def _task(settings: Settings, policies: Policies | None = None) -> Task:
     """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
-    if rules_of(settings.task).name == Mars.name:
-        maps = MapCatalogue.read(settings.maps, settings.cell_m)
-        return Mars(policies or PolicyCatalogue(settings.policies), maps)
+    if settings.task == MARS:
+        from app.tasks.mars.task import served
+
+        return served(settings.policies, settings.maps, settings.cell_m, policies)
     from app.tasks.gymnasium.task import GymnasiumTask
 
     hidden = (settings.database, settings.studies, settings.backups)
@@ -380,7 +380,9 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     ):
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors():
-            if rules_of(settings.task).name == Mars.name:
+            if settings.task == MARS:
+                from app.tasks.mars.policies import check_file
+
                 for path in settings.policies:
                     check_file(path)
         print(

@@ -36,7 +36,7 @@ class Services:
     spectators     what anybody may watch
     daily_boards   today's terrain, and the boards on which players attempt it
     daily_policies the shipped policies on daily terrains
-    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`
+    viewer         the 3-D view of the sessions: its `page`, `serve(websocket, session)` and `close()`; None where there is none
     player_tokens  signs and reads players' ids
     progress       the participants of the studies
     cards          what agents with cards do in sealed evaluations
@@ -72,4 +72,5 @@ class Services:
         await asyncio.to_thread(self.jobs.close)
         await asyncio.to_thread(self.downloads.close)
         self.lobby.close()
-        self.viewer.close()
+        if self.viewer is not None:
+            self.viewer.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter, Request, WebSocket
+from fastapi import APIRouter, HTTPException, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from app.board.lobby import UnknownSessionError
@@ -12,6 +12,7 @@ from app.web.access import close, services_of, visible_session
 from app.web.protection import viewer_policy
 from app.web.sockets import UNKNOWN_SESSION
 
+NO_VIEW = "this server's environment has no 3-D view"
 router = APIRouter(include_in_schema=False)
 
 
@@ -20,14 +21,14 @@ async def newest_client(request: Request) -> Response:
     """Send a browser to the client's address of this version, where it keeps it for as long as it likes."""
     query = f"?{request.url.query}" if request.url.query else ""
     return RedirectResponse(
-        f"{services_of(request).viewer.page.version}/{query}", 307, {"Cache-Control": "no-cache"}
+        f"{_viewer(request).page.version}/{query}", 307, {"Cache-Control": "no-cache"}
     )
 
 
 @router.get("/viewer/client/{version}/")
 async def client_page(request: Request, version: str) -> Response:
     """Serve viser's page for every board; the name of its frame says which. Another version is sent to this server's own."""
-    page = services_of(request).viewer.page
+    page = _viewer(request).page
     if version != page.version:
         return RedirectResponse(f"../{page.version}/", 307, {"Cache-Control": "no-cache"})
     return client_response(request, page, "public, max-age=31536000, immutable")
@@ -37,7 +38,14 @@ async def client_page(request: Request, version: str) -> Response:
 async def viewer_page(request: Request, session_id: str) -> Response:
     """Serve viser's page under a session's own address."""
     await visible_session(request, session_id)
-    return client_response(request, services_of(request).viewer.page, "private, no-cache")
+    return client_response(request, _viewer(request).page, "private, no-cache")
+
+
+def _viewer(request: Request) -> Any:
+    """Return the 3-D view; HTTPException 404 on a server of another task."""
+    if (viewer := services_of(request).viewer) is None:
+        raise HTTPException(404, NO_VIEW)
+    return viewer
 
 
 def client_response(request: Request, page: Any, cache_control: str) -> Response:
@@ -65,4 +73,8 @@ async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
         await websocket.accept()
         await close(websocket, UNKNOWN_SESSION, "unknown session")
         return
-    await services_of(websocket).viewer.serve(websocket, session)
+    if (viewer := services_of(websocket).viewer) is None:
+        await websocket.accept()
+        await close(websocket, UNKNOWN_SESSION, NO_VIEW)
+        return
+    await viewer.serve(websocket, session)

@@ -17,8 +17,8 @@ import numpy as np
 from marsexplorer import policies as policy_files
 from marsexplorer.config import CORE_VERSION, EnvConfig, check_seed
 from marsexplorer.evaluation.episodes import Result, horizon, make_chunks, play_chunks
-from marsexplorer.evaluation.intervals import Floats, t_interval, t_quantile
 from marsexplorer.files import to_cell
+from marsexplorer.intervals import Floats, t_interval, t_quantile
 
 Progress = Callable[[int, int], None]
 """Called with (done, in all)."""

@@ -21,7 +21,7 @@ from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import TAIL, Ends, guaranteed_covers, printed_interval
 from app.report.statistics.mixed_model import fit_mixed_model
 from app.report.statistics.spread import iqm, iqm_shares
-from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.intervals import Floats, t_interval
 from research.coverage.simulated_studies import (
     SCORE_BOUNDS,
     STEPS_BOUNDS,

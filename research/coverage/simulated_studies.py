@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.report.measured_coverage import SCORE_POPULATIONS, ScorePopulation
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 TERRAINS = 30
 TERRAIN_SHARE = 0.2

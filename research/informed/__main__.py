@@ -12,8 +12,8 @@ from app.cli.training.train import configs_of
 from app.jobs import Jobs
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import RULES, evaluate
-from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.evaluation.table import ratio_interval
+from marsexplorer.intervals import Floats, t_interval
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 from research.informed.informed import INFORMED, check_size, search
 

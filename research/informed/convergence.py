@@ -15,7 +15,7 @@ import numpy as np
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.intervals import t_interval
 from research.informed.informed import AnnealingConfig, check_size, informed_paths
 
 

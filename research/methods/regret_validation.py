@@ -17,8 +17,8 @@ import scipy
 from app.report.statistics.intervals import printed_interval
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.intervals import Floats
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies import Policy, load
 

@@ -8,7 +8,7 @@ from math import isnan, nan
 
 import numpy as np
 
-from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.intervals import Floats, t_interval
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import scipy
 
 from app.report.statistics.crossed import can_be_crossed, crossed_interval, crossed_p
 from app.report.statistics.intervals import Interval, printed_interval
-from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
+from marsexplorer.intervals import CONFIDENCE, Floats
 
 FEWEST_TO_TEST = 5
 """Players below whom no p value is given: their spread is too poorly known."""

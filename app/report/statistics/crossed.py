@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.statistics.intervals import Ends, printed_interval, printed_p
-from marsexplorer.evaluation.intervals import CONFIDENCE, Floats
+from marsexplorer.intervals import CONFIDENCE, Floats
 
 
 @dataclass(frozen=True)

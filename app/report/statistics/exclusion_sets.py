@@ -19,7 +19,7 @@ from app.board.attestation import level_reaches
 from app.db.trial import Trial
 from app.report.statistics.formatting import percent
 from app.series.data import Person, StudyData
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 MetricName = Literal["score", "steps"]
 METRICS: tuple[MetricName, ...] = ("score", "steps")

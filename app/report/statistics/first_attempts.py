@@ -16,7 +16,7 @@ import scipy
 
 from app.report.statistics.exclusion_sets import Cohort, members
 from app.report.statistics.intervals import Interval
-from marsexplorer.evaluation.intervals import CONFIDENCE, t_interval
+from marsexplorer.intervals import CONFIDENCE, t_interval
 
 FEWEST = 2
 """People who must have completed a terrain for its upper median and second best."""

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.statistics.intervals import RULE
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 FEW_PLAYERS = 5
 """Fewer players than this, by the effective number, are a few."""

@@ -24,7 +24,7 @@ from app.report.statistics.headline import is_a_few_players
 from app.report.statistics.intervals import Interval, estimate
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
-from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.intervals import t_interval
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 

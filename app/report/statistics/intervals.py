@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval, t_quantile
+from marsexplorer.intervals import CONFIDENCE, Floats, t_interval, t_quantile
 
 Interval = tuple[float, float]
 """Low and high."""

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from app.report.statistics.intervals import Interval
-from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_interval
+from marsexplorer.intervals import CONFIDENCE, Floats, t_interval
 
 TrialMean = tuple[int, float, float | None, float | None]
 """Players, mean, low and high; low and high None below two players."""

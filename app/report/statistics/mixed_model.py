@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from app.report.statistics.crossed import can_be_crossed, crossed_components, satterthwaite
 from app.report.statistics.intervals import TAIL, Interval
-from marsexplorer.evaluation.intervals import Floats, t_quantile
+from marsexplorer.intervals import Floats, t_quantile
 
 Indices = NDArray[np.intp]
 

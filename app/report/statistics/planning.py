@@ -27,7 +27,7 @@ from app.report.statistics.learning import LEVEL
 from app.report.statistics.spread import variance_components
 from app.series.data import StudyData
 from app.series.protocol import Protocol
-from marsexplorer.evaluation.intervals import CONFIDENCE, Floats, t_quantile
+from marsexplorer.intervals import CONFIDENCE, Floats, t_quantile
 
 WANTED_POWER = 0.8
 """What a new study's margin and difference are derived for."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.report.statistics.crossed import can_be_crossed, crossed_components
 from app.report.statistics.intervals import TAIL, Interval, printed_interval
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 
 
 @dataclass(frozen=True)

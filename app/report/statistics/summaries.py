@@ -19,7 +19,7 @@ from app.report.statistics.exclusion_sets import Cohort, members, people_of, scr
 from app.report.statistics.human_level import mean_interval
 from app.series.data import StudyData, trial_records
 from app.task import Configuration, Record, Rules
-from marsexplorer.evaluation.intervals import Floats, t_interval
+from marsexplorer.intervals import Floats, t_interval
 
 POINTS = 120
 """Points of a drawn curve, at most."""

@@ -16,7 +16,7 @@ import scipy
 from app.db.trial import Trial
 from app.report.statistics.intervals import Interval
 from app.task import Words
-from marsexplorer.evaluation.intervals import t_quantile
+from marsexplorer.intervals import t_quantile
 
 FEWEST_PLAYERS = 5
 """Below so many players no trend is tested, as their spread is too poorly known."""

@@ -551,7 +551,7 @@ class GymnasiumRules:
         try:
             GymnasiumRun(self.default, 0).view()
         except gymnasium.error.DependencyNotInstalled as error:
-            needs = "pip install 'marsexplorer-playground[gymnasium]'"
+            needs = "pip install 'marsexplorer-playground[any]'"
             said = f"{self.level} cannot be drawn: {error}; install it with: {needs}"
             raise ValueError(said) from error
 

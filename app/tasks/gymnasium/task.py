@@ -70,6 +70,9 @@ class GymnasiumTask(GymnasiumRules):
         """Return a run after some actions, in a process of its own."""
         return BoardRun(self._boards, config, seed, actions)
 
+    def viewer(self) -> None:
+        """Return None: pages draw the environment's own picture."""
+
     def guards(self) -> str:
         """Return what guards the server; ValueError where a process does not start, PolicyError where a policy cannot play."""
         for offer in self.policies.offers():

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
-from app.task import Cause, Choice, Decides
+from app.task import Cause, Choice, Decides, Policies
 from app.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.rules import MarsRules
@@ -20,12 +22,18 @@ from marsexplorer.policies.network import batch
 class Mars(MarsRules):
     """MarsExplorer (`app.task.Task`) with the policies and the maps that a server offers."""
 
-    policies: PolicyCatalogue
+    policies: Policies
     catalogue: MapCatalogue = field(default_factory=MapCatalogue)
 
     daily: ClassVar[EnvConfig] = EnvConfig.of("random", 21)
     decides: ClassVar[Decides] = batch
     steps_on: ClassVar[None] = None
+
+    def viewer(self) -> Any:
+        """Return a 3-D view (`app.tasks.mars.viewer3d.viewer.Viewer`)."""
+        from app.tasks.mars.viewer3d.viewer import Viewer
+
+        return Viewer()
 
     def guards(self) -> str:
         """Return "": its runs are the server's own."""
@@ -93,3 +101,15 @@ class Mars(MarsRules):
         if given is None:
             return MarsRun(Episode.begin(choice.config, choice.seed))
         return MarsRun(Episode.begin(choice.config, None, given.cells, given.start))
+
+
+def served(
+    paths: Iterable[Path], maps: Iterable[Path], cell_m: float | None, policies: Policies | None
+) -> Mars:
+    """Return the task of a server; LookupError, ValueError or OSError where a file is none.
+
+    paths     of further policies
+    maps      of map_server files, with cells of `cell_m` metres
+    policies  what is on offer, where that is loaded already
+    """
+    return Mars(policies or PolicyCatalogue(paths), MapCatalogue.read(maps, cell_m))

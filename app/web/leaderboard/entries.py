@@ -27,9 +27,7 @@ from app.report.statistics.summaries import EpisodeSummary, summarize_groups, tr
 from app.series.data import StudyData, load, trial_records
 from app.series.policy_episodes import closed_seeds
 from app.series.policy_files import FOLDER, PolicyFiles
-from app.task import Configuration, PolicyError
-from app.tasks.mars.policies import PolicyCatalogue
-from app.tasks.mars.rules import MarsRules
+from app.task import MARS, Configuration, PolicyError, rules_of
 from app.web.leaderboard.evaluations import (
     Evaluation,
     Origin,
@@ -44,10 +42,6 @@ FIRST_SEED = 1_000_000_000
 
 SAMPLED_PLAYERS, SAMPLED_EPISODES = 20, 2
 """Of a study, for the share of people's moves that a policy makes too."""
-
-MARS = MarsRules()
-"""What the boards are of."""
-OFFERED: tuple[Configuration, ...] = MARS.players.OFFERED
 
 
 @dataclass(frozen=True)
@@ -179,16 +173,21 @@ def _totals_of(trial: Trial) -> EpisodeSummary:
 
 
 def list_entries(
-    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures
+    reader: Reader, studies: ClosedStudies, volunteers: VolunteerFigures, task: str = MARS
 ) -> list[LeaderboardEntry]:
     """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
 
-    So nobody puts a board first by leaving it.
+    So nobody puts a board first by leaving it. Boards other than studies are MarsExplorer's, where that is the server's `task`.
     """
     found = [_of_study(data, human) for data, human in studies.closed(reader)]
-    played = {config.hash: (0, entry_of(config)) for config in OFFERED}
+    if task != MARS:
+        return found
+    rules = rules_of(MARS)
+    played = {config.hash: (0, entry_of(config)) for config in offered()}
     for figure in volunteers.human_level(reader)["figures"]:
-        config = MARS.configuration(figure["config"])
+        if figure["task"] != MARS:
+            continue
+        config = rules.configuration(figure["config"])
         ended = figure["episodes"] - figure["abandoned"]
         played[config.hash] = ended, entry_of(config, figure)
     in_order = sorted(played.values(), key=lambda each: -each[0])
@@ -211,16 +210,24 @@ def _of_study(data: StudyData, human: dict[str, Any] | None) -> LeaderboardEntry
 
 def entry_of(config: Configuration, human: dict[str, Any] | None = None) -> LeaderboardEntry:
     """Return the entry of a configuration of the playground; `human` is None while nobody has played it."""
+    of_level: Any = getattr(rules_of(MARS), "of_level")  # noqa: B009  # of this task alone
     name = f"{config.level}-{config.rows}x{config.cols}"
     title = f"{config.level} {config.rows} × {config.cols}"
-    if MARS.of_level(config.level, (config.rows, config.cols)) != config:
+    if of_level(config.level, (config.rows, config.cols)) != config:
         name, title = f"{name}-{config.hash[:8]}", f"{title} (settings {config.hash[:8]})"
     return LeaderboardEntry(name, title, config, human, held_out_seeds(config))
 
 
+def offered() -> tuple[Configuration, ...]:
+    """Return the configurations of the boards on offer."""
+    players: Any = rules_of(MARS).players
+    found: tuple[Configuration, ...] = players.OFFERED
+    return found
+
+
 def offered_boards() -> dict[str, LeaderboardEntry]:
     """Return the boards on offer by their ids."""
-    return {entry.id: entry for entry in map(entry_of, OFFERED)}
+    return {entry.id: entry for entry in map(entry_of, offered())}
 
 
 def make_board(
@@ -236,6 +243,8 @@ def make_board(
 
     `advance` is called with the number of policies that are done and their number.
     """
+    from app.tasks.mars.policies import PolicyCatalogue
+
     command = f"marsexplorer leaderboard --board {entry.id} --out data/leaderboard"
     origin = Origin(version("marsexplorer-playground"), command)
     size = (entry.config.rows, entry.config.cols)

@@ -20,8 +20,7 @@ from typing import Any
 from app import SHIPPED_DATA
 from app.jobs import Jobs, JobsFullError, Progress
 from app.report.statistics.summaries import EpisodeSummary, summarize_episodes, summary_of
-from app.task import Configuration
-from app.tasks.mars.rules import MarsRules
+from app.task import MARS, Configuration, rules_of
 from marsexplorer.files import write_whole
 
 OWNER = "policies"
@@ -31,8 +30,6 @@ LIMIT_S = 2 * 3600.0
 FOLDER = SHIPPED_DATA / "leaderboard"
 FORMAT = 1
 
-MARS = MarsRules()
-"""Whose policies are evaluated."""
 _log = logging.getLogger(__name__)
 
 
@@ -48,15 +45,15 @@ class Evaluation:
     def key(self) -> str:
         """Everything that the figure depends on, as one string."""
         parts = (self.policy, policy_hash(self.policy), self.config.hash, _digest(self.seeds))
-        return "|".join((MARS.version, *parts))
+        return "|".join((rules_of(MARS).version, *parts))
 
     def play(self, progress: Progress | None = None) -> tuple[dict[str, Any], list[int]]:
         """Return the figure and the steps to 99 % on each terrain; `progress` is called with (episodes played, in all)."""
-        players = MARS.players
+        rules, players = rules_of(MARS), _players()
         policy = players.load(self.policy, self.config)
         played: list[EpisodeSummary] = []
         for seed in self.seeds:
-            played.append(summary_of(MARS, players.play(policy, self.config, seed, seed)))
+            played.append(summary_of(rules, players.play(policy, self.config, seed, seed)))
             if progress:
                 progress(len(played), len(self.seeds))
         figure = summarize_episodes(self.config, [[each] for each in played])
@@ -66,7 +63,7 @@ class Evaluation:
 @lru_cache(64)
 def policy_hash(source: str) -> str:
     """Return SHA-256 (hex) of a policy: of its file where it has one, and of the code of all policies."""
-    return str(MARS.players.hash_with_code(source))
+    return str(_players().hash_with_code(source))
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ def file_name(config: Configuration) -> str:
 @cache
 def file_sha256(policy: str) -> str | None:
     """Return SHA-256 (hex) of the file of a shipped policy; None for a policy that is code."""
-    path = MARS.players.shipped().get(policy)
+    path = _players().shipped().get(policy)
     return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -131,7 +128,7 @@ def to_document(
 ) -> str:
     """Return the text of a configuration's file of shipped figures: JSON, a line for each policy."""
     head = {
-        "format": FORMAT, "core_version": MARS.version, **asdict(origin), "config": config.to_dict(),
+        "format": FORMAT, "core_version": rules_of(MARS).version, **asdict(origin), "config": config.to_dict(),
         "depends_on": f"{config.hash}|{_digest(seeds)}",
     }  # fmt: skip
     rows = [{**vars(figure)} for figure in figures]
@@ -211,7 +208,7 @@ class PolicyEvaluations:
 def _read_kept(path: Path) -> dict[str, dict[str, Any]]:
     """Return the figures of this core version in a file; none when it is absent or not whole."""
     try:
-        kept, own = json.loads(path.read_bytes()), f"{MARS.version}|"
+        kept, own = json.loads(path.read_bytes()), f"{rules_of(MARS).version}|"
         return {key: kept[key] for key in kept if key.startswith(own) and "curve" in kept[key]}
     except (OSError, ValueError, AttributeError, TypeError):
         return {}
@@ -223,13 +220,21 @@ def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
         found = json.loads(path.read_bytes())
     except OSError:
         return []
-    if (found["format"], found["core_version"], found["depends_on"]) != (FORMAT, MARS.version, key):
+    if (found["format"], found["core_version"], found["depends_on"]) != (
+        FORMAT,
+        rules_of(MARS).version,
+        key,
+    ):
         return []
     origin = Origin(found["version"], found["command"])
     return [
         ShippedFigure(row["policy"], row["file_sha256"], tuple(row["steps"]), row["figure"], origin)
         for row in found["policies"]
     ]  # fmt: skip
+
+
+def _players() -> Any:
+    return rules_of(MARS).players
 
 
 def _digest(seeds: Iterable[int]) -> str:

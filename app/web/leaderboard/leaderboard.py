@@ -21,7 +21,7 @@ from app.report.statistics.summaries import (
     trial_summaries,
     visit_counts,
 )
-from app.task import Configuration, PolicyOffer
+from app.task import MARS, Configuration, PolicyOffer
 from app.web.leaderboard.entries import ClosedStudies, LeaderboardEntry, list_entries
 from app.web.leaderboard.evaluations import PolicyEvaluations, ShippedFigures
 
@@ -39,9 +39,14 @@ class Leaderboard:
     """
 
     def __init__(
-        self, database: Path, offers: Sequence[PolicyOffer], studies: Path, jobs: Jobs
+        self,
+        database: Path,
+        offers: Sequence[PolicyOffer],
+        studies: Path,
+        jobs: Jobs,
+        task: str = MARS,
     ) -> None:
-        self._database, self._offers = database, offers
+        self._database, self._offers, self._task = database, offers, task
         self._evaluations = PolicyEvaluations(
             database.with_name(database.name + "-figures.json"), jobs, ShippedFigures()
         )
@@ -55,7 +60,7 @@ class Leaderboard:
     def entries(self) -> list[LeaderboardEntry]:
         """Return every entry; one thread at a time reads what has not been read before."""
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
-            found = list_entries(reader, self._studies, self.volunteers)
+            found = list_entries(reader, self._studies, self.volunteers, self._task)
             played = [each for each in found if each.study is None]
             self._people.drop_all_but((each.config.hash, each.human) for each in played)
         return found

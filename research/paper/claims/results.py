@@ -17,7 +17,7 @@ from typing import Any
 
 from scipy import stats
 
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 from research.paper.figures.curves import Record, chosen, read_exported
 from research.paper.jobs import Line, read_lines
 

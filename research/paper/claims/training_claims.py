@@ -14,7 +14,7 @@ import numpy as np
 
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode, score
-from marsexplorer.evaluation.intervals import Floats
+from marsexplorer.intervals import Floats
 from marsexplorer.training.envs import EVALUATION_SEEDS
 from research.paper.algorithms import ALGORITHMS
 from research.paper.claims.results import (

@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import Result
-from marsexplorer.evaluation.intervals import wilson_interval
 from marsexplorer.evaluation.plots import heat_maps
+from marsexplorer.intervals import wilson_interval
 from marsexplorer.terrain import generate
 from research.paper.episodes.play import Play
 from research.paper.jobs import Line

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marsexplorer.evaluation import RULES, Result
-from marsexplorer.evaluation.intervals import Floats
 from marsexplorer.evaluation.plots import coverage_curves
 from marsexplorer.evaluation.table import ratio_interval
+from marsexplorer.intervals import Floats
 from research.informed.informed import INFORMED
 from research.paper.episodes.play import Play
 from research.paper.jobs import Line

@@ -32,8 +32,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from marsexplorer.evaluation.intervals import Floats, t_interval
 from marsexplorer.files import to_cell
+from marsexplorer.intervals import Floats, t_interval
 from research.paper.jobs import Line, read_lines, write_lines, write_text
 from research.paper.tables import Estimate
 from research.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from marsexplorer.config import LEVELS, EnvConfig
 from marsexplorer.evaluation import RULES
-from marsexplorer.evaluation.intervals import t_quantile
+from marsexplorer.intervals import t_quantile
 from research.informed.informed import INFORMED
 from research.paper.episodes.play import EPISODES, can_play, read_results, with_own_names
 from research.paper.episodes.scale import (

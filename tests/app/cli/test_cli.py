@@ -116,6 +116,7 @@ def test_the_extras_are_those_of_the_package():
         "pyyaml": "yaml",
         "python-json-logger": "pythonjsonlogger",
         "argon2-cffi": "argon2",
+        "pygame-ce": "pygame",
     }
     assert set(declared) == set(EXTRAS)
     for extra, requirements in declared.items():

@@ -39,7 +39,7 @@ def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     try:
         studies = ClosedStudies(tmp_path / "studies")
         unplayed = entries.list_entries(store, studies, VolunteerFigures())
-        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(entries.OFFERED)
+        assert [each.to_dict()["players"] for each in unplayed] == [0] * len(entries.offered())
         play(store, seed=1, explore=True)
         first, *rest = entries.list_entries(store, studies, VolunteerFigures())
     finally:

@@ -162,7 +162,7 @@ def test_minari_recovers_the_environment_in_a_fresh_process_or_names_what_to_ins
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     command = [sys.executable, "-c", RECOVER.format(hidden=hidden)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert "['marsexplorer-playground']" in done.stdout
-    assert "pip install marsexplorer-playground" in done.stdout
+    assert "['marsexplorer-playground[mars]']" in done.stdout
+    assert "pip install 'marsexplorer-playground[mars]'" in done.stdout
     assert done.stdout.endswith("(7, 9)\n") != hidden, done.stderr
     assert ("No module named 'marsexplorer" in done.stderr) == hidden

@@ -14,7 +14,7 @@ from app.report.statistics.intervals import (
     printed_interval,
     skewness,
 )
-from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.intervals import t_interval
 
 RNG = np.random.default_rng(7)
 SAMPLES = [

@@ -5,7 +5,7 @@ import pytest
 import scipy
 
 from app.report.statistics.learning import assess_learning, tost
-from marsexplorer.evaluation.intervals import t_interval
+from marsexplorer.intervals import t_interval
 
 NAN = float("nan")
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 from contextlib import closing
 
-import httpx
 import pytest
 
 from app.cli.main import main
@@ -18,7 +17,7 @@ from app.tasks.gymnasium.description import Description, read_description
 from app.tasks.gymnasium.rules import GymnasiumRules
 from app.tasks.gymnasium.task import GymnasiumTask
 from tests.support.command import command
-from tests.support.servers import eventually
+from tests.support.servers import Running, eventually
 
 OURS = "tests.support.environments"
 PATH = f"{OURS}:Path-v0"
@@ -131,26 +130,41 @@ def test_the_file_that_doctor_prints_describes_the_same_environment(tmp_path, ca
     assert (code, set(json.loads(printed)["properties"])) == (0, set(Description.model_fields))
 
 
-def test_play_opens_a_browser_at_the_environment(tmp_path):
-    ours = [
-        sys.executable,
-        "-m",
-        "app.cli",
-        "play",
-        "FrozenLake-v1",
-        "--database",
-        str(tmp_path / "x.db"),
-    ]
+WITHOUT = """
+import sys
+ABSENT = {"torch", "numba", "llvmlite", "viser", "onnx", "onnxruntime", "msgspec", "zstandard", "yaml", "httpx"}
+for name in ABSENT:
+    sys.modules[name] = None
+from app.cli.main import main
+main()
+"""
+"""The command where the extra `any` alone is installed."""
+
+
+def test_play_opens_a_browser_at_the_environment_without_what_mars_explorer_needs(tmp_path):
+    given = ["play", "FrozenLake-v1", "--database", str(tmp_path / "x.db")]
     environ = {**os.environ, "BROWSER": f"sh -c 'echo %s > {tmp_path}/address' &"}
+    ours = [sys.executable, "-c", WITHOUT, *given]
     with subprocess.Popen(ours, env=environ, stdout=subprocess.DEVNULL) as server:
         try:
             eventually(
                 lambda: (tmp_path / "address").exists() and (tmp_path / "address").read_text()
             )
             address = (tmp_path / "address").read_text().strip()
-            assert httpx.get(f"{address}/healthz", trust_env=False).status_code == 200
-            begun = httpx.post(f"{address}/api/sessions", json={}, trust_env=False).json()
+            found = Running(int(address.rsplit(":", 1)[1].strip("/")))
+            client = found.page()
+            assert client.get("/healthz").status_code == 200
+            begun = client.post("/api/sessions", json={}).json()
             assert begun["task"]["title"] == "FrozenLake-v1"
+            with found.socket(begun["session"], client) as socket:
+                socket.act(socket.receive("frame"), "left", input="key")
+                assert socket.frame_after(0)["step"] == 1
+            assert (
+                client.get("/api/leaderboard").json(),
+                client.get("/api/daily").status_code,
+            ) == ([], 404)
+            assert client.get("/viewer/client/").status_code == 404
+            found.close()
         finally:
             server.send_signal(signal.SIGINT)
         assert server.wait(20) == 0

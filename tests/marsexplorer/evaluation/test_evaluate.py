@@ -13,8 +13,8 @@ from app.jobs import Jobs
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.evaluation import evaluate, horizon
 from marsexplorer.evaluation.episodes import area_under_coverage
-from marsexplorer.evaluation.intervals import t_interval
 from marsexplorer.evaluation.table import compare, ratio_interval
+from marsexplorer.intervals import t_interval
 from marsexplorer.policies import PolicyNotFoundError
 from marsexplorer.terrain import generate
 
