@@ -6,6 +6,7 @@ import shutil
 import site
 import subprocess
 import sys
+import time
 import venv
 import zipfile
 from contextlib import contextmanager
@@ -71,23 +72,15 @@ def borrow_kernels(packages):
 
 
 @contextmanager
-def serving(home, folder):
-    """`marsexplorer serve` of that environment, started in a folder that is no checkout; yields its address."""
+def serving(folder, *command, **variables):
+    """A command of that environment which serves, started in a folder that is no checkout; yields its address."""
     env = {
         key: value
         for key, value in os.environ.items()
         if not key.startswith(("PYTHON", "MARS_", "VIRTUAL_ENV"))
-    }
-    command = [
-        str(home / "marsexplorer"),
-        "serve",
-        "--port",
-        "0",
-        "--database",
-        str(folder / "away.db"),
-    ]
+    } | variables
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(command, cwd=folder, env=env, **pipes) as process:
+    with subprocess.Popen([*map(str, command)], cwd=folder, env=env, **pipes) as process:
         try:
             said = []
             for line in process.stdout:
@@ -135,7 +128,9 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
     ).stdout.split():
         assert path.startswith(str(home.parent)), path
     with (
-        serving(home, tmp_path) as url,
+        serving(
+            tmp_path, home / "marsexplorer", "serve", "--port", "0", "--database", "away.db"
+        ) as url,
         httpx.Client(base_url=url, timeout=60, trust_env=False) as client,
     ):
         assert all(
@@ -157,3 +152,39 @@ def test_an_installed_wheel_serves_the_page_and_a_session(home, tmp_path):
         assert client.get(f"/viewer/{begun.json()['session']}/").status_code == 200
     assert (tmp_path / "away.db").is_file()
     assert not files_under(tmp_path) - {"away.db", "away.db-lock", "away.db-wal", "away.db-shm"}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    "ways", [("uv", "tool", "run", "--from"), ("pipx", "run", "--spec")], ids=["uv", "pipx"]
+)
+def test_one_command_plays_a_shipped_network_from_the_wheel_without_torch(ways, wheel, tmp_path):
+    """In an environment that the command itself makes, by whichever tool."""
+    venv.create(tmp_path / "tools", with_pip=True)
+    tools = tmp_path / "tools/bin"
+    installed = pip("--python", tools / "python", "install", "--quiet", ways[0])
+    if installed.returncode:
+        pytest.skip(f"NO {ways[0].upper()}: the package registry cannot be reached")
+    own = {"UV_CACHE_DIR": f"{tmp_path}/made", "PIPX_HOME": f"{tmp_path}/made"}
+    by_spec = (tools / ways[0], *ways[1:], f"{wheel}[play]", "marsexplorer")
+    command = (*by_spec, "play", "--no-browser", "--database", "away.db")
+    wanted = {"size": 9, "seed": 3, "player": "ppo"}
+    with (
+        serving(tmp_path, *command, PATH=f"{tools}:{os.environ['PATH']}", **own) as url,
+        httpx.Client(base_url=url, timeout=PATIENCE_S, trust_env=False) as client,
+    ):
+        assert client.get("/").status_code == 200
+        begun = client.post("/api/sessions", json=wanted).json()
+        pace = client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 50})
+        assert pace.status_code == 200, pace.text
+        until = time.monotonic() + PATIENCE_S
+        while not (played := client.get("/api/episodes", params={"who": "all"}).json()):
+            assert time.monotonic() < until, "the network ended no episode"
+            time.sleep(0.5)
+    assert (played[0]["outcome"], played[0]["driver"]) == ("explored", "policy:ppo")
+    (runtime,) = (tmp_path / "made").rglob("site-packages/onnxruntime")
+    packages = runtime.parent
+    assert not (packages / "torch").exists()
+    size = sum(path.stat().st_blocks for path in packages.rglob("*")) * 512
+    assert size < 700 * 2**20

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from marsexplorer import policies
 from marsexplorer.policies.files.card import read_card, shipped
+from marsexplorer.training.network import load_net
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "policies" / "ppo-decisions.npz"
 
@@ -42,17 +44,25 @@ def test_every_recorded_decision_is_made_again(recorded):
     assert np.allclose(np.array(said)[:, 4], arrays["value"], atol=1e-4)
 
 
-def test_every_recorded_logit_is_computed_again(recorded):
-    """To some millionths, as another torch or processor than that of the recording rounds otherwise."""
+def test_every_recorded_logit_is_computed_again_by_the_file_that_plays_and_the_network_that_trains(
+    recorded,
+):
+    """To some millionths, as another version or processor rounds otherwise, with the same best move."""
     episodes, arrays = recorded
-    policy, found = policies.load("ppo"), []
+    policy, found, shown = policies.load("ppo"), [], []
     for head, observations in episodes:
         policy.reset(head["seed"])
         for observation in observations:
-            logits, values = policy.net.infer(*policy.extract_features(observation))
+            planes, moves = policy.extract_features(observation)
+            logits, values = policy.net.infer(planes, moves)
             policy.choose(logits[0], float(values[0]))
             found.append(logits[0])
-    assert np.allclose(found, arrays["logits"], atol=1e-4)
+            shown.append((torch.from_numpy(planes.copy()), torch.from_numpy(moves.copy())))
+    with torch.no_grad():
+        trained = load_net(shipped()["ppo"])(*map(torch.cat, zip(*shown, strict=True)))[0].numpy()
+    for logits in (found, trained):
+        assert np.allclose(logits, arrays["logits"], atol=1e-4)
+        assert (np.argmax(logits, 1) == arrays["logits"].argmax(1)).all()
 
 
 def test_the_card_says_how_it_was_trained():
