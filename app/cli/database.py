@@ -381,7 +381,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 @database_option("The database to erase them from.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def forget(participant: str, study: str | None, database: Path, yes: bool) -> None:
-    """Erase a participant, named by their id, the label their page shows or the outside id of their link, for good.
+    """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
     study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
@@ -408,6 +408,11 @@ def forget(participant: str, study: str | None, database: Path, yes: bool) -> No
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {done.episodes} episodes"
     click.echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
+    if found["kind"] == "script" and found["invitation"]:
+        click.echo(
+            f"once {done.study} is closed, `marsexplorer evaluation close {done.study}` writes its files without the card; "
+            "its list of cards keeps the author, so that another card of theirs does not rank"
+        )
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
         click.echo(

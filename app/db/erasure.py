@@ -67,7 +67,7 @@ def find_participant(database: Path, name: str, study: str | None = None) -> dic
 def forget(database: Path, name: str, study: str | None = None) -> Erasure:
     """Erase a participant, write the file anew and return what was erased.
 
-    name  a participant's id, the label their page shows, or an outside id of theirs
+    name  a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
 
     The database must not be in use: StoreError while a server, or any other program, has it open.
     """
@@ -99,13 +99,14 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
 
 def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None) -> dict[str, Any]:
     sql = """SELECT DISTINCT p.* FROM participants p LEFT JOIN identities i ON i.participant_id = p.id
-        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1)) AND (?2 IS NULL OR p.study = ?2)"""
+        WHERE (p.id = ?1 OR i.value = ?1 OR label(p.id) = upper(?1) OR (p.invitation = ?1 AND p.kind = 'script'))
+        AND (?2 IS NULL OR p.study = ?2)"""
     conn.create_function("label", 1, participant_label, deterministic=True)
     found = rows(conn, sql, name, study)
     if not found:
         where = f"the study {study!r} of {database}" if study else str(database)
         raise ParticipantLookupError(
-            f"no participant {name!r} in {where}: give their id, label or the outside id of their link"
+            f"no participant {name!r} in {where}: give their id, label, the outside id of their link or a card's id"
         )
     if len(found) > 1:
         studies = ", ".join(sorted({person["study"] for person in found}))
@@ -125,7 +126,8 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     hashes = (
         person_hashes(person)[:1] if keeps else person_hashes(person)
     )  # who stays without a name still came then
-    if person["invitation"] is not None and person["consent_ms"] is not None:
+    used = person["consent_ms"] is not None or person["kind"] == "script"  # a card has no consent
+    if person["invitation"] is not None and used:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
     conn.executemany(
         "INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes]

@@ -249,6 +249,11 @@ class StudyStore:
         """Return a participant's episodes in the order played."""
         return [Trial.of(row) for row in rows(self._conn, _TRIALS, participant_id)]
 
+    def count_moves(self, participant_id: str) -> int:
+        """Return how many moves a participant has made in all."""
+        sql = "SELECT count(*) FROM series_episodes JOIN steps USING (episode_id) WHERE participant_id = ?"
+        return int(self._conn.execute(sql, [participant_id]).fetchone()[0])
+
     def has_trial(self, participant_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of the participant's."""
         sql = "SELECT 1 FROM series_episodes WHERE episode_id = ? AND participant_id = ?"

@@ -80,7 +80,9 @@ class Published:
         return parse_protocol(self.opening["protocol"])
 
     def write_to(self, path: Path, data: StudyData | None) -> None:
-        """Write all of it into a folder, with the comparison with a closed study's people."""
+        """Write all of it into a folder, with the comparison with a closed study's people; receipts of erased cards go."""
+        for old in (path / RECEIPTS).glob("*.json"):
+            old.unlink()
         for each in self.receipts:
             write_object(path / RECEIPTS / f"{each['card']['id']}.json", each)
         rows = [{**asdict(each), "actions": each.actions.hex()} for each in self.episodes]

@@ -88,7 +88,7 @@ class _Attempt:
 
 @dataclass
 class _Held:
-    """A card in use: what the database holds of it, and how many calls it has made."""
+    """A card in use: what the database holds of it, and its calls, after a start those that left an attempt or a move."""
 
     evaluation: str
     issued: IssuedCard
@@ -267,18 +267,22 @@ class Cards:
     async def _load(self, evaluation: str, ident: str) -> _Held:
         """Return a card as the database holds it."""
 
-        def read() -> tuple[Participant | None, list[Trial]]:
-            participant = self._known.card(evaluation, ident)
-            return participant, [] if participant is None else self._known.trials(participant.id)
+        def read() -> tuple[Participant | None, list[Trial], int]:
+            if (participant := self._known.card(evaluation, ident)) is None:
+                if self._known.is_invitation_forgotten(evaluation, ident):
+                    raise CardError(404, NO_CARD)
+                return None, [], 0
+            trials = self._known.trials(participant.id)
+            return participant, trials, len(trials) + self._known.count_moves(participant.id)
 
-        participant, trials = await self._store.read(read)
+        participant, trials, calls = await self._store.read(read)
         attempts = {
             each.terrain_index: _Attempt(
                 each.session_id, each.started_ms, each.ended_ms is not None
             )
             for each in trials
         }
-        return _Held(evaluation, self._list.of(evaluation)[ident], participant, attempts)
+        return _Held(evaluation, self._list.of(evaluation)[ident], participant, attempts, calls)
 
     def _of(self, card: Card) -> _Held:
         return self._held[card.evaluation, card.id]

@@ -144,6 +144,14 @@ def lost(folder: Path, told: dict[str, dict[str, int]]) -> tuple[int, int]:
     return answered, missing
 
 
+def people(server: SimpleNamespace, seconds: float) -> list[float]:
+    """Return how long each move of people takes, in ms; who has explored a board begins another."""
+    until, trips = time.monotonic() + seconds, list[float]()
+    while (left := until - time.monotonic()) > 0:
+        trips += measure(server, left)
+    return trips
+
+
 def main() -> None:
     """Print what was measured."""
     if "--act" in sys.argv:
@@ -162,14 +170,14 @@ def main() -> None:
         addresses = [
             f"{servers[task].url}/agents/{each}" for task in tokens for each in tokens[task]
         ]
-        measure(servers["mars"], 3)  # the first ones take longer
-        quiet = measure(servers["mars"], given.seconds)
+        people(servers["mars"], 3)  # the first moves take longer
+        quiet = people(servers["mars"], given.seconds)
         command = [sys.executable, "-m", "research.speed.agents", "--act", *addresses]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as agents:
             assert agents.stdout is not None
             agents.stdout.readline()  # they act
             began = time.monotonic()
-            busy = measure(servers["mars"], given.seconds)
+            busy = people(servers["mars"], given.seconds)
             for server in servers.values():
                 server.kill()
             seconds = time.monotonic() - began

@@ -9,7 +9,9 @@ import pytest
 from app.series.cards import NO_CARD, CardError
 from app.series.evaluation import CardList
 from app.series.folder import Folder
+from app.series.verification import verify_database
 from tests.support.agents import Agent, own, sealed, token_of
+from tests.support.command import command
 from tests.support.study import freeze
 
 
@@ -180,6 +182,33 @@ def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
         "SELECT outcome FROM episodes"
     ).fetchall()
     assert outcomes == [("abandoned",)] * 2
+
+
+def test_the_count_of_calls_goes_on_after_a_restart(serve, tmp_path):
+    freeze(tmp_path / "studies")
+    sealed(tmp_path / "studies", calls=2)
+    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    for index in range(3):  # one attempt and one move each are 2 x 3 calls
+        agent.play(index, moves=1)
+    assert refused(agent, "observe", 0)[0] == 429
+    agent.server.stop()
+    assert refused(Agent(serve(), agent.token), "observe", 0)[0] == 429
+
+
+def test_an_erased_card_plays_no_further_and_its_number_is_kept(serve, root, tmp_path, capsys):
+    token, database = token_of(root), tmp_path / "playground.db"
+    agent = Agent(serve(), token)
+    agent.play(0, moves=2)
+    agent.server.stop()
+    code, out, said = command(capsys, "forget", token[:4], "--yes", "--database", database)
+    assert (code, "one participant of agents, 1 episodes" in out) == (0, True), said
+    server = serve()
+    with pytest.raises(CardError) as refusal:
+        Agent(server, token)
+    assert (refusal.value.status, str(refusal.value)) == (404, NO_CARD)
+    assert Agent(server, token_of(root)).card.number == 2
+    server.stop()
+    assert verify_database(database).findings == ()
 
 
 @pytest.mark.long

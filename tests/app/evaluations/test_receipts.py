@@ -217,6 +217,21 @@ def test_receipts_are_the_same_bytes_when_they_are_written_again(closed, capsys)
     assert read_signed(closed / "studies/agents/opening.json", "marsexplorer-opening-1")
 
 
+def test_the_files_are_written_again_without_a_card_that_was_erased(closed, tmp_path, capsys):
+    root = shutil.copytree(closed, tmp_path / "copy")
+    mine, bos = receipts_of(root)["Ann", 1], receipts_of(root)["Bo", 1]
+    before = mine.read_bytes()
+    code, said, _ = command(
+        capsys, "forget", bos.stem, "--yes", "--database", root / "playground.db"
+    )
+    assert (code, "evaluation close agents" in said) == (0, True)
+    assert command(capsys, "evaluation", "close", "agents", *paths(root))[0] == 0
+    assert (mine.read_bytes() == before, bos.exists()) == (True, False)
+    opening = root / "studies/agents/opening.json"
+    assert bos.stem not in opening.read_text() + (opening.parent / "comparison.json").read_text()
+    assert verify(capsys, mine, "--opening", opening)[0] == 0
+
+
 def comparison_of(root):
     return json.loads((root / "studies/agents/comparison.json").read_text())
 

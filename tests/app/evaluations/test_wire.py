@@ -3,6 +3,7 @@
 import itertools
 import json
 import logging
+import threading
 from contextlib import contextmanager, suppress
 
 import pytest
@@ -12,6 +13,7 @@ from websockets.sync.client import connect
 from app.series.cards import NO_CARD
 from app.series.evaluation import CardList
 from app.series.folder import Folder
+from app.series.verification import verify_database
 from app.tasks.mars.run import MarsRun, text_frame
 from app.web.logs import log_config
 from app.web.protection.limits import Turns
@@ -20,6 +22,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.support.agents import codes_of, own, token_of
+from tests.support.servers import PATIENCE_S
 
 MARS = {"task": "mars", "config": EnvConfig("random", 7, 9, sensor_radius=3), "instances": 3}
 
@@ -66,6 +69,23 @@ class Wire:
             action = ("north", "east", "south", "west")[rule.act(codes_of(seen["grid"]))]
             answers.append(ask("step", action=action))
         return answers
+
+
+def free_way(seen):
+    """Return a way to a cell that is seen to be free."""
+    row, col = seen["position"]
+    rows, cols = len(seen["grid"]), len(seen["grid"][0])
+    ways = {
+        "north": (row - 1, col),
+        "east": (row, col + 1),
+        "south": (row + 1, col),
+        "west": (row, col - 1),
+    }
+    return next(
+        way
+        for way, (down, right) in ways.items()
+        if 0 <= down < rows and 0 <= right < cols and seen["grid"][down][right] == "."
+    )
 
 
 @pytest.fixture
@@ -120,6 +140,39 @@ def test_a_lost_line_goes_on_where_the_record_stands(wire):
         assert ask("step", action=1, step=1)["data"]["observation"]["step"] == 2
 
 
+def test_a_kill_while_agents_act_loses_no_move_that_was_answered(spawn, root, tmp_path):
+    server, tokens = spawn(), [token_of(root, author) for author in ("Ann", "Bob")]
+    told, enough = {}, threading.Event()
+
+    def act(wire):
+        with suppress(ConnectionClosed), wire.socket() as ask:
+            while True:
+                for answer in (ask("reset", index=index) for index in range(3)):
+                    index = answer["data"]["observation"]["index"]
+                    told[wire.base, index] = answer
+                    seen = answer["data"]["observation"]["observation"]
+                    told[wire.base, index] = ask("step", action=free_way(seen))
+                    if sum(each["data"]["observation"]["step"] for each in told.values()) > 30:
+                        enough.set()
+
+    agents = [threading.Thread(target=act, args=(Wire(server, token),)) for token in tokens]
+    for each in agents:
+        each.start()
+    assert enough.wait(PATIENCE_S)
+    server.kill()
+    for each in agents:
+        each.join()
+    server = spawn()
+    for (base, index), last in told.items():
+        with Wire(server, base.removeprefix("/agents/")).socket() as ask:
+            now = ask("reset", index=index)
+        moves = [each["data"]["observation"]["step"] for each in (last, now)]
+        assert moves[0] <= moves[1] <= moves[0] + 1  # a move may have been kept and not answered
+        assert moves[0] < moves[1] or now == last
+    server.kill()
+    assert not verify_database(tmp_path / "playground.db").findings
+
+
 REFUSED = [
     ("reset", {"seed": 3}, "no seed"),
     ("reset", {"index": 0, "seed": 3}, "no seed"),
@@ -161,8 +214,9 @@ def test_a_finished_instance_is_not_reset(wire):
 
 
 def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_route(serve, root):
+    issued = token_of(root, "Cyd")
     tokens = {
-        "guessed": "0" * 24,
+        "guessed": issued[:-1] + ("A" if issued[-1] != "A" else "B"),
         "closed": token_of(root, "Ann"),
         "revoked": token_of(root, "Bob"),
     }
