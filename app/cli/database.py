@@ -375,13 +375,16 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
         )
 
 
-@click.command(short_help="Erase a participant.")
+@click.command(short_help="Erase a participant, or a player.")
 @click.argument("participant")
 @click.option("--study", help="The study, where an outside id took part in several.")
+@click.option("--player", is_flag=True, help="A player by the name that they chose.")
 @database_option("The database to erase them from.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
-def forget(participant: str, study: str | None, database: Path, yes: bool) -> None:
+def forget(participant: str, study: str | None, player: bool, database: Path, yes: bool) -> None:
     """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
+
+    With --player it is a player of the playground, by the name that they chose: name, rating and all that they played go.
 
     Their outside ids, cookie and completion code go, and their episodes with every move and key press, those outside the
     study too, unless the study's protocol keeps episodes: then these stay under new ids. The file is written anew and its
@@ -393,11 +396,25 @@ def forget(participant: str, study: str | None, database: Path, yes: bool) -> No
     Examples:
       marsexplorer forget 6ABA18A1
       marsexplorer forget 5f3e0c9a1b2d --study dunes
+      marsexplorer forget Ada --player
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
     from app.db import erasure
     from app.report.regret import forget_regrets
 
+    if player:
+        with failures(f"cannot write {database}"):
+            erasure.find_player(database, participant)
+            if not yes:
+                click.confirm(
+                    f"Erase the player {participant} from {database} for good?",
+                    abort=True,
+                    err=True,
+                )
+            count = erasure.forget_player(database, participant)
+            forget_regrets(database)
+        click.echo(f"erased from {database}: the player {participant}, {count} episodes")
+        return
     with failures(f"cannot write {database}"):
         found = erasure.find_participant(database, participant, study)
         if not yes:

@@ -12,12 +12,13 @@ import json
 import secrets
 import sqlite3
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.db import chain, volunteers
+from app.db import chain, ratings, volunteers
 from app.db.chain import Thing
 from app.db.database import StoreError, open_database, reading, rows, transaction
 from app.db.file import DatabaseLock
@@ -71,24 +72,29 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
 
     The database must not be in use: StoreError while a server, or any other program, has it open.
     """
+    with _rewritten(database) as conn:
+        return _erase_rows(conn, _find(conn, database, name, study))
+
+
+@contextmanager
+def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
+    """Let the block delete rows, and write the file anew, so that nothing of them is left; StoreError while it is in use."""
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = DatabaseLock(database)
     try:
         conn: sqlite3.Connection = open_database(database).conn
         try:
-            person = _find(conn, database, name, study)
             _take_exclusively(conn, database)
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
-                done = _erase_rows(conn, person)
+                yield conn
             conn.execute("VACUUM")
             lock.clear_step()  # it may be one of those that were erased
             conn.execute("PRAGMA locking_mode = NORMAL")
             conn.execute("PRAGMA journal_mode = WAL")
         finally:
             conn.close()
-        return done
     except sqlite3.Error as error:
         raise StoreError(
             f"the database {database} did not take the erasure: {error}; try again"
@@ -159,9 +165,56 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
         conn.execute("DELETE FROM sessions WHERE id = ?", [session])
     volunteers.renew(conn)
     if not elsewhere:
-        conn.execute("DELETE FROM players WHERE id = ?", [person["player_id"]])
+        _delete_player(conn, person["player_id"])
+    ratings.renew(conn)
     _renew_chain(conn, entries, unsound, new)
     return Erasure(person["study"], len(episodes), keeps, outdated)
+
+
+def forget_player(database: Path, name: str) -> int:
+    """Erase a player by the name that they chose, and all that they played; return how many episodes that were.
+
+    ParticipantLookupError where nobody has the name; StoreError as for `forget`.
+    """
+    with _rewritten(database) as conn:
+        player = _named(conn, database, name)
+        now = int(time.time() * 1000)
+        of_player = """SELECT id FROM sessions s WHERE ?1 IN (player_id, owner_id)
+            AND NOT EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id)"""
+        sessions = [row[0] for row in conn.execute(of_player, [player])]
+        of_session = "SELECT id FROM episodes WHERE session_id = ?"
+        episodes = [row[0] for each in sessions for row in conn.execute(of_session, [each])]
+        things = [Thing("session", each) for each in sessions]
+        things += [Thing("episode", each) for each in episodes]
+        _delete_episodes(conn, episodes, now)
+        conn.executemany("DELETE FROM sessions WHERE id = ?", [(each,) for each in sessions])
+        volunteers.renew(conn)
+        _delete_player(conn, player)
+        ratings.renew(conn)
+        _renew_chain(conn, things, {}, {})
+    return len(episodes)
+
+
+def find_player(database: Path, name: str) -> None:
+    """Raise ParticipantLookupError unless a player of the database chose this name."""
+    with reading(database) as conn:
+        _named(conn, database, name)
+
+
+def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
+    if (player := ratings.named(conn, name)) is None:
+        raise ParticipantLookupError(
+            f"no player of {database} chose the name {name!r}: the page /leaderboard has the names"
+        )
+    return player
+
+
+def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
+    """Delete a player's name, rating and row; the row stays where a study knows it."""
+    for table in ("names", "ratings"):
+        conn.execute(f"DELETE FROM {table} WHERE player_id = ?", [player_id])
+    sql = "DELETE FROM players WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)"
+    conn.execute(sql, [player_id])
 
 
 def _entries_of(
@@ -215,7 +268,7 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
             conn.execute(
                 "INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now)
             )
-        for table in ("event_batches", "input_events", "steps", "series_episodes"):
+        for table in ("event_batches", "input_events", "steps", "series_episodes", "rated_games"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
 

@@ -60,7 +60,8 @@ _UNPLAYED = """SELECT s.rowid, s.id, s.player_id, r.id FROM sessions s LEFT JOIN
 _WITHOUT_ANYTHING = """DELETE FROM players WHERE id = ?1
     AND NOT EXISTS (SELECT 1 FROM sessions WHERE ?1 IN (player_id, owner_id))
     AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)
-    AND NOT EXISTS (SELECT 1 FROM series_episodes WHERE player_id = ?1)"""
+    AND NOT EXISTS (SELECT 1 FROM series_episodes WHERE player_id = ?1)
+    AND NOT EXISTS (SELECT 1 FROM names WHERE player_id = ?1)"""
 
 
 def open_ranked(store: Store, player_id: str) -> list[Trial]:

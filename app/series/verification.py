@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from app.board.attestation import COPIED, Conditions, attest, key_map_of
 from app.board.clock import controls_of
-from app.db import checks, volunteers
+from app.db import checks, ratings, volunteers
 from app.db.checks import (
     ChainState,
     EarlierHead,
@@ -132,6 +132,7 @@ def verify_moment(
     if study is None:
         findings += checks.check_owners(conn)
         findings += volunteers.differences(conn)
+        findings += ratings.differences(conn)
     # another version is no tampering: whether a row was changed is said before that
     findings.sort(key=lambda each: each.what == "core_version")
     still_open = checks.count_unfinished(conn, study)

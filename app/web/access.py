@@ -36,6 +36,11 @@ def player_of(connection: HTTPConnection) -> str | None:
     return services_of(connection).player_tokens.read(cookies.PLAYER.token(connection))
 
 
+def participant_of(connection: HTTPConnection) -> str | None:
+    """Return, as `player_of`, the id under which the asker takes part in studies: another one, linked to nothing played."""
+    return services_of(connection).player_tokens.read(cookies.PARTICIPANT.token(connection))
+
+
 def asker_of(connection: HTTPConnection) -> Asker:
     """Return who asks for a replay, and when by the server's clock."""
     return Asker(player_of(connection), services_of(connection).lobby.sources.clock_ms())
@@ -46,10 +51,14 @@ def owner_of(connection: HTTPConnection) -> str:
     return client_address(connection)
 
 
-def remember_player(response: Response, connection: HTTPConnection, player_id: str) -> None:
-    """Set the player's cookie."""
-    token = services_of(connection).player_tokens.sign(player_id)
-    cookies.PLAYER.set(response, connection, token)
+def remember_player(
+    response: Response,
+    connection: HTTPConnection,
+    player_id: str,
+    cookie: cookies.Cookie = cookies.PLAYER,
+) -> None:
+    """Set the player's cookie, or the participant's."""
+    cookie.set(response, connection, services_of(connection).player_tokens.sign(player_id))
 
 
 async def is_operator(connection: HTTPConnection) -> bool:
@@ -61,9 +70,9 @@ async def is_operator(connection: HTTPConnection) -> bool:
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:
-    """Return whether the asker's cookie is that of the player at whose screen the session runs."""
-    player_id = player_of(connection)
-    return player_id is not None and player_id == services_of(connection).lobby.owner_of(session)
+    """Return whether a cookie of the asker's is that of the player at whose screen the session runs."""
+    owner = services_of(connection).lobby.owner_of(session)
+    return owner is not None and owner in (player_of(connection), participant_of(connection))
 
 
 def may_control(connection: HTTPConnection, session: Session) -> bool:

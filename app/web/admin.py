@@ -20,6 +20,7 @@ from pydantic import Field
 
 from app.board.messages import Message
 from app.board.session import Session
+from app.db import ratings
 from app.db.reader import Reader
 from app.series.closing import close_study as close_study_of
 from app.series.folder import SEALED
@@ -66,6 +67,13 @@ class RevokedInvitations(Message):
     ids: list[Annotated[str, Field(max_length=40)]] = Field(
         min_length=1, max_length=MAX_INVITATIONS
     )
+
+
+class ShownName(Message):
+    """A player's name, and whether it is hidden."""
+
+    name: str = Field(max_length=100)
+    hidden: bool
 
 
 class ReleaseOptions(Message):
@@ -199,6 +207,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
         },
         "operator": await admin.login.operator_of(cookies.ADMIN.token(request)),
         "actions": await admin.actions.newest(),
+        "names": await lobby.store.read(partial(ratings.newest_names, lobby.store)),
         "core_version": lobby.task.version,
         "now_ms": lobby.sources.clock_ms(),
     }
@@ -296,6 +305,19 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
             404, f"no file {file!r} has been made; make the report or the release first"
         )
     return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
+
+
+@router.post("/api/admin/names")
+async def hide_name(admin: Operator, chosen: ShownName) -> None:
+    """Show a player's name no more, or again; 404 where nobody has it."""
+    store = admin.progress.lobby.store
+
+    def write() -> bool:
+        with store.transaction():
+            return ratings.hide_name(store.connection, chosen.name, chosen.hidden)
+
+    if not await store.write(write):
+        raise HTTPException(404, f"nobody is called {chosen.name!r} any more")
 
 
 @router.post("/api/admin/check")

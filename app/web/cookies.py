@@ -1,4 +1,7 @@
-"""The two cookies: a player's for two years, the operator's for some hours. No script can read either."""
+"""The cookies: a player's and a participant's for two years, the operator's for some hours. No script can read any.
+
+Who plays and who takes part in studies are two people to the server: nothing links a browser's one cookie to its other.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from app.web.operator.login import TOKEN_S
 from app.web.protection import is_secure
 
 PLAYER_COOKIE = "mars_player"
+PARTICIPANT_COOKIE = "mars_participant"
 ADMIN_COOKIE = "mars_admin"
 
 
@@ -36,4 +40,5 @@ class Cookie:
 
 
 PLAYER = Cookie(PLAYER_COOKIE, 2 * 365 * 24 * 3600, "lax")
+PARTICIPANT = Cookie(PARTICIPANT_COOKIE, 2 * 365 * 24 * 3600, "lax")
 ADMIN = Cookie(ADMIN_COOKIE, TOKEN_S, "strict")

@@ -46,6 +46,7 @@ from app.web import (
     evaluations,
     mcp,
     pages,
+    people,
     replay,
     results,
     sockets,
@@ -80,6 +81,7 @@ from app.web.protection import (
     StoredBytes,
     own_names,
 )
+from app.web.ratings import Ratings
 from app.web.replays.service import Replays
 from app.web.requests import NotedRoute, ObservedRequests
 from app.web.services import Services
@@ -133,7 +135,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
                 running = [lobby.sweep(), page_boards.sweep(), metrics.measure_lag()]
-                running.append(services.progress.watch_closing())
+                running += [services.progress.watch_closing(), services.ratings.keep()]
                 if (backups := _backups(settings, store)) is not None:
                     running.append(backups.run())
                 if store.ended_well:
@@ -165,6 +167,7 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         api,
         watch,
         results,
+        people,
         replay,
         daily,
         study,
@@ -202,7 +205,7 @@ def _add_protection(
         names=own_names(settings.public_url, settings.host),
         proxies=Proxies(settings.trusted_proxies, settings.public_url),
         public_url=settings.public_url,
-        cookies=(cookies.PLAYER_COOKIE, cookies.ADMIN_COOKIE),
+        cookies=(cookies.PLAYER_COOKIE, cookies.PARTICIPANT_COOKIE, cookies.ADMIN_COOKIE),
         answer=answer,
     )
     app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
@@ -276,6 +279,7 @@ def _services(
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
         replays=Replays(store.path, offers, jobs),
+        ratings=Ratings(lobby, jobs),
         health=health,
         admin=None
         if password is None

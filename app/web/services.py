@@ -21,6 +21,7 @@ from app.web.downloads import Downloads
 from app.web.leaderboard.leaderboard import Leaderboard
 from app.web.operator.health import Health
 from app.web.operator.services import AdminServices
+from app.web.ratings import Ratings
 from app.web.replays.service import Replays
 
 
@@ -43,6 +44,7 @@ class Services:
     debriefs       what participants are shown at the end
     leaderboard    people and policies compared
     replays        finished episodes as they went, and policies on their terrains
+    ratings        rates people by what they and policies need on the same terrains
     health         the state of the disk and the database
     admin          the operator's part; None on a server without an operator's page
     """
@@ -62,6 +64,7 @@ class Services:
     debriefs: Debriefs
     leaderboard: Leaderboard
     replays: Replays
+    ratings: Ratings
     health: Health
     admin: AdminServices | None = None
 

@@ -23,8 +23,9 @@ from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.series.recruitment import Arrival, supervised_until_ms
 from app.series.templates import placeholder_values
 from app.task import describe
-from app.web.access import player_of, remember_player, services_of
+from app.web.access import participant_of, remember_player, services_of
 from app.web.api import session_summary
+from app.web.cookies import PARTICIPANT
 from app.web.results import regret_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
@@ -128,7 +129,7 @@ def _progress(request: Request) -> ParticipantProgress:
 
 
 ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
-Player = Annotated[str | None, Depends(player_of)]
+Player = Annotated[str | None, Depends(participant_of)]
 
 
 async def participant_state(
@@ -202,7 +203,7 @@ async def _asking(request: Request, name: str) -> tuple[Study, Participant]:
     study = progress.study(name)
     await progress.note_if_closed(study)
     return study, await progress.lobby.store.read(
-        lambda: progress.participant(name, player_of(request))
+        lambda: progress.participant(name, participant_of(request))
     )
 
 
@@ -263,13 +264,13 @@ async def join(
     name: Name,
     wanted: Join | None = None,
 ) -> dict[str, Any]:
-    """Join, or resume: 201 for a new participant, 200 for one who returns. The player cookie that is set identifies them.
+    """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
 
     A person needs the link's invitation or outside id where the study's recruitment asks for one, and 409 says so. Agreeing
     to the consent text uses it up; joining does not. A script needs none.
     """
     wanted = wanted or Join()
-    player_id = player_of(request) or progress.lobby.sources.player_id()
+    player_id = participant_of(request) or progress.lobby.sources.player_id()
     with answering_study_errors():
         comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
         participant, is_new = await progress.lobby.store.write(
@@ -277,7 +278,7 @@ async def join(
         )
         answer = await participant_state(request, progress.study(name), participant)
     response.status_code = 201 if is_new else 200
-    remember_player(response, request, player_id)
+    remember_player(response, request, player_id, PARTICIPANT)
     return answer
 
 

@@ -93,6 +93,19 @@ export function paintExport(place, text, state, study) {
   place.replaceChildren(`${text} `, ...links);
 }
 
+/** @param {HTMLTableElement} table @param {Admin.Overview} overview @param {(name: string, hidden: boolean) => void} onHide */
+export function paintNames(table, { names, now_ms }, onHide) {
+  const key = JSON.stringify(names);
+  if (table.dataset.shown === key) return; // a button in focus stays the same button
+  table.dataset.shown = key;
+  const rows = names.map(({ name, chosen_ms: at_ms, hidden }) => {
+    const button = create("button", hidden ? "Show again" : "Hide", { type: "button", class: "quiet", "aria-label": `${hidden ? "Show" : "Hide"} ${name}` });
+    button.addEventListener("click", () => onHide(name, !hidden));
+    return create("tr", [create("th", name, { scope: "row" }), create("td", ago(now_ms - at_ms)), create("td", button, { class: "number" })]);
+  });
+  table.tBodies[0].replaceChildren(...(rows.length ? rows : [create("tr", create("td", "Nobody has chosen one yet.", { colspan: "3" }))]));
+}
+
 /** @param {HTMLTableElement} table @param {Admin.Action[]} actions the newest first @param {number} now_ms */
 export function paintActions(table, actions, now_ms) {
   table.tBodies[0].replaceChildren(...actions.map(({ at_ms, operator, action, study, status }) => {

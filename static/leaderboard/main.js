@@ -4,6 +4,7 @@ import { all, by, create, reader } from "../common/page.js";
 import { showPeople } from "../common/people.js";
 import { loadTask } from "../common/task.js";
 import { levelName } from "../task/mars/names.js";
+import { paintPeople } from "./people.js";
 import { breakOf, GRADIENT, invitation, paintCoverage, paintMaps, paintRanks, paintTrials, scaleOf, topOf } from "./ranks.js";
 import * as standing from "./standing.js";
 
@@ -13,7 +14,7 @@ const SOON_MS = 1500;
 const LATER_MS = 20000;
 
 /** @type {Leaderboard.State} */
-let state = { boards: [], board: "", measure: "steps", detail: null, evaluates: false };
+let state = { view: location.hash ? "policies" : "people", boards: [], board: "", measure: "steps", detail: null, evaluates: false };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -26,12 +27,29 @@ function fromAddress() {
 /** @param {Partial<typeof state>} change */
 function set(change) {
   state = { ...state, ...change };
-  history.replaceState(null, "", `#${encodeURIComponent(state.board)}${state.measure === "score" ? "&score" : ""}`);
+  const isAsked = state.view === "policies";
+  history.replaceState(null, "", isAsked ? `#${encodeURIComponent(state.board)}${state.measure === "score" ? "&score" : ""}` : location.pathname);
   paint();
+}
+
+/** Show the people, or people beside policies.
+ * @param {Leaderboard.View} view */
+function show(view) {
+  document.body.dataset.view = view;
+  for (const button of all("[data-view][aria-pressed]")) button.setAttribute("aria-pressed", String(button.dataset.view === view));
+  set({ view });
+  load();
+}
+
+async function loadPeople() {
+  const found = /** @type {Leaderboard.Ratings} */ (await request("people"));
+  paintPeople(by("rated", HTMLTableElement), by("own"), found);
+  schedule(LATER_MS);
 }
 
 async function load() {
   clearTimeout(timer);
+  if (state.view === "people") return loadPeople().catch((error) => { by("own").textContent = `${error.message} Trying again.`; schedule(2 * SOON_MS); });
   const wanted = state.board;
   try {
     if (state.boards.length === 0) await loadBoards();
@@ -116,5 +134,6 @@ by("evaluate").addEventListener("click", () => { set({ evaluates: true }); load(
 for (const button of all("[data-measure]")) button.addEventListener("click", () => set({ measure: /** @type {Leaderboard.Measure} */ (button.dataset.measure) }));
 addEventListener("theme", () => paint());
 showPeople();
+for (const button of all("button[data-view]")) button.addEventListener("click", () => show(/** @type {Leaderboard.View} */ (button.dataset.view)));
 new ResizeObserver(() => paint()).observe(by("coverage"));
-load();
+show(state.view);

@@ -6,7 +6,7 @@ import { movesAxis, ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { bestText, lostText, standingText, summary, terrainText } from "./words.js";
+import { beatenText, bestText, lostText, standingText, summary, terrainText } from "./words.js";
 
 const task = await loadTask(await request("task"));
 const PAGE = 50;
@@ -59,12 +59,34 @@ async function load() {
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
     by("lost").hidden = history.total === 0 || !task.play;
+    if (history.total && task.play && by("name-part").hidden) showStanding((await request("people")).you);
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
     setTimeout(load, 2000);
   }
 }
+/** @param {Me.Standing} standing */
+function showStanding(standing) {
+  put(by("rating"), beatenText(standing));
+  by("name", HTMLInputElement).value = standing.name ?? "";
+  by("remove-name").hidden = !standing.name;
+  if (standing.hidden) put(by("name-note"), "The operator of this server has hidden your name: nobody sees it.");
+  by("name-part").hidden = false;
+  if (location.hash === "#name") by("name").focus();
+}
+
+/** Choose the name that is written, or remove it.
+ * @param {object | undefined} body */
+async function setName(body) {
+  try {
+    showStanding(await request("me/name", body, undefined, { method: body ? "PUT" : "DELETE" }));
+    put(by("name-note"), body ? "Saved. The leaderboard shows it." : "Removed. Your episodes stay, without a name.");
+  } catch (error) {
+    put(by("name-note"), /** @type {Error} */ (error).message);
+  }
+}
+
 /** How many of the newest episodes the curve has. */
 const CURVE = 20;
 
@@ -96,5 +118,10 @@ function paintLost(lost) {
 }
 
 by("work-out").addEventListener("click", () => workOut().catch((error) => put(by("lost-note"), error.message)));
+by("name-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  setName({ name: by("name", HTMLInputElement).value });
+});
+by("remove-name").addEventListener("click", () => setName(undefined));
 by("more").addEventListener("click", load);
 load();

@@ -1,6 +1,6 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
 import { many, wholePercent } from "../common/words.js";
-import { levelName } from "../task/mars/names.js";
+import { levelName, policyName } from "../task/mars/names.js";
 
 /** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
 export const terrainText = ({ level, rows, cols }) => levelName(level) + (rows ? ` ${rows} \u00d7 ${cols}` : "");
@@ -39,6 +39,14 @@ export function standingText({ people: { means, you, ranked } }) {
   if (means.length < 2) return `${mean}. You are the only person so far.`;
   const better = means.filter((each) => each < you).length;
   return `${mean}: place ${better + 1} of ${means.length} people. A terrain that was not finished counts the limit.`;
+}
+
+/** @param {Me.Standing} standing @returns a player's rating, and how often each policy was beaten */
+export function beatenText({ rating, games, days, beaten }) {
+  if (rating === null) return "No rating yet: it begins with your first ranked terrain.";
+  const won = ["ppo", "frontier-cost"].filter((policy) => policy in beaten).map((policy) => `${policyName(policy)} ${beaten[policy]} of ${games}`);
+  const daily = days ? ` ${many(days, "daily terrain")} among people.` : "";
+  return `Your rating is ${rating}.${won.length ? ` You beat ${won.join(", ")}.` : ""}${daily}`;
 }
 
 /** @param {Task} task @param {Me.Best} best */

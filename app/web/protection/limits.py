@@ -39,7 +39,7 @@ TOKEN_HEADER = "x-mars-token"
 PROBES = frozenset({"/healthz", "/readyz"})
 """What watches over the server: these requests have a bucket of their own."""
 
-COOKIE = "mars_player"
+PLAYER_COOKIE, PARTICIPANT_COOKIE = "mars_player", "mars_participant"
 
 ACTIONS = {
     "joins": re.compile(r"/api/studies/[^/]+/(join|answers|settings)"),
@@ -171,7 +171,7 @@ class Asker:
 
     def owners(self, study: str) -> tuple[tuple[str, str], ...]:
         """Return against whom what is stored counts, on a board of a study or ("") on another."""
-        player = _player_of(self.scope)
+        player = _player_of(self.scope, PARTICIPANT_COOKIE if study else PLAYER_COOKIE)
         place = (
             ("study", study) if study else ("address", client_address(HTTPConnection(self.scope)))
         )
@@ -361,7 +361,9 @@ class Protection:
             await asyncio.sleep(self._buckets["paced_per_address"].of(key).reserve())
         if (action := _action_of(scope)) is not None:
             self._take(action, address)
-            if (player := _player_of(scope)) is not None:
+            of_study = "/api/studies/" in scope["path"]
+            cookie = PARTICIPANT_COOKIE if of_study else PLAYER_COOKIE
+            if (player := _player_of(scope, cookie)) is not None:
                 self._take(action, player, "player")
 
     def check_episode(self, scope: Scope) -> None:
@@ -408,9 +410,9 @@ def _action_of(scope: Scope) -> str | None:
     return next((action for action, ends in ACTIONS.items() if ends.fullmatch(path, at)), None)
 
 
-def _player_of(scope: Scope) -> str | None:
-    """Return a digest of the player's cookie as it came: whoever forges many is one address."""
-    cookie = HTTPConnection(scope).cookies.get(COOKIE)
+def _player_of(scope: Scope, name: str) -> str | None:
+    """Return a digest of a cookie of that name as it came: whoever forges many is one address."""
+    cookie = HTTPConnection(scope).cookies.get(name)
     return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
 

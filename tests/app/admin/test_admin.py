@@ -178,7 +178,7 @@ def test_a_study_is_shown_as_it_is_played_and_without_identities(admin, monkeypa
     answer = operator.get("/api/admin/studies/small")
     assert "ada-5f1" not in answer.text
     shown = answer.json()
-    assert done.client.cookies["mars_player"].split(".")[0] not in answer.text
+    assert done.client.cookies["mars_participant"].split(".")[0] not in answer.text
     counts = {each["stage"]: (each["human"], each["script"]) for each in shown["stages"]}
     there = {stage: count for stage, count in counts.items() if any(count)}
     people = dict.fromkeys(("warm_up", "debrief", "withdrawn"), (1, 0))

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { beatenText, bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
 const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 2 } };
@@ -37,4 +37,10 @@ test("the curve of moves lost is said in words", () => {
   assert.match(lostText([]), /^No episode of yours can be judged/);
   assert.equal(lostText([40, 20, 10]), "23.3 moves lost an episode on average, over 3 episodes. 40.0 in the first half, 10.0 in the second.");
   assert.equal(lostText([7]), "7.0 moves lost an episode on average, over 1 episode.");
+});
+
+test("a rating is said with what was beaten", () => {
+  const standing = { name: null, rating: 1240, games: 10, days: 1, beaten: { "frontier-cost": 6, ppo: 3 } };
+  assert.equal(beatenText(standing), "Your rating is 1240. You beat Expert 3 of 10, Nearest 6 of 10. 1 daily terrain among people.");
+  assert.match(beatenText({ ...standing, rating: null }), /^No rating yet/);
 });

@@ -1,0 +1,53 @@
+"""A player chooses a name, stands on the leaderboard by it, and an operator hides it in one click."""
+
+from contextlib import closing
+
+from app.db import ratings
+from app.db.store import Store
+from app.web.cookies import PLAYER_COOKIE
+from tests.support.browser import NO_3D, judged, violations
+from tests.support.recorded import NOW, play
+
+
+def test_a_name_is_chosen_shown_with_its_rating_and_hidden(serve, player, tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for seed in range(4):
+            play(store, seed, ("ada", "bob")[seed % 2], explore=seed < 3)
+        with store.transaction():
+            ratings.set_name(store.connection, "bob", "Bob", "bob", NOW)
+            while (game := ratings.next_game(store, NOW + 1_000_000)) is not None:
+                ratings.rate(store.connection, game, {"ppo": 99, "frontier-cost": None})
+    server = serve(admin_password="correct horse battery")
+    me = player(server, NO_3D)
+    page, wrong = me.page, []
+    token = server.services.player_tokens.sign("ada")
+    page.context.add_cookies([{"name": PLAYER_COOKIE, "value": token, "url": server.url}])
+    page.goto(f"{server.url}/leaderboard")
+    page.get_by_role("link", name="Choose a name to stand here").click()
+    page.get_by_text("You beat Expert 2 of 2, Nearest 2 of 2.").wait_for()
+    page.get_by_test_id("name").fill("Bob")
+    page.get_by_test_id("save-name").click()
+    page.get_by_text("somebody has this name").wait_for()
+    page.get_by_test_id("name").fill("Ada L.")
+    page.keyboard.press("Enter")
+    page.get_by_text("Saved. The leaderboard shows it.").wait_for()
+    wrong += judged(page, "me-name", full_page=True)
+    page.goto(f"{server.url}/leaderboard")
+    page.locator("#rated [aria-current]").wait_for()
+    names = page.locator("#rated tbody th").all_inner_texts()
+    assert names == ["Expertpolicy", "Nearestpolicy", "Ada L.you", "Bob"]
+    wrong += judged(page, "leaderboard-people", full_page=True)
+    page.emulate_media(color_scheme="light")
+    wrong += violations(page)
+    page.goto(f"{server.url}/admin")
+    page.get_by_test_id("password").fill("correct horse battery")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Hide Ada L.").click()
+    page.get_by_role("button", name="Show Ada L.").wait_for()
+    page.goto(f"{server.url}/leaderboard")
+    page.get_by_text("Bob", exact=True).wait_for()
+    assert not page.get_by_text("Ada L.").count()
+    page.goto(f"{server.url}/me")
+    page.get_by_text("The operator of this server has hidden your name").wait_for()
+    assert wrong == []
+    assert me.errors == []
