@@ -93,7 +93,7 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.get_by_text("moves lost an episode on average, over 2 episodes").wait_for()
     check_screen(page, "me", wrong, ("light", "dark"))
     # the best may be today's, whose replay is as secret as its terrain; the first day is over
-    page.get_by_test_id("rows").get_by_role("link").last.click()
+    page.get_by_test_id("history").get_by_role("link").last.click()
     page.get_by_role("heading", name=f"in {moves} moves").wait_for()
     assert wrong == []
     assert me.errors == []
