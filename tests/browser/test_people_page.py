@@ -2,6 +2,8 @@
 
 from contextlib import closing
 
+import pytest
+
 from app.db import ratings
 from app.db.store import Store
 from app.web.cookies import PLAYER_COOKIE
@@ -50,4 +52,43 @@ def test_a_name_is_chosen_shown_with_its_rating_and_hidden(serve, player, tmp_pa
     page.goto(f"{server.url}/me")
     page.get_by_text("The operator of this server has hidden your name").wait_for()
     assert wrong == []
+    assert me.errors == []
+
+
+@pytest.mark.parametrize("motion", ["no-preference", "reduce"])
+def test_the_best_replay_of_the_week_moves_until_the_first_key(serve, player, tmp_path, motion):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        best = max(
+            (play(store, seed, f"p{seed}", explore=True) for seed in range(3)),
+            key=lambda row: store.find_episode(row.id).episode.score,
+        )
+        week_ago = NOW - 8 * 86_400_000
+        play(store, 7, "old", explore=True, started_ms=week_ago)
+        play(store, 8, "script", explore=True, driver="script")
+    me = player(serve(), NO_3D, reduced_motion=motion)
+    page, asked = me.page, []
+    page.on("request", lambda each: asked.append(each.url) if "of-the-week" in each.url else None)
+    page.clock.install()
+    me.goto()
+    page.clock.fast_forward(21_000)
+    if motion == "reduce":
+        page.clock.fast_forward(60_000)
+        assert (asked, page.get_by_test_id("demo").count()) == ([], 0)
+        return
+    demo = page.get_by_test_id("demo")
+    moves = best.steps or len(
+        page.request.get(f"{me.url}/api/episodes/{best.id}").json()["actions"]
+    )
+    demo.get_by_text(f"{moves} moves").wait_for()
+    board = demo.locator("canvas")
+    first = board.get_attribute("aria-label")
+    me.wait(f"document.querySelector('.demo canvas').getAttribute('aria-label') !== {first!r}")
+    assert judged(page, "best-of-the-week") == []
+    page.clock.fast_forward(60_000)
+    assert len(asked) == 1, "nothing is polled"
+    page.keyboard.press("ArrowRight")
+    demo.wait_for(state="detached")
+    me.wait("window.mars.state.player.frame.step === 1 || window.mars.state.player.frame.outcome")
+    page.clock.fast_forward(60_000)
+    assert len(asked) == 1, "a board that is begun is left alone"
     assert me.errors == []

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Hashable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from app.db.reader import Reader
+from app.db.store import DAY_MS
 from app.jobs import Jobs
 from app.task import Course, GhostError, PolicyOffer, Record, rules_of
 from app.web.replays.episodes import (
+    STRANGER,
     Asker,
     ShownEpisode,
     UnknownReplayError,
@@ -25,6 +29,8 @@ from app.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files, that are kept."""
+BEST_FOR_MS, MOST_CELLS = 600_000, 1764
+"""How long the best replay of the week stays it, and how many cells it has at most."""
 LONGEST_S = 30.0
 """Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
 T = TypeVar("T")
@@ -55,6 +61,8 @@ class Replays:
         self._offers = {offer.name: offer for offer in offers}
         self._courses: dict[Hashable, Course] = {}
         self._files: dict[Hashable, bytes] = {}
+        self._best: tuple[int, dict[str, Any] | None] = (0, None)
+        self._looking = asyncio.Lock()
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
         """Return whether there is a replay of an episode for whoever asks."""
@@ -95,6 +103,26 @@ class Replays:
             file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
         )
         return _keep(self._files, MAX_FILES, key, content)
+
+    async def best_of_week(self, now_ms: int) -> dict[str, Any] | None:
+        """Return the best replay of the last week, of a person and of a board that is soon sent; None where there is none.
+
+        It is looked for every ten minutes at most, however many ask.
+        """
+        async with self._looking:
+            at_ms, found = self._best
+            if now_ms - at_ms >= BEST_FOR_MS:
+                found = await asyncio.to_thread(self._best_since, now_ms)
+                self._best = now_ms, found
+        return found
+
+    def _best_since(self, now_ms: int) -> dict[str, Any] | None:
+        with closing(Reader.open(self._database, public=True, at_ms=now_ms)) as reader:
+            episode_id = reader.best_since(now_ms - 7 * DAY_MS, MOST_CELLS)
+        try:
+            return None if episode_id is None else self._replay(episode_id, STRANGER).document()
+        except (UnknownReplayError, ValueError):
+            return None  # it was erased meanwhile, or by rules that are gone
 
     def _replay(self, episode_id: str, asker: Asker) -> Replay:
         episode = shown_episode(self._database, episode_id, asker)
