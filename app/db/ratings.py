@@ -36,10 +36,12 @@ SHOWN = 100
 """People in the list."""
 
 _DAY_MS = 86_400_000
-_NEXT = f"""SELECT e.id, NULL AS day, e.ended_ms AS at_ms FROM episodes e {JOINED} WHERE e.ended_ms > ?1
+_NEXT = f"""SELECT * FROM (SELECT e.id, NULL AS day, e.ended_ms AS at_ms FROM episodes e {JOINED} WHERE e.ended_ms > ?1
         AND {HUMAN_SCORE_CONDITION} AND NOT EXISTS (SELECT 1 FROM rated_games g WHERE g.episode_id = e.id)
-    UNION ALL SELECT NULL, y.name, y.closed_ms FROM series y WHERE y.name GLOB 'daily:*' AND y.closed_ms > ?1
+        ORDER BY e.ended_ms LIMIT 1)
+    UNION ALL SELECT * FROM (SELECT NULL, y.name, y.closed_ms FROM series y WHERE y.name GLOB 'daily:*' AND y.closed_ms > ?1
         AND y.closed_ms + {LATE_MS} <= ?2 AND NOT EXISTS (SELECT 1 FROM rated_games g WHERE g.day = y.name)
+        ORDER BY y.closed_ms LIMIT 1)
     ORDER BY at_ms LIMIT 1"""
 _EPISODE = f"SELECT {TRIAL} FROM episodes e {JOINED} WHERE e.id = ?"
 _OF_DAY = f"""SELECT x.player_id, e.outcome, e.steps, e.discovered FROM series_episodes x JOIN episodes e ON e.id = x.episode_id

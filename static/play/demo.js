@@ -17,7 +17,7 @@ export async function showBest(board, task, isWanted) {
   const place = create("div", [create("canvas", [], { "data-part": "canvas", role: "img", "aria-label": "A replay" })], { class: "ground" });
   const last = task.boardAt(run, run.actions.length).frame;
   const end = `${many(run.actions.length, "move")}, ${percent(task.headline(last).share)} % mapped`;
-  const line = create("p", [create("b", "Best replay of the week"), ` ${end}. Press a key to play.`]);
+  const line = create("p", [create("b", "Best replay of the week"), ` ${end}. Press a key or touch to play.`]);
   const over = create("div", [place, line], { class: "demo", "data-testid": "demo" });
   board.append(over);
   let rest = 0;

@@ -15,7 +15,7 @@ from pathlib import Path
 from app.db import volunteers
 from app.db.columns import TABLES
 from app.db.database import transaction
-from app.db.reader import now_ms, utc_day
+from app.db.reader import HUMAN_SCORE_CONDITION, JOINED, now_ms, utc_day
 from app.db.store import Store
 from app.db.trial import parse_config
 from app.series.daily import day_before
@@ -72,8 +72,21 @@ def make_episodes(
             _copy(conn)
             conn.execute("DROP TABLE copies")
             volunteers.renew(conn)
+            _rate(conn)
     finally:
         store.close()
+
+
+def _rate(conn) -> None:
+    """Give every player a name and a rating, and say that each counted episode was rated."""
+    counted = f"SELECT e.id, e.ended_ms FROM episodes e {JOINED} WHERE {HUMAN_SCORE_CONDITION} ORDER BY e.ended_ms"
+    conn.execute(
+        f"""INSERT INTO rated_games SELECT row_number() OVER (), ended_ms, id, NULL, '{{"ppo": 9}}' FROM ({counted})"""
+    )
+    conn.execute("INSERT INTO names SELECT id, id, id, 0, 0 FROM players")
+    conn.execute(
+        """INSERT INTO ratings SELECT id, 25, 8, random() % 1000, 10, 1, '{"ppo": 3}' FROM players"""
+    )
 
 
 def public_reads(path: Path) -> list[str]:
@@ -91,6 +104,7 @@ def public_reads(path: Path) -> list[str]:
         f"/replay/{middle}", f"/watch/{middle}", f"/api/watch/{middle}", "/api/human-level", "/api/leaderboard",
         f"/api/leaderboard/{board}", "/api/leaderboard/study-dunes", "/api/me/history", "/api/me/session", "/api/daily",
         f"/api/daily/{yesterday}", f"/api/daily/{yesterday}/results", "/api/studies", "/api/studies/dunes",
+        "/api/people", "/api/replay-of-the-week",
         "/", "/me", "/leaderboard", "/daily",
     ]  # fmt: skip
 
