@@ -36,7 +36,7 @@ export function showTask({ assets, order, keys, title, chart, play, round }) {
   for (const name of document.querySelectorAll("#chart-title, [data-part=chart-title]")) name.textContent = chart.title;
   document.title = document.title.replace("MarsExplorer", title);
   for (const line of document.querySelectorAll(".keys")) {
-    line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action} `]));
+    line.replaceChildren(...order.flatMap((action) => [create("kbd", keyName(keys[action]?.[0] ?? "")), ` ${action.replaceAll("_", " ")} `]));
   }
   const pad = document.querySelector(".pad");
   const isRow = !order.every((action) => keys[action]?.[0] in DIRECTIONS);
@@ -60,7 +60,7 @@ function padButton(action, code) {
   const button = create("button", [], { type: "button", "data-action": action, "data-testid": `pad-${action}`, "aria-label": action });
   const path = /** @type {Record<string, string>} */ (DIRECTIONS)[code];
   if (path) button.innerHTML = `<svg viewBox="0 0 20 20" aria-hidden="true"><path d="${path}"/></svg>`;
-  else button.append(action);
+  else button.append(action.replaceAll("_", " "));
   if (path) button.dataset.toward = code;
   return button;
 }
