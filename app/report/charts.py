@@ -224,7 +224,7 @@ def _visits(canvas: Canvas, maps: Sequence[tuple[str, list[list[float]]]]) -> No
     columns = min(3, len(maps))
     grid = canvas.subplots(-(-len(maps) // columns), columns, squeeze=False).flat
     image = None
-    for axes, (name, share) in zip(grid, shares, strict=False):
+    for (name, share), axes in zip(shares, grid, strict=False):
         image = axes.imshow(share, cmap="Blues", vmin=0, vmax=most or 1, interpolation="nearest")
         axes.set_title(_short(name))
         axes.set_xticks([])

@@ -56,9 +56,14 @@ def render(report: Report) -> str:
             left_out=0 if report.synthetic else sum(report.scripts.values()),
             sections=list(_sections(report)),
             checklist=checklist_table(report),
-            missing=sum(item.source == "missing" for item in report.checklist),
+            missing=[item for item in report.checklist if item.source == "missing"],
             citation=CITATION,
             declarations=declarations_table(report),
+            undeclared=[
+                name.replace("_", " ")
+                for name, text in report.protocol["declarations"].items()
+                if not text
+            ],
             coverage=coverage_table(report),
             protocol_json=json.dumps(report.protocol, indent=1, ensure_ascii=False),
         )

@@ -22,15 +22,13 @@ from app.task import rules_of
 class PageTable:
     """A table whose first column names the rows; a line break in a cell is kept.
 
-    is_text      left-aligned text instead of numbers
-    row_classes  a CSS class for each row, "" for none; empty when no row has one
+    is_text  left-aligned text instead of numbers
     """
 
     caption: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     is_text: bool = False
-    row_classes: Sequence[str] = ()
 
     @property
     def id(self) -> str:
@@ -75,7 +73,7 @@ COMPARISON = (
     "policy",
     "difference",
     "p",
-    "these terrains alone",
+    "these\u00a0terrains alone",
     "p (Holm)",
     "ratio",
     "normalized",
@@ -123,22 +121,23 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
 
 
 def checklist_table(report: Report) -> PageTable | None:
-    """Return the reporting checklist; None for a synthetic report, which has none."""
+    """Return the items of the reporting checklist that are answered; None for a synthetic report, which has none."""
     if not report.checklist:
         return None
     return PageTable(
         "The checklist's items",
         ("item", "name", "answer", "details", "from"),
-        [tuple(vars(item).values()) for item in report.checklist],
+        [tuple(vars(item).values()) for item in report.checklist if item.source != "missing"],
         is_text=True,
-        row_classes=["missing" if item.source == "missing" else "" for item in report.checklist],
     )
 
 
 def declarations_table(report: Report) -> PageTable:
     """Return what the authors declared in the protocol."""
     rows = [
-        (name.replace("_", " "), text) for name, text in report.protocol["declarations"].items()
+        (name.replace("_", " "), text)
+        for name, text in report.protocol["declarations"].items()
+        if text
     ]
     return PageTable("Declared before anybody played", ("what", "answer"), rows, is_text=True)
 

@@ -159,7 +159,8 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
         "4 players are few",
     ):
         assert wanted in first, wanted
-    assert first.count("<svg") == 2
+    assert first.count("<svg") == 3
+    assert first.index("Each dot is one player") < first.index("<table")
     assert first.count("<table") == 1
     headings = re.findall(r"<h2>(.*?)</h2>", folded)
     assert len(headings) >= 10
@@ -170,7 +171,9 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
 @pytest.mark.skipif(
     chromium_path() is None, reason="NO CHROMIUM: install it to run the browser tests"
 )
-def test_the_first_page_takes_two_screens_and_paper_has_what_is_folded(pages, tmp_path):
+def test_figures_take_a_page_tables_have_room_for_words_and_paper_has_what_is_folded(
+    pages, tmp_path
+):
     from playwright.sync_api import sync_playwright
 
     (tmp_path / "report.html").write_text(pages[0], encoding="utf-8")
@@ -181,9 +184,33 @@ def test_the_first_page_takes_two_screens_and_paper_has_what_is_folded(pages, tm
         ends = page.locator(".first").bounding_box()
         assert ends["y"] + ends["height"] <= 2 * 900
         on_screen = page.evaluate("document.documentElement.scrollHeight")
+        page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+        assert page.evaluate(COLUMNS_OF_ONE_WORD_A_LINE) == []
+        page.reload()
         page.emulate_media(media="print")
+        page.set_viewport_size({"width": 680, "height": 1009})  # A4 less its margins
+        ends = page.locator(".first").bounding_box()
+        assert ends["y"] + ends["height"] <= 1009
         assert page.evaluate("document.documentElement.scrollHeight") > 2 * on_screen
+        assert page.evaluate(COLUMNS_OF_ONE_WORD_A_LINE) == []
+        assert not page.get_by_text("The protocol in full").is_visible()
         browser.close()
+
+
+COLUMNS_OF_ONE_WORD_A_LINE = """[...document.querySelectorAll("td, th")].filter(cell => {
+    const range = document.createRange();
+    range.selectNodeContents(cell);
+    const lines = new Set([...range.getClientRects()].map(each => Math.round(each.top))).size;
+    return lines > 2 && lines >= cell.innerText.trim().split(/\\s+/).length;
+}).map(cell => cell.innerText)"""
+
+
+def test_what_only_the_authors_know_is_a_folded_list_and_no_row(pages):
+    assert "<td>Missing</td>" not in pages[0]
+    (unknown,) = re.findall(
+        r"<summary>What only the authors know</summary>(.*?)</details>", pages[0], re.S
+    )
+    assert "0.1 Paper title" in unknown
 
 
 def test_a_long_policys_name_leaves_room_for_the_charts():
