@@ -166,7 +166,6 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     volunteers.renew(conn)
     if not elsewhere:
         _delete_player(conn, person["player_id"])
-    ratings.renew(conn)
     _renew_chain(conn, entries, unsound, new)
     return Erasure(person["study"], len(episodes), keeps, outdated)
 
@@ -190,7 +189,6 @@ def forget_player(database: Path, name: str) -> int:
         conn.executemany("DELETE FROM sessions WHERE id = ?", [(each,) for each in sessions])
         volunteers.renew(conn)
         _delete_player(conn, player)
-        ratings.renew(conn)
         _renew_chain(conn, things, {}, {})
     return len(episodes)
 
@@ -211,8 +209,7 @@ def _named(conn: sqlite3.Connection, database: Path, name: str) -> str:
 
 def _delete_player(conn: sqlite3.Connection, player_id: str) -> None:
     """Delete a player's name, rating and row; the row stays where a study knows it."""
-    for table in ("names", "ratings"):
-        conn.execute(f"DELETE FROM {table} WHERE player_id = ?", [player_id])
+    ratings.forget(conn, player_id)
     sql = "DELETE FROM players WHERE id = ?1 AND NOT EXISTS (SELECT 1 FROM participants WHERE player_id = ?1)"
     conn.execute(sql, [player_id])
 

@@ -129,6 +129,13 @@ def renew(conn: sqlite3.Connection) -> None:
     conn.executemany(TABLES["ratings"].insert(), [each.row(who) for who, each in found.items()])
 
 
+def forget(conn: sqlite3.Connection, player_id: str) -> None:
+    """Delete a player's name and rating; the others' follow from what is left where they had met. Their episodes are gone."""
+    conn.execute("DELETE FROM names WHERE player_id = ?", [player_id])
+    if conn.execute("DELETE FROM ratings WHERE player_id = ?", [player_id]).rowcount:
+        renew(conn)
+
+
 def differences(conn: sqlite3.Connection) -> Iterator[Finding]:
     """Yield the ratings that are not as the games give them."""
     made = _from_games(conn)

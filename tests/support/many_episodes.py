@@ -83,7 +83,7 @@ def _rate(conn) -> None:
     conn.execute(
         f"""INSERT INTO rated_games SELECT row_number() OVER (), ended_ms, id, NULL, '{{"ppo": 9}}' FROM ({counted})"""
     )
-    conn.execute("INSERT INTO names SELECT id, id, id, 0, 0 FROM players")
+    conn.execute("INSERT INTO names SELECT id, id, id, 0, 0 FROM players WHERE id GLOB 'player-*'")
     conn.execute(
         """INSERT INTO ratings SELECT id, 25, 8, random() % 1000, 10, 1, '{"ppo": 3}' FROM players"""
     )

@@ -60,7 +60,7 @@ export function paintLossMarks(context, { losses, chosen }, size, { made, better
   for (const index of chosen === null ? order : [...order, chosen]) {
     const isChosen = index === chosen;
     context.globalAlpha = chosen === null || isChosen ? 1 : 0.4;
-    paintNumber(context, places[index], index + 1, { radius, dpr, ring: made, fill: isChosen ? made : casing, ink: isChosen ? casing : "#ffffff" });
+    paintNumber(context, places[index], index + 1, { radius, dpr, ring: made, fill: isChosen ? made : casing, ink: isChosen ? casing : made });
   }
   context.restore();
 }

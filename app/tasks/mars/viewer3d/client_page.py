@@ -29,9 +29,9 @@ SCRIPTS = (
 STYLE = (
     "[data-floating-window],[data-dock-region],.mantine-Notifications-root,.mantine-Paper-root{display:none!important}"
     ":root{color-scheme:dark}html,body,:has(>canvas),:has(>div>canvas),:has(>div>div>canvas),:has(>div>div>div>canvas)"
-    "{background:#0e0b0d!important}"
+    "{background:transparent!important}"
 )
-"""Hides viser's panels, and is dark before anything is drawn."""
+"""Hides viser's panels, and shows the stage of the page before anything is drawn."""
 
 
 @dataclass(frozen=True)

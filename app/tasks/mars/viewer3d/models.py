@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 Corners = NDArray[np.float32]
 Faces = NDArray[np.uint32]
 
-ROCK = (220, 203, 184)
 PALE, DARK, CELLS = (236, 229, 220), (46, 42, 44), (44, 52, 78)
 ROCK_SHAPES = 4
 AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -50,7 +49,20 @@ def rock(shape: int) -> tuple[Corners, Faces]:
     return corners.astype(np.float32), np.array(faces, np.uint32)
 
 
-ROCKS = tuple(rock(shape) for shape in range(ROCK_SHAPES))
+def wall() -> tuple[Corners, Faces]:
+    """Return corners[8, 3] and faces[10, 3] of a block on one square metre, a metre high, without its underside."""
+    low = [(0.5 * x, 0.5 * y, 0.0) for x, y in AROUND]
+    faces = [[4, 5, 6], [4, 6, 7]]
+    for one, two in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [[one, two, two + 4], [one, two + 4, one + 4]]
+    return np.array([*low, *((x, y, 1.0) for x, y, _ in low)], np.float32), np.array(
+        faces, np.uint32
+    )
+
+
+ROCKS = (*(rock(shape) for shape in range(ROCK_SHAPES)), wall())
+WALL = ROCK_SHAPES
+"""The shape of what a building is made of, after those of rocks."""
 
 
 def linear(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -68,18 +80,25 @@ def shape_of(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def add_rocks(
-    scene: viser.SceneApi, name: str, shape: int, cells: NDArray[np.int64], has_shadows: bool
+    scene: viser.SceneApi,
+    name: str,
+    shape: int,
+    cells: NDArray[np.int64],
+    colour: tuple[int, int, int],
+    has_shadows: bool,
 ) -> viser.BatchedMeshHandle:
     """Add a rock on each of cells[n, 2], (row, col), and return their node; height, turn and colour follow from the cell."""
     row, col = cells[:, 0], cells[:, 1]
     grain = (row * 7919 + col * 104729) % 97 / 96
     turn = (row * 31 + col * 17) % 8 * (np.pi / 8)
     still = np.zeros(len(cells))
-    width = 0.9 + 0.16 * grain
+    width, height = 0.9 + 0.16 * grain, 0.55 + 0.45 * grain
+    if shape == WALL:
+        width, height, turn, grain = still + 1, still + 0.8, still, still + 0.5
     turns = np.stack([np.cos(turn), still, still, np.sin(turn)], axis=1).astype(np.float32)
     places = np.stack([col, -row, still], axis=1).astype(np.float32)
-    scales = np.stack([width, width, 0.55 + 0.45 * grain], axis=1).astype(np.float32)
-    colours = linear(np.array(ROCK) * (0.8 + 0.24 * grain[:, None]))
+    scales = np.stack([width, width, height], axis=1).astype(np.float32)
+    colours = linear(np.array(colour) * (0.8 + 0.24 * grain[:, None]))
     look: dict[str, Any] = {"cast_shadow": has_shadows, "receive_shadow": has_shadows}
     look |= {"flat_shading": True, "lod": "off"}
     return scene.add_batched_meshes_simple(
@@ -183,6 +202,33 @@ def dashes(path: Sequence[tuple[int, int]]) -> tuple[Corners, Faces]:
     aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)
     corners = [middle + long * ahead + wide * aside for long, wide in DASH]
     return flat(np.stack(corners, axis=1), 0.05)
+
+
+def relief(rows: int, cols: int) -> tuple[Corners, Faces]:
+    """Return corners and faces of the low dunes around a board, the same for every terrain of a size.
+
+    They begin below its edge and rise with the distance from it, so that they hide nothing of it.
+    """
+    wide, step = 0.45 * max(rows, cols), max(1.0, max(rows, cols) / 28)
+    x = np.arange(-wide, cols + wide + step, step) - 0.5
+    y = np.arange(-rows - wide, wide + step, step) + 0.5
+    across, along = np.meshgrid(x, y)
+    outside = np.maximum(
+        np.maximum(-0.5 - across, across - cols + 0.5), np.maximum(along - 0.5, 0.5 - rows - along)
+    )
+    rng = np.random.default_rng(rows * 1009 + cols)
+    swell = np.sin(across / (3 * step) + 1.7 * np.sin(along / (5 * step))) * np.cos(
+        along / (4 * step)
+    )
+    rough = 0.5 + 0.4 * swell + 0.3 * rng.standard_normal(across.shape)
+    height = -0.12 + 0.4 * np.clip(outside, 0, 4) * np.clip(rough, 0.05, None)
+    corners = np.stack([across, along, height], axis=-1).reshape(-1, 3).astype(np.float32)
+    ids = np.arange(across.size, dtype=np.uint32).reshape(across.shape)
+    squares_of = np.stack(
+        [ids[:-1, :-1], ids[:-1, 1:], ids[1:, 1:], ids[1:, :-1]], axis=-1
+    ).reshape(-1, 4)
+    squares_of = squares_of[(outside.reshape(-1)[squares_of] > 0).any(axis=1)]
+    return corners, np.vstack([squares_of[:, [0, 1, 2]], squares_of[:, [0, 2, 3]]])
 
 
 def flat(corners: NDArray[np.floating[Any]], height: float) -> tuple[Corners, Faces]:

@@ -3,8 +3,8 @@
 It is built from what the rover knows (`View.codes`, `View.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
 a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move. With
-effects the sun casts shadows, newly discovered cells rise and the lidar sweeps; without them nothing costs more than the
-boards themselves.
+effects the sun casts shadows, dunes lie around the board, newly discovered cells rise and the lidar sweeps; without them
+nothing costs more than the boards themselves.
 """
 
 from __future__ import annotations
@@ -31,6 +31,37 @@ SLOW_SIDE = 60
 """A board with a side longer than this, in cells, has more ground than a processor draws between two moves."""
 
 
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Colours:
+    """Of a theme's boards (RGB), as the page's matrix has them (`static/common/base.css`).
+
+    beyond  what is behind the board, below the horizon
+    fog     the palette of the fog: clear ground, unknown cells, lines between them, known cells beside them, under rocks
+    """
+
+    beyond: Colour
+    soil: Colour
+    rock: Colour
+    dust: Colour
+    glow: Colour
+    player: Colour
+    rival: Colour
+    fog: bytes
+
+
+NIGHT = Colours(
+    (14, 11, 13), (168, 98, 60), (220, 203, 184), (120, 70, 46), (255, 206, 158), (255, 179, 71), (95, 208, 197),
+    bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20]),
+)  # fmt: skip
+DAY = Colours(
+    (239, 229, 218), (226, 172, 130), (104, 78, 64), (226, 190, 156), (40, 34, 26), (185, 71, 0), (10, 101, 93),
+    bytes([0, 0, 0, 232, 221, 208, 222, 208, 193, 255, 255, 255, 96, 58, 36]),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class ViewOptions:
     """The wishes of one browser, as they stand in the query of its socket's address.
@@ -38,20 +69,28 @@ class ViewOptions:
     camera          map: all of the board; follow: the rover and what is around it; None: by the size of the board
     has_effects     shadows, haze, movement between cells: for browsers that draw with a GPU
     shows_thoughts  arrows for the policy's probabilities
+    is_light        the page's light theme: a board in daylight
     """
 
     camera: Literal["map", "follow"] | None = None
     has_effects: bool = False
     shows_thoughts: bool = False
+    is_light: bool = False
+
+    @property
+    def colours(self) -> Colours:
+        """Return the colours of the theme."""
+        return DAY if self.is_light else NIGHT
 
     @classmethod
     def from_query(cls, query: Mapping[str, str]) -> ViewOptions:
-        """Read `camera`, `effects` and `thoughts` (on or off) from a query; whatever else stands there is ignored."""
+        """Read `camera`, `effects`, `thoughts` (on or off) and `theme` from a query; whatever else stands there is ignored."""
         camera = query.get("camera")
         return cls(
             camera="map" if camera == "map" else "follow" if camera == "follow" else None,
             has_effects=query.get("effects") == "on",
             shows_thoughts=query.get("thoughts") == "on",
+            is_light=query.get("theme") == "light",
         )
 
     def follows(self, rows: int, cols: int) -> bool:
@@ -59,14 +98,9 @@ class ViewOptions:
         return self.camera == "follow" or (self.camera is None and max(rows, cols) > LARGE_SIDE)
 
 
-NIGHT = (14, 11, 13)
-SOIL = (168, 98, 60)
-DUST, GLOW = (120, 70, 46), (255, 206, 158)
-
 CLEAR, FOG, LINE, EDGE, SHADE = range(5)
-FOG_COLOURS = bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20])
 FOG_ALPHA = bytes([0, 255, 255, 46, 150])
-"""Colours (RGB) and opacities of clear ground, unknown cells, lines between them, known cells beside them, and under rocks."""
+"""Opacities of clear ground, unknown cells, lines between them, known cells beside them, and the ground under rocks."""
 
 
 def pixels_a_cell(side: int, pixels: int, most: int) -> int:
@@ -75,7 +109,7 @@ def pixels_a_cell(side: int, pixels: int, most: int) -> int:
 
 
 @lru_cache(maxsize=16)
-def soil(rows: int, cols: int) -> bytes:
+def soil(rows: int, cols: int, colour: Colour) -> bytes:
     """Return the ground as a JPEG, the same for every terrain of a size: value noise and a faint grid."""
     scale = pixels_a_cell(max(rows, cols), 768, 16)
     height, width = rows * scale, cols * scale
@@ -87,7 +121,7 @@ def soil(rows: int, cols: int) -> bytes:
         picture = Image.fromarray(coarse.astype(np.float32))
         blurred = picture.resize((width, height), Image.Resampling.BICUBIC)
         noise += weight * np.asarray(blurred)
-    ground = np.array(SOIL) * (0.74 + 0.5 * noise[..., None])
+    ground = np.array(colour) * (0.74 + 0.5 * noise[..., None])
     lines = (np.arange(height)[:, None] % scale == 0) | (np.arange(width)[None] % scale == 0)
     ground[lines] *= 0.86
     ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
@@ -95,16 +129,19 @@ def soil(rows: int, cols: int) -> bytes:
     return encoded(drawn, format="JPEG", quality=80)
 
 
-@lru_cache(maxsize=1)
-def sky() -> NDArray[np.uint8]:
-    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, night below it."""
+@lru_cache(maxsize=2)
+def sky(colours: Colours) -> NDArray[np.uint8]:
+    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, and what is beyond below it."""
     down, across = np.mgrid[0:1:160j, 0:1:256j]
     dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
     away = np.hypot((across - 0.24) * 1.6, down - 0.07)
     glow = (0.5 * np.exp(-((away / 0.22) ** 2)) + 0.9 * np.exp(-((away / 0.025) ** 4)))[..., None]
-    night, day = np.array(NIGHT) * (1 - 0.85 * dust), np.array(DUST) * 0.85 * dust
-    colours = night + day + np.array(GLOW) * glow
-    picture: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8)
+    below, above = (
+        np.array(colours.beyond) * (1 - 0.85 * dust),
+        np.array(colours.dust) * 0.85 * dust,
+    )
+    lit = below + above + np.array(colours.glow) * glow
+    picture: NDArray[np.uint8] = np.clip(lit, 0, 255).astype(np.uint8)
     return picture
 
 
@@ -115,7 +152,7 @@ def encoded(image: Image.Image, **options: Any) -> bytes:
     return file.getvalue()
 
 
-def fog(codes: NDArray[np.uint8]) -> bytes:
+def fog(codes: NDArray[np.uint8], colours: Colours) -> bytes:
     """Return the fog over codes[rows, cols] as a PNG with a palette and alpha."""
     unknown = codes == UNKNOWN
     near = np.pad(unknown, 1)
@@ -128,11 +165,11 @@ def fog(codes: NDArray[np.uint8]) -> bytes:
         for lines in (picture[::scale], picture[:, ::scale]):
             lines[lines == FOG] = LINE
     image = Image.fromarray(picture, "P")
-    image.putpalette(FOG_COLOURS)
+    image.putpalette(colours.fog)
     return encoded(image, format="PNG", transparency=FOG_ALPHA, compress_level=1)
 
 
-PLAYER, RIVAL, ALARM = (255, 179, 71), (95, 208, 197), (255, 107, 87)
+ALARM = (255, 107, 87)
 PALE = (255, 243, 220)
 SUN = (255, 226, 196)
 
@@ -164,7 +201,9 @@ class Scene:
         options: ViewOptions = DEFAULT_OPTIONS,
     ) -> None:
         self._scene, self._options = scene, options
-        self._accent, self._other = (RIVAL, PLAYER) if is_rival else (PLAYER, RIVAL)
+        colours = options.colours
+        mine, other = colours.player, colours.rival
+        self._accent, self._other = (other, mine) if is_rival else (mine, other)
         self.episode = episode
         self._board, self._drawn = (0, 0), -1
         self.rover_waits = False
@@ -186,7 +225,7 @@ class Scene:
         self.episode = episode
         if episode.steps == self._drawn:
             return
-        self._fog._data = fog(episode.codes)
+        self._fog._data = fog(episode.codes, self._options.colours)
         self._show_rocks(episode.codes)
         self._show_found(episode.codes)
         row, col = episode.position
@@ -289,11 +328,11 @@ class Scene:
         self._scene.add_light_directional(
             "/sun", color=SUN, intensity=2.6, position=place, cast_shadow=has_shadows
         )
-        self._scene.set_background_image(sky(), format="png")
+        self._scene.set_background_image(sky(self._options.colours), format="png")
 
     def _add_ground(self) -> None:
         flat: dict[str, Any] = {"wxyz": FACING_UP, "cast_shadow": False, "receive_shadow": False}
-        night = np.full((2, 2, 4), (*NIGHT, 255), np.uint8)
+        night = np.full((2, 2, 4), (*self._options.colours.beyond, 255), np.uint8)
         self._soil = self._scene.add_image("/soil", night[..., :3], 1, 1, format="jpeg", **flat)
         self._fog = self._scene.add_image("/fog", night, 1, 1, format="png", **flat)
         edges = np.zeros((4, 2, 3), np.float32)
@@ -304,7 +343,7 @@ class Scene:
     def _resize_ground(self, rows: int, cols: int) -> None:
         """Give soil, fog and border a size."""
         self._board = rows, cols
-        self._soil._data = soil(rows, cols)
+        self._soil._data = soil(rows, cols, self._options.colours.soil)
         for picture, height in ((self._soil, 0.0), (self._fog, 0.02)):
             picture.render_width, picture.render_height = float(cols), float(rows)
             picture.position = ((cols - 1) / 2, -(rows - 1) / 2, height)
@@ -318,6 +357,19 @@ class Scene:
                 cast_shadow=False,
             )
             shade.position = ((cols - 1) / 2, (1 - rows) / 2, 0.04)
+            beyond, soil_colour = (
+                np.array(self._options.colours.beyond),
+                np.array(self._options.colours.soil),
+            )
+            red, green, blue = (0.5 * beyond + 0.5 * soil_colour).astype(int).tolist()
+            around_it = models.relief(rows, cols)
+            self._scene.add_mesh_simple(
+                "/around",
+                *around_it,
+                color=(red, green, blue),
+                flat_shading=True,
+                cast_shadow=False,
+            )
         x, y = cols - 0.5, 0.5 - rows
         corners = np.array(
             [[-0.5, 0.5, 0.03], [x, 0.5, 0.03], [x, y, 0.03], [-0.5, y, 0.03]], np.float32
@@ -370,6 +422,8 @@ class Scene:
         self._shown |= fresh
         cells = np.argwhere(fresh)
         shapes = models.shape_of(cells)
+        if self.episode.config.level == "building":
+            shapes[:] = models.WALL
         for shape in np.unique(shapes).tolist():
             self._open_rocks[shape] += [(int(row), int(col)) for row, col in cells[shapes == shape]]
             name, has_shadows = (
@@ -377,7 +431,8 @@ class Scene:
                 self._options.has_effects,
             )
             rocks = np.array(self._open_rocks[shape])
-            node = models.add_rocks(self._scene, name, shape, rocks, has_shadows)
+            colour = self._options.colours.rock
+            node = models.add_rocks(self._scene, name, shape, rocks, colour, has_shadows)
             self._add_episode_node(node)
             if len(rocks) >= ITEMS_PER_NODE:
                 self._open_rocks[shape], self._rock_nodes[shape] = [], self._rock_nodes[shape] + 1

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket
 from app.board.session import Session
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.client_page import ClientPage
-from app.tasks.mars.viewer3d.scene import DUST, Scene, ViewOptions
+from app.tasks.mars.viewer3d.scene import Scene, ViewOptions
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL, Connection, ShownBoard, Transport
 
 TILT, FOV, FILLED = float(np.deg2rad(54)), float(np.deg2rad(30)), 0.97
@@ -106,7 +106,9 @@ class BoardCamera:
             camera.far = max(1000.0, 4 * distance)
             camera.up_direction = (0.0, 0.0, 1.0)
             if self._options.has_effects:
-                self._client.scene.configure_fog(CLEAR * distance, OPAQUE * distance, color=DUST)
+                self._client.scene.configure_fog(
+                    CLEAR * distance, OPAQUE * distance, color=self._options.colours.dust
+                )
         self._look_at(x, y)
 
     def _look_at(self, x: float, y: float) -> None:
