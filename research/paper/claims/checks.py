@@ -83,6 +83,34 @@ def state() -> Finding:
     return Finding(holds, measured)
 
 
+def partial_observability() -> Finding:
+    """What the lidar has not reached leaves no trace in any observation (2.5)."""
+    config, same, moves = EnvConfig(), 0, 0
+    cells = np.argwhere(np.ones((config.rows, config.cols)))
+    for seed in range(EPISODES):
+        terrain, rule = generate(config, seed), policies.load("frontier-cost")
+        first = Episode.begin(config, terrain=terrain)
+        seen, actions = [first.observation()], []
+        rule.reset(seed)
+        while first.coverage < 0.5:
+            actions.append(rule.act(first.codes))
+            first.step(actions[-1])
+            seen.append(first.observation())
+        distances = np.linalg.norm(cells[:, None] - np.array(first.path), axis=2).min(1)
+        beyond = (distances > config.sensor_radius).reshape(terrain.shape)
+        other = Episode.begin(config, terrain=terrain ^ beyond)
+        for action, expected in zip([None, *actions], seen, strict=True):
+            if action is not None:
+                other.step(action)
+            same += bool(np.array_equal(other.observation(), expected))
+            moves += 1
+    measured = (
+        f"{same:,} of {moves:,} observations, till half of the cells were known, are the same where every cell beyond the "
+        "lidar's reach is an obstacle instead of free, and the other way round"
+    )
+    return Finding(same == moves, measured)
+
+
 def reward() -> Finding:
     """A valid move earns the newly discovered cells less 0.5 (eq. 7 and 8), and the scan at the start nothing."""
     right, moves = 0, 0
@@ -300,6 +328,7 @@ def discovered_obstacles(count: int = 100) -> Finding:
 CHECKS: dict[str, Callable[[], Finding]] = {
     "actions": actions,
     "state": state,
+    "partial-observability": partial_observability,
     "reward": reward,
     "invalid": invalid,
     "bonus": bonus,

@@ -105,6 +105,7 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "best": Claim(f"{FIGURE} 4", training.best),
     "second": Claim(f"{FIGURE} 4", training.second),
     "half": Claim(f"{FIGURE} 4", training.half),
+    "millions": Claim(f"{FIGURE} 4", training.millions),
     "morphology-first": Claim(f"{FIGURE} 5", training.morphology_first),
     "morphology-degrades": Claim(f"{FIGURE} 5", training.morphology_degrades),
     "hardest": Claim(f"{FIGURE} 5", training.hardest),

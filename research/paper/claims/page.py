@@ -7,12 +7,11 @@ backticks, and what stands between marks: the summary, the pictures and the tabl
 from __future__ import annotations
 
 import re
+import shutil
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-from PIL import Image
 
 from research.paper.claims.claims import CLAIMS, cells
 from research.paper.claims.results import FOLDER, VERDICTS, Results, read
@@ -55,8 +54,6 @@ SHOWN = {
     },
 }
 """Figure -> name of a picture that the page shows -> what it shows."""
-COLOURS, LARGEST_WIDTH = 192, 1040
-"""Of a picture as it is shipped: colours of its palette, and pixels."""
 
 
 def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
@@ -74,29 +71,18 @@ def draw_pictures(target: Path, source: Path = FOLDER) -> list[Path]:
                 figure.draw(source, scratch)
         names = (name for pictures in SHOWN.values() for name in pictures)
         return [
-            shrink(scratch / f"{name}.png", target / f"{name}.png")
+            shutil.copyfile(scratch / f"{name}.svg", target / f"{name}.svg")
             for name in names
-            if (scratch / f"{name}.png").exists()
+            if (scratch / f"{name}.svg").exists()
         ]
-
-
-def shrink(source: Path, target: Path) -> Path:
-    """Write a picture with a palette, at most LARGEST_WIDTH pixels wide; return its path."""
-    image = Image.open(source).convert("RGB")
-    if image.width > LARGEST_WIDTH:
-        size = LARGEST_WIDTH, round(image.height * LARGEST_WIDTH / image.width)
-        image = image.resize(size, Image.Resampling.LANCZOS)
-    image = image.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    image.save(target, optimize=True)
-    return target
 
 
 def pictures_as_markdown(figure: str, folder: Path) -> str:
     """Return the pictures of a figure that lie in the folder, as the document shows them, or that there are none yet."""
     lines = [
-        f"![{text}](pictures/{folder.name}/{name}.png)"
+        f"![{text}](pictures/{folder.name}/{name}.svg)"
         for name, text in SHOWN[figure].items()
-        if (folder / f"{name}.png").exists()
+        if (folder / f"{name}.svg").exists()
     ]
     none = f"No results of figure {figure[-1]} are shipped yet, so there is no picture."
     return "\n\n".join(lines) or none
@@ -128,7 +114,7 @@ def draw_block(name: str, text: str, results: Results) -> str:
     if kind == "summary":
         return summary(text, results)
     if kind == "settings":
-        return as_table(what)
+        return as_table(results)
     return pictures_as_markdown(what, PICTURES) if kind == "pictures" else BLOCKS[name](results)
 
 

@@ -18,8 +18,9 @@ from typing import Any
 from scipy import stats
 
 from marsexplorer.intervals import Floats
-from research.paper.figures.curves import Record, chosen, read_exported
+from research.paper.figures.curves import Record, chosen, longest, read_exported
 from research.paper.jobs import Line, read_lines
+from research.paper.trial import read_unfinished
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
 CHECKS_FILE = "environment.jsonl"
@@ -33,24 +34,23 @@ class Results:
     records    finished trials
     plays      figure (5, 6 or 7) -> results of policies
     walks      results of the walks of figure 6 that nobody trained
+    unfinished  how far trainings are, see `trial.read_unfinished`
     """
 
     checks: dict[str, Line] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
     plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: []})
     walks: list[Line] = field(default_factory=list)
+    unfinished: list[Line] = field(default_factory=list)
 
     def trials(self, **wanted: Any) -> list[Record]:
-        """Return the longest finished trials with these values (algorithm, variant, level, size), by seed."""
-        found = chosen(self.records, **wanted)
-        longest = max((record.trial.moves for record in found), default=0)
-        found = [record for record in found if record.trial.moves == longest]
-        return sorted(found, key=lambda record: record.trial.seed)
+        """Return the `longest` finished trials with these values (algorithm, variant, level, size)."""
+        return longest(chosen(self.records, **wanted))
 
 
 def read(folder: Path = FOLDER) -> Results:
     """Return what lies in the folder, the shipped one by default; ValueError for a file that holds no such results."""
-    results = Results()
+    results = Results(unfinished=read_unfinished(folder / "checkpoints"))
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
             results.checks.update({line["claim"]: line for line in read_lines(path)})

@@ -1,11 +1,8 @@
 """The settings of the four algorithms in one table: the paper's appendix, the authors' repository, and what ran here.
 
 `settings.tsv` has a row for each setting: `key` is where a trial's `settings` have it; `paper` is what the appendix prints and
-`repository` what the authors' script or RLlib's default has, both empty where they say nothing; `ours`, `works` and `tuned` are
-its values in the variants, as JSON; `reason` says why ours differs, or where a value comes from that the paper leaves open.
-
-The table is never the source of a run. The trainers have configurations of their own and write them into the first line of a
-trial's log; `differences` compares such a line with the table, so that the table cannot say anything else than what ran.
+`repository` what the authors' script or RLlib's default has, both empty where they say nothing; `reason` says why ours differs,
+or where a value comes from that the paper leaves open. What ran is what the shipped trials logged.
 
 The repository's values are those of `trainners/runners/{PPO,A2C,DQN}.py` and `trainners/runners_legacy/SAC.py`. What these
 scripts leave alone is RLlib 1's default (`rllib/agents/{ppo,a3c,dqn,sac}`), marked so.
@@ -14,16 +11,17 @@ scripts leave alone is RLlib 1's default (`rllib/agents/{ppo,a3c,dqn,sac}`), mar
 from __future__ import annotations
 
 import csv
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from research.paper.algorithms import ALGORITHMS
+from research.paper.claims.results import Results
+from research.paper.figures.curves import NAMES, TITLES
+from research.paper.plan import LEVEL
 from research.paper.tables import markdown_table
 
-COLUMNS = {"paper": "ours", "works": "works", "tuned": "tuned"}
-"""Variant -> the column that has its values."""
+COLUMNS = ("algorithm", "setting", "paper", "repository", "ours", "why")
 
 
 @cache
@@ -32,28 +30,6 @@ def rows_of(algorithm: str) -> tuple[dict[str, str], ...]:
     with (Path(__file__).parent / "settings.tsv").open(newline="") as file:
         rows = csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
         return tuple(row for row in rows if row["algorithm"] == algorithm)
-
-
-def differences(algorithm: str, variant: str, settings: dict[str, Any]) -> list[str]:
-    """Return a sentence for each row that a trial's `settings` do not confirm; none for variants that the table has not.
-
-    settings  as the first line of a trial's log has them
-    """
-    if variant not in COLUMNS:
-        return []
-    found, settings = [], json.loads(json.dumps(settings))  # as the log has them: tuples are lists
-    for row in rows_of(algorithm):
-        key, wanted = row["key"], json.loads(row[COLUMNS[variant]])
-        if key not in settings:
-            came = f"the run logged no {key!r}"
-        elif settings[key] != wanted:
-            came = f"was {settings[key]!r} in the run"
-        else:
-            continue
-        found.append(
-            f"{algorithm} {variant}: {row['parameter']} is {wanted!r} in the table, and {came}"
-        )
-    return found
 
 
 def words(value: Any) -> str:
@@ -65,18 +41,29 @@ def words(value: Any) -> str:
     return "none" if value is None or value == [] else str(value)
 
 
-def as_table(name: str) -> str:
-    """Return the rows of an algorithm as a table in Markdown; "shared" has those that are the same for all."""
-    every = {algorithm: rows_of(algorithm) for algorithm in ALGORITHMS}
-    of_all = [_cells(row) for row in every["ppo"]]
-    shared = [each for each in of_all if all(each in map(_cells, rows) for rows in every.values())]
-    found = shared if name == "shared" else [_cells(row) for row in every[name]]
-    rows = [each for each in found if name == "shared" or each not in shared]
-    return markdown_table(("setting", "paper", "repository", "ours", "why"), rows)
+def as_table(results: Results) -> str:
+    """Return all rows as a table in Markdown, those first that are the same for all; "" before there are trials of all."""
+    logged = {
+        (name, variant): trials[0].settings
+        for name in NAMES
+        for variant in TITLES
+        if (trials := results.trials(algorithm=name, variant=variant, level=LEVEL))
+    }
+    if len(logged) < len(NAMES) * len(TITLES):
+        return "Trainings are missing, so there is no table."
+    every = {
+        name: [_cells(row, [logged[name, variant] for variant in TITLES]) for row in rows_of(name)]
+        for name in ALGORITHMS
+    }
+    shared = [each for each in every["ppo"] if all(each in rows for rows in every.values())]
+    rows = [("all", *each) for each in shared]
+    rows += [(NAMES[name], *each) for name in NAMES for each in every[name] if each not in shared]
+    return markdown_table(COLUMNS, rows)
 
 
-def _cells(row: dict[str, str]) -> tuple[str, ...]:
-    paper, works, tuned = (words(json.loads(row[name])) for name in COLUMNS.values())
+def _cells(row: dict[str, str], logged: list[dict[str, Any]]) -> tuple[str, ...]:
+    """Return a row; logged: the settings by the letter, as it works and tuned."""
+    paper, works, tuned = (words(settings[row["key"]]) for settings in logged)
     ours = paper
     if works != paper:
         ours += f"; works: {works}"

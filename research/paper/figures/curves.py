@@ -47,13 +47,15 @@ DIGITS = {"moves": 0, "cpu_s": 1}
 OTHER_DIGITS = 4
 
 NAMES = {"ppo": "PPO", "a2c": "A2C", "rainbow": "Rainbow", "sac": "SAC"}
-LINE_STYLES: dict[str, Any] = {"ppo": "-", "a2c": "--", "rainbow": "-.", "sac": (0, (1, 1.2))}
 TITLES = {"paper": "the letter of the paper", "works": "as it works", "tuned": "tuned"}
 """Variant -> what its column is called."""
 BAND_ALPHA = 0.18
 
-Kind = tuple[str, str, str, int]
-"""What seeds are averaged over: (algorithm, variant, level, size) of trials."""
+SEEDS = 3
+"""Fewest seeds that an interval is drawn of and a verdict given on."""
+
+Kind = tuple[str, str, str, int, int]
+"""What seeds are averaged over: (algorithm, variant, level, size, moves) of trials."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Record:
     def kind(self) -> Kind:
         """The kind of its trial."""
         trial = self.trial
-        return trial.algorithm, trial.variant, trial.level, trial.size
+        return trial.algorithm, trial.variant, trial.level, trial.size, trial.moves
 
 
 def read_records(folder: Path) -> list[Record]:
@@ -141,6 +143,15 @@ def chosen(records: Iterable[Record], **wanted: Any) -> list[Record]:
     return [each for each in records if wanted.items() <= vars(each.trial).items()]
 
 
+def longest(records: Iterable[Record]) -> list[Record]:
+    """Return the longest of some trials by seed: of lengths with SEEDS seeds where there are, and of any otherwise."""
+    lengths: dict[int, list[Record]] = {}
+    for record in sorted(records, key=lambda each: each.trial.seed):
+        lengths.setdefault(record.trial.moves, []).append(record)
+    enough = {moves: each for moves, each in lengths.items() if len(each) >= SEEDS} or lengths
+    return enough[max(enough)] if enough else []
+
+
 def grouped(records: Iterable[Record]) -> dict[Kind, list[Record]]:
     """Return the records by kind, each list by seed."""
     groups: dict[Kind, list[Record]] = {}
@@ -149,12 +160,23 @@ def grouped(records: Iterable[Record]) -> dict[Kind, list[Record]]:
     return groups
 
 
-def draw_band(axes: Axes, found: Band, unit: float = 1.0, **style: Any) -> None:
-    """Draw a mean as a line and its interval as a surface; `unit` is what one on the x axis stands for."""
-    x, surface = found.x / unit, {"color": style["color"], "alpha": BAND_ALPHA, "linewidth": 0}
-    axes.plot(x, found.mean, linewidth=1.8, **style)
-    if found.low is not None and found.high is not None:
-        axes.fill_between(x, found.low, found.high, **surface)
+def draw_curves(
+    axes: Axes, records: Sequence[Record], column: str, against: str, unit: float = 1, **style: Any
+) -> None:
+    """Draw the trials of one kind: their mean as a line, its interval as a surface, and points of longer or fewer seeds.
+
+    unit  what one on the x axis stands for
+    """
+    main = longest(records)
+    found = band(main, column, against) if len(main) >= SEEDS else None
+    if found is not None and found.low is not None and found.high is not None:
+        axes.plot(found.x / unit, found.mean, **style)
+        surface = {"color": style["color"], "alpha": BAND_ALPHA, "linewidth": 0}
+        axes.fill_between(found.x / unit, found.low, found.high, **surface)
+    for record in records:
+        if found is None or record.trial.moves > main[0].trial.moves:
+            x, y = points_of(record, column, against)
+            axes.plot(x / unit, y, ".", color=style["color"], markersize=2.5)
 
 
 def set_moves_axis(axes: Axes) -> None:
@@ -263,11 +285,11 @@ def _row(group: Sequence[Record]) -> Row:
     moves, minutes = (float(np.mean(column(name))) for name in ("moves", "cpu_s"))
     ratio = np.divide(column("steps"), column("best_rule_steps"))
     trial, means = group[0].trial, (Estimate.of(each) for each in (*measured, ratio))
-    return Row(*group[0].kind, len(group), moves, minutes / 60, trial.terrains, *means)
+    return Row(*group[0].kind[:4], len(group), moves, minutes / 60, trial.terrains, *means)
 
 
 TABLE_COLUMNS = (
-    *("algorithm", "variant", "level", "seeds", "moves", "CPU min"),
+    *("algorithm", "variant", "level", "seeds", "moves", "CPU min", "terrains"),
     *("score", "coverage", "completion", "steps", "to rule"),
 )
 
@@ -278,6 +300,7 @@ def cells_of(row: Row) -> list[str]:
     shares = row.coverage.percent(), row.completion.percent()
     return [
         *(name, row.variant, row.level, str(row.seeds), count_text(row.moves), spent),
+        str(row.terrains),
         *(row.score.text(3), *shares, row.steps.text(0), row.ratio.text(2)),
     ]
 

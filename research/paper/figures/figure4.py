@@ -1,8 +1,8 @@
 """Figure 4 of Koutras et al. 2021: learning curves of the four algorithms, with what a score alone does not tell.
 
-figure4-moves.png    score, coverage and completion in training against moves, and how the last episodes ended
-figure4-cpu.png      the same against CPU time
-figure4-endings.png  how episodes ended, all along
+figure4-moves.svg    score, coverage and completion in training against moves, and how the last episodes ended
+figure4-cpu.svg      the same against CPU time
+figure4-endings.svg  how episodes ended, all along
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
 from research.paper.figures.curves import (
-    LINE_STYLES,
     NAMES,
+    SEEDS,
     TITLES,
     Record,
     band,
     chosen,
-    draw_band,
+    draw_curves,
     grouped,
+    longest,
     set_moves_axis,
 )
 from research.paper.figures.drawing import (
     ALGORITHM_COLOURS,
     INK,
+    NESTED_WIDTHS,
     SOFT_INK,
     heading,
     legend,
@@ -84,7 +86,7 @@ def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = Non
         "cpu": curves_figure(records, "cpu_s", human),
         "endings": endings_figure(records),
     }
-    return [save(figure, folder / f"figure4-{name}.png") for name, figure in pictures.items()]
+    return [save(figure, folder / f"figure4-{name}.svg") for name, figure in pictures.items()]
 
 
 def shown_variants(records: Sequence[Record]) -> list[str]:
@@ -141,11 +143,9 @@ def _draw_panel(
     axes: Axes, records: Sequence[Record], name: str, against: str, human: HumanLevel | None
 ) -> None:
     unit = 60 if against == "cpu_s" else 1
-    for algorithm in shown_algorithms(records):
-        found = band(chosen(records, algorithm=algorithm), name, against)
-        style = {"color": ALGORITHM_COLOURS[algorithm], "linestyle": LINE_STYLES[algorithm]}
-        if found is not None:
-            draw_band(axes, found, unit, **style)
+    for algorithm, width in zip(NAMES, NESTED_WIDTHS, strict=True):
+        style = {"color": ALGORITHM_COLOURS[algorithm], "linewidth": width}
+        draw_curves(axes, chosen(records, algorithm=algorithm), name, against, unit, **style)
     if human is not None and name == "score":
         axes.axhline(human.mean, **HUMAN_STYLE)
         if human.low is not None and human.high is not None:
@@ -161,7 +161,7 @@ def _draw_last_endings(
     """Draw a bar for each algorithm: how the episodes at the end of training ended, means over seeds."""
     style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7.5, "color": INK}
     for place, algorithm in enumerate(algorithms):
-        left, own = 0.0, chosen(records, algorithm=algorithm)
+        left, own = 0.0, longest(chosen(records, algorithm=algorithm))
         for name in ENDINGS:
             ends = (record.curve[name][-1] for record in own)
             known = [end for end in ends if end is not None]
@@ -182,8 +182,9 @@ def _draw_last_endings(
 def _add_legend(figure: Figure, algorithms: Sequence[str], human: HumanLevel | None) -> None:
     """Add a row for the lines and one for the endings."""
     lines: list[Line2D | Patch] = [
-        line_of(NAMES[each], ALGORITHM_COLOURS[each], linestyle=LINE_STYLES[each], linewidth=2)
-        for each in algorithms
+        line_of(NAMES[each], ALGORITHM_COLOURS[each], linewidth=width)
+        for each, width in zip(NAMES, NESTED_WIDTHS, strict=True)
+        if each in algorithms
     ]
     if human is not None:
         label = f"{human.players} people (study {human.study})"
@@ -200,13 +201,16 @@ def ending_patches() -> list[Patch]:
 
 
 def seeds_text(records: Sequence[Record]) -> str:
-    """Return what a line and its surface are, in words, by how many seeds there are."""
-    counts = {len(group) for group in grouped(records).values()}
-    if counts == {1}:
-        return "One seed, so there is no interval"
-    if len(counts) == 1:
-        return f"Mean of {counts.pop()} seeds and its 95 % t interval"
-    return f"Means of {min(counts)} to {max(counts)} seeds and their 95 % t intervals (none for one seed)"
+    """Return what lines, surfaces and points are, in words, by how many seeds there are."""
+    counts = sorted(len(group) for group in grouped(records).values())
+    enough, words = [each for each in counts if each >= SEEDS], []
+    if enough:
+        seeds = f"{enough[0]}" if enough[0] == enough[-1] else f"{enough[0]} to {enough[-1]}"
+        words.append(f"means of {seeds} seeds with their 95 % t intervals")
+    if counts[0] < SEEDS:
+        words.append(f"points: seeds of which there are fewer than {SEEDS}")
+    text = "; ".join(words)
+    return text[0].upper() + text[1:]
 
 
 def endings_figure(records: Sequence[Record]) -> Figure:
@@ -217,7 +221,7 @@ def endings_figure(records: Sequence[Record]) -> Figure:
     for row, variant in enumerate(variants):
         for column, algorithm in enumerate(algorithms):
             axes = panels[row, column]
-            _draw_endings(axes, chosen(records, algorithm=algorithm, variant=variant))
+            _draw_endings(axes, longest(chosen(records, algorithm=algorithm, variant=variant)))
             axes.set_xlabel("moves (logarithmic)" if row == len(variants) - 1 else "")
             title = f"{TITLES.get(variant, variant)}\nshare of episodes"
             axes.set_ylabel(title if column == 0 else "")

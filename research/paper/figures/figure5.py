@@ -1,7 +1,7 @@
 """Figure 5 of Koutras et al. 2021: how PPO learns on each of the 12 levels, and how hard the levels are without learning.
 
-figure5-VARIANT.png             score, coverage and completion in training against moves: a column for each d_t
-figure5-difficulty-VARIANT.png  what the trained policies reach on held-out terrains, and the moves that the rules and the
+figure5-VARIANT.svg             score, coverage and completion in training against moves: a column for each d_t
+figure5-difficulty-VARIANT.svg  what the trained policies reach on held-out terrains, and the moves that the rules and the
                                 informed search need there
 """
 
@@ -20,13 +20,13 @@ from research.paper.episodes.play import TERRAINS, read_results
 from research.paper.figures.curves import (
     TITLES,
     Record,
-    band,
     chosen,
-    draw_band,
+    draw_curves,
     rows_of,
     set_moves_axis,
 )
 from research.paper.figures.drawing import (
+    NESTED_WIDTHS,
     colours_of,
     heading,
     legend,
@@ -39,13 +39,8 @@ from research.paper.figures.figure4 import ROWS, seeds_text
 from research.paper.jobs import Line
 
 TOPOLOGIES = (1, 2, 3)
-LINES: dict[tuple[int, int], tuple[str, Any]] = {
-    (1, 1): ("#0072B2", "-"),
-    (1, 2): ("#0072B2", "--"),
-    (2, 1): ("#D55E00", "-"),
-    (2, 2): ("#D55E00", "--"),
-}
-"""(d_m, d_b) -> colour by morphology, dashes where no bonus is paid."""
+COLOURS = {(1, 1): "#0072B2", (1, 2): "#56B4E9", (2, 1): "#D55E00", (2, 2): "#E69F00"}
+"""(d_m, d_b) -> colour by morphology, lighter where no bonus is paid."""
 BONUS_NAMES = {1: "with bonus", 2: "without bonus"}
 MEASURED = {"score": "normalized score", "completion": "completion", "steps": "moves to 99 %"}
 """What the picture of the difficulty has on held-out terrains."""
@@ -65,7 +60,7 @@ def draw(records: Sequence[Record], source: Path, folder: Path) -> list[Path]:
         own = chosen(records, variant=variant)
         pictures = {"": levels_figure(own), "difficulty-": difficulty_figure(own, difficulty)}
         for name, figure in pictures.items():
-            paths.append(save(figure, folder / f"figure5-{name}{variant}.png"))
+            paths.append(save(figure, folder / f"figure5-{name}{variant}.svg"))
     return paths
 
 
@@ -79,18 +74,17 @@ def levels_figure(records: Sequence[Record]) -> Figure:
     for column, topology in enumerate(TOPOLOGIES):
         for row, name in enumerate(ROWS):
             axes = panels[row, column]
-            for (morphology, bonus), (colour, style) in LINES.items():
-                own = chosen(records, level=f"{topology}-{morphology}-{bonus}")
-                if (found := band(own, name, "moves")) is not None:
-                    draw_band(axes, found, color=colour, linestyle=style)
+            for ((m, b), colour), width in zip(COLOURS.items(), NESTED_WIDTHS, strict=True):
+                own = chosen(records, level=f"{topology}-{m}-{b}")
+                draw_curves(axes, own, name, "moves", color=colour, linewidth=width)
             axes.set_ylabel(ROWS[name] if column == 0 else "")
             axes.set_xlabel("moves made in training (logarithmic)" if row == len(ROWS) - 1 else "")
             plain(axes, f"topology d_t = {topology}" if row == 0 else "")
             axes.set_ylim(-0.02, 1.02)
             set_moves_axis(axes)
     handles = [
-        line_of(f"d_m = {m}, {BONUS_NAMES[b]}", colour, linestyle=style, linewidth=1.8)
-        for (m, b), (colour, style) in LINES.items()
+        line_of(f"d_m = {m}, {BONUS_NAMES[b]}", colour, linewidth=width)
+        for ((m, b), colour), width in zip(COLOURS.items(), NESTED_WIDTHS, strict=True)
     ]
     legend(figure, handles, len(handles))
     text = f"{seeds_text(records)}. As played in training: means of the last 100 episodes."
@@ -117,26 +111,31 @@ def difficulty_figure(records: Sequence[Record], difficulty: Sequence[Line]) -> 
         for row in rows_of(records):
             kind, bonus = row.level[:-2], int(row.level[-1])
             at, mean = kinds.index(kind) + OFFSETS[bonus], getattr(row, name)
-            colour, _ = LINES[int(kind[-1]), bonus]
+            colour = COLOURS[int(kind[-1]), bonus]
             axes.plot([at, at], [mean.low, mean.high], color=colour, linewidth=1.4)
             axes.plot(at, mean.mean, markersize=5.5, color=colour, **_point(colour, bonus))
         axes.set_ylabel(words)
         plain(axes)
     colours = colours_of(line["policy"] for line in difficulty)
-    for line in difficulty:  # a bar across the kind of terrain
+    names = [name for name in (*RULES, INFORMED) if name in {line["policy"] for line in difficulty}]
+    widths = dict(zip(names, NESTED_WIDTHS, strict=False))
+    for line in sorted(
+        difficulty, key=lambda each: -widths[each["policy"]]
+    ):  # a bar for each kind of terrain
         at, mean = kinds.index(line["level"][:-2]), line["steps_to_99"]["mean"]
         ends, colour = [at - 0.34, at + 0.34], colours[line["policy"]]
-        panels[-1].plot(ends, [mean, mean], color=colour, linewidth=1.8)
+        bar: dict[str, Any] = {"linewidth": widths[line["policy"]], "zorder": 1}
+        panels[-1].plot(ends, [mean, mean], color=colour, **bar)
     for axes in panels[:-1]:
         axes.set_ylim(-0.06, 1.06)
     panels[-1].set_ylim(bottom=0)
     panels[-1].set_xticks(range(len(kinds)), [f"d_t {kind[0]}, d_m {kind[-1]}" for kind in kinds])
     handles = [
         line_of(f"PPO, d_m = {m}, {BONUS_NAMES[b]}", colour, **_point(colour, b))
-        for (m, b), (colour, _) in LINES.items()
+        for (m, b), colour in COLOURS.items()
     ]
-    names = [name for name in (*RULES, INFORMED) if name in {line["policy"] for line in difficulty}]
-    legend(figure, handles + [line_of(each, colours[each], linewidth=1.8) for each in names], 3)
+    bars = [line_of(each, colours[each], linewidth=widths[each]) for each in names]
+    legend(figure, handles + bars, 3)
     text = (
         f"{seeds_text(records)}, on held-out terrains; an unfinished episode counts {limit} moves.\n"
         "Bars: what the rules need there, and a search that is shown the map, means over terrains."

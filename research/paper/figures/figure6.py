@@ -2,8 +2,8 @@
 
 `jobs` says what is played, `draw` makes the pictures from the results alone:
 
-    figure6-POLICY.png     a map for each level: blue cells for visits, green squares for obstacles found
-    figure6-quadrants.png  how often each policy makes a U, and never goes back, beside the walks that nobody trained
+    figure6-POLICY.svg     a map for each level: blue cells for visits, green squares for obstacles found
+    figure6-quadrants.svg  how often each policy makes a U, and never goes back, beside the walks that nobody trained
     figure6.md             the same numbers as a table
 """
 
@@ -18,6 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize, PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
 
 from marsexplorer.config import LEVELS
 from marsexplorer.evaluation import RULES
@@ -66,6 +68,8 @@ LEVEL_PLACE = "{level}"
 
 BLUE, GREEN, RED = "#08306b", "#00692c", "#c1121f"
 """Of visits, obstacles, and blind spots; cells without anything are SAND."""
+HALF_CELL = 0.45
+"""Of the largest square on a map, cells."""
 INTERVAL = (1.4, 4.5, 0.5)
 
 
@@ -108,7 +112,7 @@ def draw(results: Path, pictures: Path) -> list[Path]:
     drawn = {policy: heat_figure(own) for policy, own in by_policy(plays).items()}
     if plays:
         drawn["quadrants"] = quadrants_figure(plays, nulls)
-    return [*(save(each, pictures / f"figure6-{name}.png") for name, each in drawn.items()), text]
+    return [*(save(each, pictures / f"figure6-{name}.svg") for name, each in drawn.items()), text]
 
 
 def by_policy(plays: Sequence[Line]) -> dict[str, list[Line]]:
@@ -129,7 +133,7 @@ def heat_figure(lines: Sequence[Line]) -> Figure:
     figure = new_figure(9.6, (panel + 0.38) * rows + 1.55)
     panels = figure.subplots(rows, columns, squeeze=False).reshape(-1)
     visits = PowerNorm(0.6, 0, _most(lines, "visits"))  # keeps seldom visited cells visible
-    square = _most(lines, "found"), 72 * panel / 26
+    square = _most(lines, "found"), HALF_CELL * 2 * 72 * panel / (lines[0]["cols"] + 1.5)
     for axes, levels in zip(panels, groups, strict=False):
         _draw_maps(axes, own[levels[0]], levels, visits, square)
     for axes in panels[len(groups) :]:
@@ -250,8 +254,12 @@ def _draw_maps(
     axes.imshow(shown, cmap=_fading(), norm=visits, interpolation="nearest")
     found = map_of(line, "found") / played
     row, col = np.nonzero(found)
-    areas = found[row, col] / most * side**2
-    axes.scatter(col, row, areas, GREEN, marker="s", linewidths=0.3, edgecolors="white")
+    half = HALF_CELL * np.sqrt(found[row, col] / most)
+    x, y = np.stack([col - half, col + half]), np.stack([row - half, row + half])
+    corners = np.stack([x[[0, 1, 1, 0, 0]].T, y[[0, 0, 1, 1, 0]].T], axis=2).reshape(-1, 2)
+    codes = np.tile([Outline.MOVETO, *3 * [Outline.LINETO], Outline.CLOSEPOLY], len(half))
+    style: dict[str, Any] = {"facecolor": GREEN, "edgecolor": "white", "linewidth": 0.3}
+    axes.add_patch(PathPatch(Outline(corners, codes), **style))  # one shape: a small file
     axes.axhline(rows / 2 - 0.5, color=INK, linewidth=0.5, linestyle=(0, (2, 3)))
     axes.axvline(cols / 2 - 0.5, color=INK, linewidth=0.5, linestyle=(0, (2, 3)))
     if obstacles.blind_spots:

@@ -2,9 +2,9 @@
 
 `jobs` says what is played, `draw` makes the pictures from the results alone:
 
-    figure7-coverage.png  coverage against moves: a panel for each level and size
-    figure7-steps.png     moves to 99 %, and the share of them that the last per cents take
-    figure7-shares.png    moves to 50, 75, 90, 95 and 99 %, relative to a rule; without that rule there is no such picture
+    figure7-coverage.svg  coverage against moves: a panel for each level and size
+    figure7-steps.svg     moves to 99 %, and the share of them that the last per cents take
+    figure7-shares.svg    moves to 50, 75, 90, 95 and 99 %, relative to a rule; without that rule there is no such picture
     figure7.md            the same numbers as tables
 """
 
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from marsexplorer.config import LEVELS, EnvConfig
 from marsexplorer.evaluation import RULES
@@ -106,25 +107,28 @@ def draw(results: Path, pictures: Path) -> list[Path]:
     drawn = {"coverage": coverage_figure(lines), "steps": steps_figure(lines)}
     if any(line["policy"] == REFERENCE for line in lines):
         drawn["shares"] = shares_figure(lines)
-    return [*(save(each, pictures / f"figure7-{name}.png") for name, each in drawn.items()), text]
+    return [*(save(each, pictures / f"figure7-{name}.svg") for name, each in drawn.items()), text]
 
 
 def coverage_figure(lines: Sequence[Line]) -> Figure:
-    """Draw each policy's mean coverage, its 95 % interval and one standard deviation, a panel for each level and size."""
+    """Draw each policy's mean coverage and its 95 % interval, a panel for each level and size."""
     figure, panels = _panels(lines, 2.6, 1.3, "moves")
     colours = colours_of(line["policy"] for line in lines)
     for axes, group in panels:
-        for policy, line in group.items():
-            _draw_curve(axes, line, colours[policy])
+        edge = _right_edge([*group.values()])
+        for (policy, line), width in zip(
+            group.items(), np.linspace(3.2, 0.8, len(group)), strict=True
+        ):
+            _draw_curve(axes, line, colours[policy], float(width), edge)
         axes.axhline(99, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
-        axes.set(xlim=(0, _right_edge([*group.values()])), ylim=(0, 102))
+        axes.set(xlim=(0, edge), ylim=(0, 102))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:.0f} %")
     _legend(figure, in_order(line["policy"] for line in lines))
     heading(
         figure,
         "Coverage against moves",
         f"Mean over {lines[0]['episodes']} held-out terrains, the same for all; an episode keeps what it had at its end.\n"
-        "Dark band: 95 % interval of the mean. Light band: one standard deviation. Dotted: 99 %.",
+        "Band: 95 % interval of the mean. Dotted: 99 %. Lines that lie upon each other are of different widths.",
     )
     return figure
 
@@ -143,11 +147,14 @@ def steps_figure(lines: Sequence[Line]) -> Figure:
             for axes, found in ((steps, row.steps), (shares, row.last_share)):
                 draw_interval(axes, found, at, "o", colours[row.policy], INTERVAL)
         shares.axvline(CONSTANT_PACE, color=SOFT_INK, linewidth=0.8, linestyle=DOTTED)
-        plain(steps, f"{size} x {size}: moves to 99 %")
+        plain(steps, f"{size} x {size}: moves to 99 % (logarithmic)")
         plain(shares, f"{size} x {size}: share from {KNEE} % on")
         for axes in (steps, shares):
             shade_rows(axes, len(levels))
-        steps.set_xlim(left=0)
+        steps.set_xscale("log")
+        steps.xaxis.set_major_locator(LogLocator(10, (1, 1.5, 2, 3, 5, 7)))
+        steps.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
+        steps.xaxis.set_minor_locator(NullLocator())
         shares.set(xlim=(0, 0.62))
         shares.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
         steps.set_yticks(range(len(levels)), [f"level {level}" for level in levels])
@@ -178,11 +185,15 @@ def shares_figure(lines: Sequence[Line]) -> Figure:
             _draw_ratios(axes, known, policy, colours[policy])
         axes.axhline(1, color=colours[REFERENCE], linewidth=1.5)
         axes.set_xticks(range(len(PER_CENT)), [f"{share} %" for share in PER_CENT])
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(10, (0.5, 0.7, 1, 1.5, 2, 3, 4)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+        axes.yaxis.set_minor_locator(NullLocator())
     _legend(figure, [*policies, REFERENCE])
     heading(
         figure,
         f"Moves to a share of the cells, over those of {REFERENCE}",
-        "Ratios of means on the same terrains with their 95 % intervals. Below the line: fewer moves.",
+        "Ratios of means on the same terrains with their 95 % intervals, logarithmic. Below the line: fewer moves.",
     )
     return figure
 
@@ -255,15 +266,18 @@ def _leave_empty(axes: Axes) -> None:
     axes.grid(visible=False)
 
 
-def _draw_curve(axes: Axes, line: Line, colour: str) -> None:
+def _draw_curve(axes: Axes, line: Line, colour: str, width: float, edge: float) -> None:
     mean, sd = (100 * np.array([*line[name], line[name][-1]]) for name in ("mean", "sd"))
     moves = line["stride"] * np.arange(len(mean))
     moves[-1] = 10 * moves[-2] + 1
+    end = int(np.searchsorted(moves, edge)) + 1
+    step = max(1, end // 80)
+    shown = np.append(np.arange(0, end, step), min(end, len(moves) - 1))
+    moves, mean, sd = moves[shown], mean[shown], sd[shown]
     half = sd * t_quantile(line["played"] - 1) / np.sqrt(line["played"])
-    for width, alpha in ((sd, 0.10), (half, 0.28)):
-        high = np.minimum(mean + width, 100)
-        axes.fill_between(moves, mean - width, high, color=colour, alpha=alpha, linewidth=0)
-    axes.plot(moves, mean, _style(line["policy"]), color=colour, linewidth=1.5)
+    high = np.minimum(mean + half, 100)
+    axes.fill_between(moves, mean - half, high, color=colour, alpha=0.2, linewidth=0)
+    axes.plot(moves, mean, _style(line["policy"]), color=colour, linewidth=width)
 
 
 def _draw_ratios(axes: Axes, ratios: dict[float, Estimate], policy: str, colour: str) -> None:
@@ -279,11 +293,11 @@ def _style(policy: str) -> str:
 
 
 def _right_edge(lines: Sequence[Line]) -> float:
-    """Return the moves at the right edge of a panel, of the policies that explore at least half of their terrains."""
+    """Return the moves at the right edge of a panel, of the policies that explore nearly all of their terrains."""
     steps = [
         steps_of(line)
         for line in lines
-        if 2 * line["outcomes"].get("explored", 0) >= line["played"]
+        if line["outcomes"].get("explored", 0) >= 0.9 * line["played"]
     ]
     found = np.concatenate(steps) if steps else np.array([1.0])
     return float(np.nanquantile(found, SHOWN_SHARE))

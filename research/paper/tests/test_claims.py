@@ -25,7 +25,7 @@ from research.paper.claims.results import (
 )
 from research.paper.claims.training_claims import with_bonus
 from research.paper.episodes.play import DIFFICULTIES
-from research.paper.figures.curves import Record
+from research.paper.figures.curves import TITLES, Record
 from research.paper.plan import BUDGETS
 from research.paper.trial import ENDINGS, Trial
 
@@ -92,7 +92,7 @@ def test_every_picture_of_the_page_lies_there_and_is_small():
         f"pictures/paper/{path.name}" for path in (DOCUMENT.parent / "pictures" / "paper").iterdir()
     )
     assert sorted(shown) == lying
-    assert all((DOCUMENT.parent / name).stat().st_size < 200_000 for name in shown)
+    assert all((DOCUMENT.parent / name).stat().st_size < 500_000 for name in shown)
 
 
 def test_other_results_draw_another_page():
@@ -130,9 +130,9 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out():
         "| SAC | 0 ± 0 % | 95 ± 0 % | 100 ± 0 % | 3 | yes |"
     ]
     assert training_claims.ablations(results).splitlines()[2:] == [
-        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  |",
-        "| SAC | `reward` |  | 90 ± 0 % |  |  |",
-        "| SAC | `bonus` |  |  |  | 1 ± 0 % |",
+        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  | 3 x 200 |",
+        "| SAC | `reward` |  | 90 ± 0 % |  |  | 3 x 200 |",
+        "| SAC | `bonus` |  |  |  | 1 ± 0 % | 3 x 200 |",
     ]
     first, _, *table = training_claims.trained(results).splitlines()
     assert first.startswith("In all rows: algorithm SAC, level random, seeds 3, ")
@@ -144,7 +144,8 @@ def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
     with pytest.raises(SystemExit):
         checks.main(["rewards"])
     assert re.search(
-        "'rewards' is not one of 'actions', 'state', 'reward',", capsys.readouterr().err
+        "'rewards' is not one of 'actions', 'state', 'partial-observability',",
+        capsys.readouterr().err,
     )
 
 
@@ -169,12 +170,13 @@ def test_too_few_seeds_or_algorithms_decide_nothing():
         assert verdict_of("best", Results(records=records)) == NOT_YET
 
 
-def test_only_the_longest_trainings_of_a_kind_count():
+def test_only_the_longest_trainings_count_of_which_there_are_three():
     short = [
         replace(each, curve={**each.curve, "score": [0.5, 0.5]})
         for each in of_moves(figure_4(), 10)
     ]
-    assert verdict_of("best", Results(records=[*short, *figure_4()])) == REPRODUCED
+    longer = of_moves([trained("ppo", 0, [0.0, 0.0])], 2 * LONG)
+    assert verdict_of("best", Results(records=[*short, *figure_4(), *longer])) == REPRODUCED
 
 
 def test_short_trainings_are_shown_and_decide_nothing():
@@ -308,29 +310,15 @@ def test_the_settings_have_every_number_of_the_appendix_and_no_other():
     }
 
 
-def test_a_run_with_another_setting_than_the_table_is_named(monkeypatch):
-    row = {"key": "gamma", "parameter": "discount", "ours": "0.95", "works": "0.99", "tuned": "1"}
-    monkeypatch.setattr(settings_table, "rows_of", lambda algorithm: [row])
-    assert settings_table.differences("ppo", "paper", {"gamma": 0.95}) == []
-    assert settings_table.differences("ppo", "works", {"gamma": 0.95}) == [
-        "ppo works: discount is 0.99 in the table, and was 0.95 in the run"
-    ]
-    assert settings_table.differences("ppo", "works-no-mask", {"gamma": 0.5}) == []
-    assert "the run logged no 'gamma'" in settings_table.differences("ppo", "paper", {})[0]
-
-
-@pytest.mark.parametrize("variant", settings_table.COLUMNS)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_the_table_is_what_the_trainers_log(algorithm, variant):
+def test_the_trainers_have_the_settings_of_the_table(algorithm):
     if algorithm != "ppo":
         pytest.importorskip(
             "tianshou", reason="`make test-research` compares the settings of A2C, Rainbow and SAC"
         )
-    trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
-    assert settings_table.differences(algorithm, variant, trainer.settings) == []
-
-
-def test_every_shipped_trial_has_the_settings_of_the_table():
-    for each in read().records:
-        trial = each.trial
-        assert settings_table.differences(trial.algorithm, trial.variant, each.settings) == []
+    for variant in TITLES:
+        (logged, *_) = read().trials(algorithm=algorithm, variant=variant, level="random")
+        trainer = begin(algorithm, variant, EnvConfig(), seed=0, moves=10_000)
+        settings = json.loads(json.dumps(trainer.settings))
+        for row in settings_table.rows_of(algorithm):
+            assert settings[row["key"]] == logged.settings[row["key"]], (variant, row["key"])

@@ -15,7 +15,7 @@ from research.paper.jobs import lock
 from research.paper.tests.logs import trial_of, write_trial
 from research.paper.trial import LARGEST_CHECKPOINT
 
-PICTURES = ("figure4-moves.png", "figure4-cpu.png", "figure4-endings.png")
+PICTURES = ("figure4-moves.svg", "figure4-cpu.svg", "figure4-endings.svg")
 TABLES = ("figure4.csv", "figure4.jsonl")
 PPO_ALONE = ("--figure", 4, "--algorithms", "ppo", "--variants", "paper", "--seeds", 1)
 

@@ -109,8 +109,8 @@ def test_the_table_has_means_over_seeds_with_intervals(logs, tmp_path):
     half = stats.t.ppf(0.975, 2) * 20 / np.sqrt(3)
     assert astuple(rows[0].steps) == pytest.approx((120, 120 - half, 120 + half))
     assert rows[0].ratio.mean == pytest.approx(1.5)
-    assert cells_of(rows[0])[3:7] == ["3", "1 k", "1.2", "0.600 ± 0.248"]
-    assert cells_of(rows[1])[6:] == ["0.900", "90 %", "90 %", "100", "1.25"]
+    assert cells_of(rows[0])[3:8] == ["3", "1 k", "1.2", "10", "0.600 ± 0.248"]
+    assert cells_of(rows[1])[7:] == ["0.900", "90 %", "90 %", "100", "1.25"]
     written = write_table(rows, tmp_path / "table")
     assert [path.name for path in written] == ["table.csv", "table.jsonl"]
     first = json.loads(written[1].read_text().splitlines()[0])

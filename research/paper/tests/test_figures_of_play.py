@@ -179,14 +179,14 @@ def test_gathered_results_are_those_of_the_jobs_and_there_must_be_some(played, t
 
 def test_pictures_and_tables_are_drawn_from_results_alone(played, tmp_path):
     lines = read_results(played, 7)
-    names = ("first.png", "again.png")
+    names = ("first.svg", "again.svg")
     paths = [save(figure7.steps_figure(lines), tmp_path / name) for name in names]
     first, again = (path.read_bytes() for path in paths)
     assert first == again
     drawn = (*figure6.draw(played, tmp_path), *figure7.draw(played, tmp_path))
     assert {path.name for path in drawn} == {
-        "figure6-frontier-cost.png", "figure6-frontier-utility.png", "figure6-quadrants.png", "figure6.md",
-        "figure7-coverage.png", "figure7-steps.png", "figure7-shares.png", "figure7.md",
+        "figure6-frontier-cost.svg", "figure6-frontier-utility.svg", "figure6-quadrants.svg", "figure6.md",
+        "figure7-coverage.svg", "figure7-steps.svg", "figure7-shares.svg", "figure7.md",
     }  # fmt: skip
     text = (tmp_path / "figure7.md").read_text()
     assert "| informed | random | 9 | 4 | 100 % |" in text
