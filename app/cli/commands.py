@@ -54,7 +54,7 @@ COMMANDS = {
     "refine": ("training.refine", "train", "Improve a trained policy by trying other moves."),
     "sweep": ("training.sweep", "train", "Train on many levels and seeds."),
     "study": ("study.study", "study", "Plan, freeze, open and close a study with participants."),
-    "evaluation": ("study.evaluation", "study", "Evaluate agents on terrains that stay sealed, with signed receipts."),
+    "evaluation": ("study.evaluation", "export", "Evaluate agents on terrains that stay sealed, with signed receipts."),
     "simulate": ("study.simulate", "study", "Let synthetic players take part in a study."),
     "report": ("study.report", "study", "Write a study's figures with their intervals, as a page and as JSON."),
     "regret": ("study.report", "study", "Show where the players of a study lose moves."),

@@ -195,9 +195,10 @@ class Cards:
             await session.act(Move(session.current.id, made, code, "script"))
         except RefusedError as error:
             self._note_end(held, index, session)
-            raise CardError(
-                409, f"instance {index}: {error}".replace(session.current.id, "")
-            ) from error
+            why = f": {error}".replace(session.current.id, "")
+            if session.shown.ended:  # the reason would tell the outcome
+                why = " is finished: no move is made any more"
+            raise CardError(409, f"instance {index}{why}") from error
         return await self._seen(held, index)
 
     async def state(self, card: Card) -> dict[str, Any]:
@@ -211,18 +212,6 @@ class Cards:
             "calls": held.calls,
             "closed": held.is_closed,
         }
-
-    async def abandon(self, card: Card, index: int) -> None:
-        """Give an attempt up: it counts as it stands. CardError 409 where it has ended or was not begun."""
-        held = self._count(card)
-        session = await self._session(held, index)
-        try:
-            await session.abandon(session.current.id, None)
-        except RefusedError as error:
-            raise CardError(
-                409, f"instance {index} is finished: there is nothing to give up"
-            ) from error
-        self._note_end(held, index, session)
 
     async def close(self, card: Card) -> None:
         """Close the card: what runs is abandoned, and its address answers as one that is unknown."""

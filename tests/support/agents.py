@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pytest
 
 from app.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
 from app.series.folder import Folder
@@ -99,3 +100,37 @@ def best_way(root, index, study="dunes", tries=60):
         ways.append(episode)
     best = max(ways, key=lambda each: each.score)
     return list(best.actions)
+
+
+def paths(root):
+    """Return the options that name the database and the studies in a folder."""
+    return ["--database", str(root / "playground.db"), "--studies", str(root / "studies")]
+
+
+def closed_evaluation(root, policies):
+    """Return a folder with a closed evaluation: Ann's card played all, a second of hers knew the maps, Bo's left most."""
+    from app.cli.main import main
+    from tests.support.servers import hasty_limits, running_server
+    from tests.support.stored_studies import freeze, play_study
+
+    studies, database = root / "studies", root / "playground.db"
+    study = freeze(
+        studies, close=False, draw=lambda count: bytes(count)
+    )  # the rule has not the best ways there
+    play_study(database, study)
+    Folder(studies).close("dunes", seals=True)
+    sealed(studies, of="dunes")
+    tokens = [token_of(studies, author) for author in ("Ann", "ann ", "Bo")]
+    where = {"database": database, "studies": studies, "limits": hasty_limits()}
+    with running_server(policies, **where) as server:
+        first, second, third = (Agent(server, token) for token in tokens)
+        first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
+        first.play_all()
+        for index in range(3):
+            second.follow(index, best_way(studies, index))
+        third.play(1)
+        third.play(2, moves=2)
+    with pytest.raises(SystemExit) as left:
+        main(["evaluation", "close", "agents", "--yes", "--now", *paths(root)])
+    assert left.value.code in (0, None)
+    return root

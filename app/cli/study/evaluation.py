@@ -190,6 +190,8 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     The secret of the study whose terrains were played is revealed too. Receipts and the opening are written into the
     evaluation's folder, signed by the server's key, and are to be had on its page; called again it writes them again.
     """
+    from app.release.receipts import publish  # where it cannot be had nothing is closed
+
     with study_errors():
         status = folder.status(name)
         if folder.draft(name).agents is None:
@@ -199,12 +201,14 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     if status != "closed":
         question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
         studies.closed(name, None if yes else question, now, False, folder, database)
-    from app.release.receipts import publish
-
-    cards: list[str] = []
-    if database.exists():
-        with failures(f"cannot sign the receipts of {name!r}"), study_errors():
-            cards = publish(database, folder, name, progress)
+    if not database.exists():
+        click.echo(
+            f"The evaluation {name!r} is closed. There is no database at {database}, so no receipt was written: with the "
+            f"--database in which agents have played, `marsexplorer evaluation close {name}` writes them"
+        )
+        return
+    with failures(f"cannot sign the receipts of {name!r}"), study_errors():
+        cards = publish(database, folder, name, progress)
     click.echo(
         f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening in {folder.path(name)}"
     )

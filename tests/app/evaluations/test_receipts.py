@@ -6,47 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from app.cli.main import main
 from app.release import signing
 from app.release.receipts import chained, read_signed, sign
-from app.series.folder import Folder
 from app.series.verification import verify_database
-from tests.support.agents import Agent, best_way, sealed, token_of
+from tests.support.agents import closed_evaluation, paths
 from tests.support.command import command
-from tests.support.stored_studies import freeze, play_study
 
 
 @pytest.fixture(scope="module")
 def closed(tmp_path_factory, shipped_policies):
-    """A closed evaluation: Ann's card played all, a second one of hers knew the maps, Bo's left most."""
-    from tests.support.servers import hasty_limits, running_server
-
-    root = tmp_path_factory.mktemp("evaluation")
-    studies, database = root / "studies", root / "playground.db"
-    study = freeze(
-        studies, close=False, draw=lambda count: bytes(count)
-    )  # the rule has not the best ways there
-    play_study(database, study)
-    Folder(studies).close("dunes", seals=True)
-    sealed(studies, of="dunes")
-    tokens = [token_of(studies, author) for author in ("Ann", "ann ", "Bo")]
-    where = {"database": database, "studies": studies, "limits": hasty_limits()}
-    with running_server(shipped_policies, **where) as server:
-        first, second, third = (Agent(server, token) for token in tokens)
-        first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})
-        first.play_all()
-        for index in range(3):
-            second.follow(index, best_way(studies, index))
-        third.play(1)
-        third.play(2, moves=2)
-    with pytest.raises(SystemExit) as left:
-        main(["evaluation", "close", "agents", "--yes", "--now", *paths(root)])
-    assert left.value.code in (0, None)
-    return root
-
-
-def paths(root):
-    return ["--database", str(root / "playground.db"), "--studies", str(root / "studies")]
+    return closed_evaluation(tmp_path_factory.mktemp("evaluation"), shipped_policies)
 
 
 def receipts_of(root):

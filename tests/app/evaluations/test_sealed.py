@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 from itertools import combinations
 
 import pytest
@@ -257,6 +259,16 @@ def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys
     assert third.seed("ranked", 0) != folder.study("dunes").seed("ranked", 0)
     assert third.protocol.env_config == study.protocol.env_config
     assert verify_database(database).findings == ()
+
+
+def test_nothing_is_closed_where_no_receipt_could_be_signed(tmp_path):
+    own(tmp_path / "studies", task="mars", config=EnvConfig("random", 7, 9), instances=1)
+    code = "import sys; sys.modules['matplotlib'] = None; from app.cli.main import main; main()"
+    words = ("evaluation", "close", "agents", "--yes", *paths(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert done.returncode
+    assert "needs the extra [export]" in done.stderr
+    assert Folder(tmp_path / "studies").status("agents") == "open"
 
 
 def test_agents_enter_no_figure_of_people(serve, root, capsys):

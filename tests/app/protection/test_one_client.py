@@ -21,8 +21,9 @@ from tests.support.servers import eventually
 pytestmark = pytest.mark.long
 
 EVENTS = """
-import json, sys
+import json, os, sys
 from websockets.sync.client import connect
+os.nice(19)  # elsewhere it is another machine's processor that it takes
 url, origin, cookie, episode = sys.argv[1:]
 with connect(url, origin=origin, additional_headers={"Cookie": cookie}, proxy=None, compression=None, max_size=None) as socket:
     number = 0
@@ -113,8 +114,16 @@ def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(s
         filling = percentiles(measure(server, 8))
         eventually(lambda: count_events(tmp_path / "playground.db") > 49_000)
         full = percentiles(measure(server, 8))
-    tell({"quiet": quiet, "while the events come": filling, "with 50,000": full})
-    assert max(filling[1], full[1]) <= 2 * quiet[1]
+    after = percentiles(measure(server, 8))  # other programs may have begun meanwhile
+    tell(
+        {
+            "quiet": quiet,
+            "while the events come": filling,
+            "with 50,000": full,
+            "quiet again": after,
+        }
+    )
+    assert max(filling[1], full[1]) <= 2 * max(quiet[1], after[1])
 
 
 def boards_full_of_events(path, boards):
