@@ -1,4 +1,5 @@
-"""What mkdocs does before it builds the site: it adds pages that are files elsewhere, and mends the links to them."""
+"""What mkdocs does before it builds the site: it adds pages that are files elsewhere, replays and the product's colours, and
+mends the links to them; a link that has a file's name for its words gets the title of what it leads to."""
 
 from __future__ import annotations
 
@@ -9,6 +10,12 @@ from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+
+from app.tasks.mars.course import PLAIN_POLICIES, course_of, play_ghost
+from app.web.replays.page import single_file
+from marsexplorer.config import EnvConfig
+from marsexplorer.episode import Episode, Record
+from marsexplorer.policies import begin, load
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
@@ -27,9 +34,26 @@ REFERENCE = (
 )  # fmt: skip
 """Modules whose docstrings make the reference."""
 
+REPLAYS = (
+    ("scattered", "Scattered rocks", EnvConfig("random"), 7, "ppo", "frontier-cost"),
+    ("boulders", "Boulders", EnvConfig.of("3-2-1"), 12, "ppo", "frontier-utility"),
+    ("cave", "A cave, in which Expert is the slower one", EnvConfig.of("cave", 42), 5, "ppo", "frontier-cost"),
+    ("building", "A building, which every policy finds hard", EnvConfig.of("building", 42), 4, "frontier-priced", "ppo"),
+)  # fmt: skip
+"""Name of the file, caption, configuration, seed and the two policies of each replay in the gallery."""
+
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are made from files outside docs/."""
+    """Add the pages that are made from files outside docs/, the replays, the icon and the colours."""
+    for name, _, played, seed, driver, ghost in REPLAYS:
+        record = play(driver, played, seed)
+        text = single_file(
+            name, course_of(PLAIN_POLICIES[driver], record), play_ghost(ghost, record)
+        )
+        files.append(File.generated(config, f"replays/{name}.html", content=text))
+    icon = (ROOT / "static/common/icon.svg").read_text()
+    files.append(File.generated(config, "icon.svg", content=icon))
+    files.append(File.generated(config, "colours.css", content=colours()))
     made = {page: (ROOT / source).read_text() for page, source in PAGES.items()}
     made |= {"examples.md": examples(), "reference.md": reference()}
     for page, text in made.items():
@@ -38,10 +62,43 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Mend the links of a page that lead out of docs/, and give pages with wide tables the whole width."""
+    """Mend the links of a page, give pages with wide tables the whole width, and put the replays into the gallery."""
     if page.file.src_uri in WIDE_PAGES:
         page.meta["hide"] = ["navigation", "toc"]
-    return mend(markdown, page.file.src_uri)
+    frames = "\n".join(
+        f'<figure class="replay"><figcaption>{caption}</figcaption>'
+        f'<iframe src="replays/{name}.html" title="A replay: {caption}" loading="lazy"></iframe></figure>'
+        for name, caption, *_ in REPLAYS
+    )
+    return mend(markdown, page.file.src_uri).replace("<!-- replays -->", frames)
+
+
+def play(name: str, config: EnvConfig, seed: int) -> Record:
+    """Return a policy's episode on the terrain of a seed."""
+    episode, policy = Episode.begin(config, seed=seed), load(name, config.sensor_radius)
+    begin(policy, config.level, seed)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
+    return episode.record()
+
+
+def colours() -> str:
+    """Return the names of colours and fonts that the playground's pages have, for the two schemes of the site."""
+    text = (ROOT / "static/common/base.css").read_text()
+    dark, common, light = (
+        re.search(rf"^{re.escape(start)} {{(.*?)^}}", text, re.M | re.S)[1]  # type: ignore[index]
+        for start in (":root, .night", ":root", ":root[data-theme=light]")
+    )
+    scheme = "[data-md-color-scheme]"
+    return f"{scheme} {{{dark}{common}}}\n[data-md-color-scheme=default] {{{light}}}\n"
+
+
+def title_of(page: str, anchor: str) -> str:
+    """Return a page's title, or its heading with an anchor such as "#columns"."""
+    text = (ROOT / PAGES.get(page, f"docs/{page}")).read_text()
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
+    named = {re.sub(r"[^\w -]", "", each).lower().replace(" ", "-"): each for each in headings}
+    return named.get(anchor.removeprefix("#"), headings[0])
 
 
 def mend(text: str, page: str) -> str:
@@ -53,13 +110,15 @@ def mend(text: str, page: str) -> str:
         if re.match(r"[a-z]+:", address) or not address:
             return match[0]
         place = address.removeprefix("../") if not at_root else address
-        if at_root and place.startswith("docs/"):
-            return f"[{words}]({place.removeprefix('docs/')}{anchor})"
-        if not at_root and not address.startswith("../"):
-            return match[0]
         shown = next((name for name, source in PAGES.items() if source == place), None)
-        if place.startswith("examples"):
+        if at_root and place.startswith("docs/"):
+            shown = place.removeprefix("docs/")
+        elif not at_root and not address.startswith("../"):
+            shown = address
+        elif place.startswith("examples"):
             shown = "examples.md"
+        if shown and re.fullmatch(r"[\w/]+\.md(: .*)?", words):
+            words = title_of(shown, anchor)
         return f"[{words}]({shown}{anchor})" if shown else words
 
     return re.sub(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)#\s]*)(#[^)\s]*)?\)", target, text)

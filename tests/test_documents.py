@@ -105,6 +105,14 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
         "changelog.html",
     } <= set(pages)
     assert "marsexplorer.episode.Episode" in pages["reference.html"]
+    frames = re.findall(r'<iframe src="([^"]+)"', pages["gallery.html"])
+    assert len(frames) == 4
+    assert all("replay-data" in (tmp_path / "site" / frame).read_text() for frame in frames)
+    links = [
+        words for text in pages.values() for words in re.findall(r"<a [^>]*>([^<]*)</a>", text)
+    ]
+    assert [words for words in links if words.endswith(".md")] == []
+    assert "--board-ground: #" in (tmp_path / "site/colours.css").read_text()
     for name, text in pages.items():
         assert not re.findall(
             r'<(?:script|link rel="stylesheet")[^>]*(?:src|href)="https?:', text
