@@ -80,7 +80,7 @@ def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(
     me.wait(f"window.mars.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
 
 
-def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player):
+def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player, briefly_examined):
     folder = Folder(tmp_path / "studies")
     rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1, "declarations": DECLARATIONS}
     folder.create(default_protocol("lake", rules_of(LAKE).configuration({}), LAKE, **rest))

@@ -216,7 +216,7 @@ def test_two_instances_that_look_alike_so_far_answer_alike(serve, tmp_path):
         assert one == other
 
 
-def test_the_same_holds_of_another_environment(serve, tmp_path):
+def test_the_same_holds_of_another_environment(serve, tmp_path, briefly_examined):
     own(tmp_path / "studies", task=PATH_ENV, instances=6)
     agent = Agent(serve(task=PATH_ENV), token_of(tmp_path / "studies"))
     pairs = list(alike(agent, 6, ["wave", "forward"]))

@@ -42,9 +42,8 @@ def run(*args):
 
 
 @pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
-def played(request, serve, tmp_path, monkeypatch):
+def played(request, serve, tmp_path, briefly_examined):
     """The database and the folder of studies, once two people have played and the study is closed."""
-    monkeypatch.setattr("app.tasks.gymnasium.rules.EXAMINED", 20)  # test_doctor.py compares more
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
     env = request.param.removeprefix("gymnasium:")
