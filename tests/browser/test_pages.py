@@ -3,6 +3,7 @@
 import pytest
 
 from app.db.store import Store
+from tests.support.agents import closed_evaluation
 from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S
@@ -102,3 +103,39 @@ def test_axe_finds_nothing_on_any_page(site, open_browser, theme):
         reader.page.set_viewport_size({"width": ZOOMED[0], "height": ZOOMED[1]})
         reader.check_width(f"/{path} {theme} at 200 %", ZOOMED[0])
     assert reader.found == []
+
+
+@pytest.mark.long
+def test_the_page_of_a_closed_evaluation_has_people_and_agents_on_one_scale(
+    serve, open_browser, shipped_policies, tmp_path
+):
+    server = serve(database=closed_evaluation(tmp_path, shipped_policies) / "playground.db")
+    for theme in ("dark", "light"):
+        reader = Reader(open_browser(NO_3D), server, theme)
+        for path in ("evaluations", "evaluations/agents"):
+            for size in SIZES:
+                reader.look(path, size)
+        assert reader.found == []
+    page = reader.page
+    rows = page.get_by_test_id("row").all()
+    who = [each.get_attribute("data-who") for each in rows]
+    assert sorted(who) == ["agent", "agent", "agent", "people", "policy"]
+    dots = [each.locator(".dot").bounding_box()["x"] for each in rows]
+    assert dots == sorted(dots, reverse=True), "one scale, the best first"
+    further = rows[0].inner_text()  # it knew the maps
+    assert "has seen these instances, and does not rank" in further
+    receipt = rows[who.index("people") - 1].get_by_role("link")
+    with page.expect_download() as download:
+        receipt.click()
+    assert download.value.suggested_filename == f"{receipt.inner_text()}.json"
+    names = [page.locator(f"#{side} option:checked").inner_text() for side in ("first", "second")]
+    assert "card" in names[0] or names[0] == "Mapper"
+    assert names[1].startswith("person")
+    for side in ("first", "second"):
+        drawn = page.get_by_test_id(side).locator("canvas")
+        assert drawn.evaluate("(canvas) => canvas.width * canvas.height") > 10_000
+    page.locator("#at").evaluate(
+        "(at) => { at.value = at.max; at.dispatchEvent(new Event('input')); }"
+    )
+    said = page.locator("figcaption").all_inner_texts()
+    assert all("% mapped" in each for each in said)

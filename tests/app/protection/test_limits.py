@@ -196,6 +196,11 @@ def test_joins_have_a_rate_and_whoever_has_the_token_has_none(serve, tmp_path):
     for call in ("answers", "settings"):
         assert server.client().post(f"/api/studies/small/{call}", json={}).status_code == 429
     assert [join(**{"X-Mars-Token": TOKEN}) for _ in range(3)] == [201] * 3
+    server.stop()
+    one = serve(limits=Limits(joins_per_player="2+0.001/s")).client()
+    codes = [one.post("/api/studies/small/join").status_code for _ in range(4)]
+    assert codes[-1] == 429  # the first has no cookie yet
+    assert 429 not in codes[:2]
 
 
 def test_requests_of_an_address_have_a_rate_and_probes_their_own(serve):
