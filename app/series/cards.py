@@ -53,15 +53,6 @@ class Card:
 
 
 @dataclass(frozen=True)
-class Instance:
-    """One of the evaluation's instances, named alike for every card."""
-
-    id: str
-    index: int
-    split: str = SPLIT
-
-
-@dataclass(frozen=True)
 class Seen:
     """What the agent may see now: no reward, no return, no outcome.
 
@@ -151,10 +142,10 @@ class Cards:
             "calls": agents.calls * protocol.ranked,
         }  # fmt: skip
 
-    def instances(self, card: Card) -> list[Instance]:
-        """Return the instances, in an order that says nothing of them."""
-        held = self._count(card)
-        return [Instance(_ident(i), i) for i in range(self._study(held).protocol.ranked)]
+    def instances(self, card: Card) -> list[dict[str, Any]]:
+        """Return the instances as OpenEnv lists them, named alike for every card, in an order that says nothing of them."""
+        count = self._study(self._count(card)).protocol.ranked
+        return [{"task": _ident(i), "split": SPLIT, "index": i} for i in range(count)]
 
     def index_of(self, card: Card, ident: str) -> int:
         """Return the index of an instance by its id; CardError 404 where there is none."""
@@ -173,10 +164,6 @@ class Cards:
         self._check_index(held, index)
         await asyncio.shield(self._begin(held, index))  # a lost connection interrupts nothing
         return await self._seen(held, index)
-
-    async def observe(self, card: Card, index: int) -> Seen:
-        """Return what may be seen of an attempt, without a move; CardError 409 before it was begun."""
-        return await self._seen(self._count(card), index)
 
     async def act(self, card: Card, index: int, action: int | str, step: int | None = None) -> Seen:
         """Make a move and return what may be seen then; CardError 409 where the attempt has ended, 422 for no action.

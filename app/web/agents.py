@@ -171,10 +171,7 @@ async def instances(
 ) -> dict[str, Any]:
     """Return the instances of a split, their number, the one with `index`, or those from `start` to before `stop`."""
     check_split(wanted.split)
-    found = [
-        {"task": each.id, "split": each.split, "index": each.index}
-        for each in agent.cards.instances(agent.card)
-    ]
+    found = agent.cards.instances(agent.card)
     if what == "num_tasks":
         return {"num_tasks": len(found)}
     if what == "task":

@@ -64,14 +64,13 @@ def test_an_unfinished_attempt_goes_on_where_its_record_stands(agent, serve, roo
     agent.server.stop()
     again = Agent(serve(), agent.token)
     assert again.call("begin", 0) == before
-    assert again.call("observe", 0) == before
     assert not again.play(0)[-1].step <= before.step
 
 
 def test_attempts_run_at_the_same_time(agent):
     first, second = agent.play(0, moves=2)[-1], agent.play(2, moves=3)[-1]
     assert (first.step, second.step) == (2, 3)
-    assert agent.call("observe", 0) == first
+    assert agent.call("begin", 0) == first
     assert agent.call("state")["begun"] == [0, 2]
 
 
@@ -174,10 +173,10 @@ def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
     assert (status, said) == (409, "instance 0 is finished: no move is made any more")
     agent.play(1, moves=0)
     for _ in range(9 - 4):
-        agent.call("observe", 1)
-    assert refused(agent, "observe", 1)[0] == 429
+        agent.call("begin", 1)
+    assert refused(agent, "begin", 1)[0] == 429
     agent.server.clock.wait(3_600_000)
-    assert refused(agent, "observe", 1) == (404, NO_CARD)
+    assert refused(agent, "begin", 1) == (404, NO_CARD)
     outcomes = agent.server.services.store.connection.execute(
         "SELECT outcome FROM episodes"
     ).fetchall()
@@ -190,9 +189,9 @@ def test_the_count_of_calls_goes_on_after_a_restart(serve, tmp_path):
     agent = Agent(serve(), token_of(tmp_path / "studies"))
     for index in range(3):  # one attempt and one move each are 2 x 3 calls
         agent.play(index, moves=1)
-    assert refused(agent, "observe", 0)[0] == 429
+    assert refused(agent, "begin", 0)[0] == 429
     agent.server.stop()
-    assert refused(Agent(serve(), agent.token), "observe", 0)[0] == 429
+    assert refused(Agent(serve(), agent.token), "begin", 0)[0] == 429
 
 
 def test_an_erased_card_plays_no_further_and_its_number_is_kept(serve, root, tmp_path, capsys):
@@ -224,4 +223,3 @@ def test_another_environment_is_played_the_same_way(serve, tmp_path):
     while not seen.done:
         seen = agent.call("act", 0, "down")
     assert isinstance(seen.observation, int)
-    assert agent.call("observe", 0) == seen

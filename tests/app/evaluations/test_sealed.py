@@ -187,7 +187,7 @@ def alike(agent, instances, moves):
         calls += [agent.call("act", index, move) for move in moves]
         if calls[-1].done:
             continue
-        calls += [agent.call("observe", index), agent.call("begin", index)]
+        calls.append(agent.call("begin", index))
         for given in ((index, 99), (index, 0, 77), (instances, 0)):
             with pytest.raises(CardError) as refusal:
                 agent.call("act", *given)
