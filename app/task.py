@@ -172,6 +172,13 @@ class Run(Protocol):
         """Return where the run stood after so many moves, by the task's own columns of the exported moves."""
 
 
+class RunElsewhere(Run, Protocol):
+    """A run of a task that has `steps_on`: its moves are made in another process."""
+
+    async def ask(self, action: int) -> bool:
+        """Begin a move, and return whether `step` then makes it at once; else it goes `on_threads`."""
+
+
 @dataclass(frozen=True)
 class Messages:
     """A task's own messages over HTTP, as pydantic models.

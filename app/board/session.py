@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, cast
 from weakref import WeakSet
 
 from app.board.attestation import (
@@ -40,7 +40,7 @@ from app.db.input_events import (
     input_events,
 )
 from app.db.store import Closing, Notice, SessionRow, StepRow, Store, StoreError, Trial
-from app.task import Run, RunEndedError, Task, View, on_threads
+from app.task import Run, RunElsewhere, RunEndedError, Task, View, on_threads
 
 
 class Channel:
@@ -513,7 +513,7 @@ class Session:
         def step() -> tuple[float, View]:
             return run.step(action), run.view()
 
-        if self.task.steps_on is None:
+        if self.task.steps_on is None or await cast(RunElsewhere, run).ask(action):
             return step()
         return await on_threads(self.task, step)
 

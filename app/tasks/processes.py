@@ -13,11 +13,13 @@ itself before it imports the module. Messages are JSON of limited length.
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import json
 import os
 import pwd
 import resource
+import select
 import shutil
 import signal
 import socket
@@ -184,6 +186,9 @@ class Worker:
 
     def __init__(self, connection: Connection, pid: int, shared: int, allowed: int) -> None:
         self.connection, self.pid, self._shared, self._allowed = connection, pid, shared, allowed
+        self._bytes, self._told = bytearray(), dict[str, Any]()
+        self._ready = select.poll()
+        self._ready.register(connection.fileno(), select.POLLIN)
 
     def resident(self) -> int:
         """Return the resident memory that it takes by itself, in bytes."""
@@ -191,11 +196,63 @@ class Worker:
 
     def ask(self, question: Any) -> Any:
         """Return the answer to a question; `LostError` where there is none."""
+        self._send(question)
+        return self.answer()
+
+    async def asked(self, question: Any) -> bool:
+        """Send a question and return whether `answer` has its answer at once; else it is to be called on a thread.
+
+        No thread waits for it in the first LOOK_S, which are enough for most: that is a third of what a move costs a server.
+        `LostError` where it cannot be sent.
+        """
+        self._send(question)
+        loop, number = asyncio.get_running_loop(), self.connection.fileno()
+        came: asyncio.Future[None] = loop.create_future()
+
+        def end() -> None:
+            if not came.done():
+                came.set_result(None)
+
+        def read() -> None:
+            try:
+                self._read()
+                self._told = self._message()
+            except (EOFError, OSError, ValueError):
+                self._told = {"lost": True}
+            if self._told:
+                end()
+
+        loop.add_reader(number, read)
+        late = loop.call_later(LOOK_S, end)
+        try:
+            await came
+        finally:
+            late.cancel()
+            loop.remove_reader(number)
+        return "answer" in self._told
+
+    def _send(self, question: Any) -> None:
         try:
             self.connection.send_bytes(json.dumps(question).encode())
         except OSError as error:
             raise LostError("its process had ended") from error
-        return self.answer()
+
+    def _read(self) -> None:
+        """Take what has come of a message; EOFError where nobody sends any more, OSError where it is too long."""
+        if not (came := os.read(self.connection.fileno(), 2**18)):
+            raise EOFError
+        self._bytes += came
+        if not 0 <= int.from_bytes(self._bytes[:4], "big", signed=True) <= MESSAGE_BYTES:
+            raise OSError("its message is too long")
+
+    def _message(self) -> dict[str, Any]:
+        """Return the next message, as `Connection.send_bytes` frames it, empty where not all of it has come."""
+        end = 4 + int.from_bytes(self._bytes[:4], "big")
+        if len(self._bytes) < max(5, end):
+            return {}
+        told: dict[str, Any] = json.loads(self._bytes[4:end])
+        del self._bytes[:end]
+        return told
 
     def answer(self, progress: Callable[[int], object] = lambda done: None) -> Any:
         """Return the next answer; `LostError` where none comes, after which the process is ended.
@@ -216,13 +273,15 @@ class Worker:
         due = time.monotonic() + WAIT_S
         while True:
             try:
-                if self.connection.poll(LOOK_S):
-                    told: dict[str, Any] = json.loads(self.connection.recv_bytes(MESSAGE_BYTES))
-                    if "done" not in told:
-                        return told
+                told, self._told = self._told, {}
+                if not told and self._ready.poll(1000 * LOOK_S):
+                    self._read()
+                told = told or self._message()
+                if "done" in told:
                     progress(told["done"])
                     due = time.monotonic() + WAIT_S
-                    continue
+                elif told and "lost" not in told:
+                    return told
             except (EOFError, OSError) as error:
                 raise LostError(
                     f"its process ended by itself, by a crash or after {STEP_CPU_S:g} s of processor"

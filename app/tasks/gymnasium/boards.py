@@ -11,7 +11,7 @@ from weakref import WeakSet
 
 from app.task import RunEndedError, TaskFullError, rules_of
 from app.tasks.gymnasium.description import described
-from app.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView, plain
+from app.tasks.gymnasium.rules import FAILED, GymnasiumConfig, GymnasiumRun, GymnasiumView
 from app.tasks.processes import LostError, Preparer, Work, Worker
 
 ALL_OF_MEMORY = 0.5
@@ -65,6 +65,7 @@ class BoardRun(GymnasiumRun):
         self._described = config.description
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self.outcome, self.total = "running", 0.0
+        self._asked: int | None = None
         try:
             self._board = self._begun(actions)
         except LostError as error:
@@ -85,6 +86,20 @@ class BoardRun(GymnasiumRun):
         self.outcome, self.total, self._digest = told["outcome"], told["total"], told["digest"]
         self._picture, self._text, self._last = told["picture"], told["text"], told["observation"]
 
+    async def ask(self, action: int) -> bool:
+        """Ask its process for a move and return whether `step` can make it at once, without waiting on a thread."""
+        if self.outcome != "running" or not self._is_action(action):
+            return True  # `step` says so
+        self._asked = action
+        try:
+            return await self._board.asked(action)
+        except LostError:
+            self._asked = None
+            return False
+
+    def _is_action(self, action: int) -> bool:
+        return 0 <= action < len(rules_of(self._boards.task).actions)
+
     def step(self, action: int) -> float:
         """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action.
 
@@ -92,10 +107,11 @@ class BoardRun(GymnasiumRun):
         """
         if self.outcome != "running":
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
-        if not 0 <= action < len(rules_of(self._boards.task).actions):
+        if not self._is_action(action):
             raise ValueError(f"expected an action of {self.config.level}, got {action}")
+        asked, self._asked = self._asked, None
         try:
-            told = self._board.ask(action)
+            told = self._board.ask(action) if asked is None else self._board.answer()
         except LostError:
             try:
                 self._board = self._begun(bytes(self.actions))
@@ -154,6 +170,7 @@ def prepare(task: str) -> None:
 def work(task: str, request: Mapping[str, Any]) -> Work:
     """Play one board: yield what its moves so far came to, then what each action that is sent leads to."""
     run = GymnasiumRun(rules_of(task).configuration(request["config"]), request["seed"])
+    run.is_live = True
     for step, action in enumerate(request["actions"], 1):
         run.step(action)
         yield step
@@ -177,5 +194,7 @@ def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
         "digest": run.digest,
         "picture": shown.picture,
         "text": shown.text,
-        "observation": plain(run.observation()) if run.outcome != "running" else None,
+        "observation": run.seen(picture=False, observation=True)["observation"]
+        if run.outcome != "running"
+        else None,
     }

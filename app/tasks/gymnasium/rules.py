@@ -111,6 +111,9 @@ class GymnasiumRun:
     It has succeeded when it ends by the rule of its description; where there is none, one that ends by itself has `ended`.
     """
 
+    is_live = False
+    """Whether somebody waits for its pictures: then they are packed quickly, and larger."""
+
     def __init__(self, config: GymnasiumConfig, seed: int) -> None:
         self.config, self.seed = config, seed
         self._described = config.description
@@ -192,9 +195,7 @@ class GymnasiumRun:
         shown = self._env.render()
         if isinstance(shown, str):
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
-        return GymnasiumView(
-            self, png(np.asarray(shown), quick=self._described.clock != "turns"), None
-        )
+        return GymnasiumView(self, png(np.asarray(shown), quick=self.is_live), None)
 
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
@@ -242,7 +243,8 @@ class GymnasiumView:
         self.ended, self.actions = run.outcome != "running", bytes(run.actions)
         self._reward, self._total = rewards[-1] if rewards else 0.0, run.total
         self._config, self._seed, self.picture, self.text = run.config, run.seed, picture, text
-        self._scores = list(run.scores())
+        self._scores = run.scores()  # which only grows
+        self._score = self._scores[-1]
 
     def observation(self) -> tuple[GymnasiumConfig, int, bytes]:
         """Return what a policy's process is told (`policies`): the cause of the episode so far."""
@@ -250,7 +252,7 @@ class GymnasiumView:
 
     def frame(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the frame as JSON text, with the picture as a data URL; its figures are null where they are hidden."""
-        score = None if hides_scores else self._scores[-1]
+        score = None if hides_scores else self._score
         frame = {
             "kind": "frame",
             "episode": episode_id,
@@ -267,7 +269,8 @@ class GymnasiumView:
 
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the headline after 0, 1, 2, ... moves, null where hidden, as JSON text: a picture has no path."""
-        told = [None] * len(self._scores) if hides_scores else self._scores
+        count = self.steps + 1
+        told = [None] * count if hides_scores else self._scores[:count]
         history = {"kind": "history", "episode": episode_id, "headlines": told}
         return json.dumps(history, separators=(",", ":"))
 

@@ -54,6 +54,7 @@ def made():
 def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(made):
     task = made("FrozenLake-v1")
     here = GymnasiumRules("FrozenLake-v1").run(task.default, 7)
+    here.is_live = True  # its pictures are packed as a board's are
     there = task.begin(Choice(task.default, 7))
     while here.outcome == "running":
         assert there.view().frame("e") == here.view().frame("e")
