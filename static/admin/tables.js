@@ -22,7 +22,7 @@ export function paintFigure(where, words, { target }, { figure, max_steps: limit
     where.replaceChildren(create("p", why, { class: "empty" }));
     return;
   }
-  where.replaceChildren(measure(`Steps to ${target}`, figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
+  where.replaceChildren(measure(`Moves to ${target}`, figure.steps, (value) => value.toFixed(1), 0, limit), measure("Score", figure.score, score, 0, 1));
 }
 
 /** @param {string} name @param {Interval} value @param {(value: number) => string} text @param {number} low

@@ -207,6 +207,8 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     scores = [float(text.replace("−", "-")) for text in texts]
     assert scores == sorted(scores, reverse=True)
     assert page.url.endswith("&score")
+    page.set_viewport_size({"width": 820, "height": 1180})
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     look(page, "leaderboard")
     assert me.errors == []
 
