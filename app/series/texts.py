@@ -29,8 +29,8 @@ CHECKLIST = """\
 ## Before anybody is asked
 - [ ] `protocol.json`: every declaration answered; name and address in the consent text; read by the ethics board
 - [ ] `recruitment.txt`: every TODO replaced
-- [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations examples/declarations.json`,
-      `marsexplorer study freeze rehearsal --underpowered`, `marsexplorer serve`, and beside it
+- [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
+      beside this list, `marsexplorer study freeze rehearsal`, `marsexplorer serve`, and beside it
       `marsexplorer simulate --study rehearsal --participants 3 --speed 200`. It prints the minutes a participant took.
       The texts promise {minutes}; synthetic players do not stop to think.
 - [ ] Walk through it once yourself, on the screen that people will use
@@ -42,7 +42,7 @@ CHECKLIST = """\
 
 ## Let {players} people in
 - [ ] Backups run (docs/deploy.md), and one was restored
-- [ ] `marsexplorer serve --public-url https://...`, then `marsexplorer study invite {name} {players}`: a link for each person
+- [ ] `marsexplorer serve --admin --public-url https://...`, then `marsexplorer study invite {name} {players}` for the links
 - [ ] Every day: `/admin` for deviations and for who is quiet; `marsexplorer verify`; `marsexplorer stamp`
 - [ ] Whoever wants to be erased: `marsexplorer forget`
 

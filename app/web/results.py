@@ -58,17 +58,20 @@ def get_human_level(request: Request) -> dict[str, Any]:
 def get_paper_study(request: Request) -> dict[str, Any]:
     """Return how many people have finished the study koutras2021, of how many, and its page.
 
-    `status` is absent where this server has no such study; `link` then leads to what studies are.
+    `status` is absent where this server has no such study, and invited while one needs a link of one's own; `link` then leads
+    to what studies are.
     """
     name = PAPER_STUDY
     try:
         study = services_of(request).progress.folder.study(name)
         status, players = str(study.status), study.protocol.players
+        if status == "open" and study.protocol.recruitment != "open":
+            status = "invited"
     except StudyError:
         status, players = "absent", PAPER_PLAYERS
     with _reader(request) as reader:
         people = count_finished(reader, name)
-    link = "study" if status == "absent" else f"study/{name}"
+    link = "study" if status in ("absent", "invited") else f"study/{name}"
     return {"study": name, "status": status, "people": people, "of": players, "link": link}
 
 

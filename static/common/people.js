@@ -7,7 +7,9 @@ import { all, create } from "./page.js";
 /** @param {PaperStudy} found @returns {[string, string]} the sentence, and the words of its link */
 export function peopleLine({ status, people, of }) {
   const count = `How well people explore: ${people} of ${of} people have played the paper\u2019s study.`;
-  return [count, status === "open" ? "Take part" : status === "closed" ? "Its terrains and figure" : "What a study is"];
+  /** @type {Record<string, string>} */
+  const words = { open: "Take part", invited: "How to take part", closed: "Its terrains and figure" };
+  return [count, words[status] ?? "What a study is"];
 }
 
 /** Fill every place for it; a server that does not answer leaves them empty. */

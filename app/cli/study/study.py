@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import sys
 import time
@@ -164,6 +165,8 @@ def new(
         path = folder.create(protocol)
     for file, text in (("recruitment.txt", texts.RECRUITMENT), ("checklist.md", texts.CHECKLIST)):
         write_file(path.with_name(file), filled(text, protocol).encode())
+    rehearsed = dict.fromkeys(Declarations.model_fields, "none: this is a rehearsal")
+    write_file(path.with_name("rehearsal.json"), json.dumps(rehearsed, indent=1).encode())
     _echo_reachable_effects(protocol)
     if unanswered := protocol.declarations.unanswered():
         click.echo(

@@ -76,6 +76,9 @@ def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things
     assert "about 40 minutes" in asked
     assert "{" not in asked + todo
     assert len(todo.splitlines()) < 60, "one page"
+    rehearsed = "--declarations", folder / "rehearsal.json"
+    assert study("new", "rehearsal", "--players", "4", *rehearsed)[0] == 0
+    assert study("freeze", "rehearsal", "--underpowered")[0] == 0
     for line in re.findall(r"`marsexplorer ([^`]+)`", todo):
         words = line.split()
         group = [*words[: 2 if words[0] == "study" else 1], "--help"]
