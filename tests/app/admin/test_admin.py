@@ -25,6 +25,7 @@ CHANGING = {
     "studies/small/exports/report": {},
     "studies/small/invitations": {"count": 1},
     "studies/small/invitations/revoke": {"ids": ["7K3M"]},
+    "names": {"name": "Ada", "hidden": True},
     "logout": {},
 }
 

@@ -185,9 +185,8 @@ def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
     with ThreadPoolExecutor(40) as people:
         answers = [people.submit(begin, number) for number in range(40)]
         time.sleep(1)
-        began = time.monotonic()
         assert server.page().post("/api/sessions", json={"seed": 1}).status_code == 201
-        assert time.monotonic() - began < 2
+        assert not any(each.done() for each in answers)
         refused = [each.result() for each in answers]
     assert {each.status_code for each in refused} == {422}
     assert "it gave no answer in 4 s" in refused[0].text
