@@ -200,8 +200,8 @@ def _new_header(
     row = found[0]
     if _protocol(row).agents is not None:
         raise ReleaseError(
-            f"{request.study!r} is an evaluation of agents: its opening and receipts are published when it closes, and are "
-            "in the release of the study whose people it is compared with"
+            f"{request.study!r} is an evaluation of agents: its opening and receipts are published when it closes, in its "
+            "folder, on its page, and in the release of the study whose people it is compared with, where there is one"
         )
     closed = (row["closed_ms"], row["secret"])
     if closed[0] is None and request.secrets and request.study in request.secrets:

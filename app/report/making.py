@@ -150,6 +150,10 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         study is None and row is not None and row.sealed_ms is not None and row.closed_ms is None
     ):
         raise StudyError(SEALED.format(name))
+    if study is not None and study.protocol.agents is not None:
+        raise StudyError(
+            f"{name!r} is an evaluation of agents: its figures are on its page and in {folder.path(name) / 'comparison.json'}"
+        )
     if study is None:
         data = load(reader, name).with_policies_in(policies)
         return data, data.seeds()
