@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
+from functools import lru_cache
 from os import stat_result
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,11 @@ admin_router = APIRouter(include_in_schema=False)
 """The operator's page, for a server that has one."""
 
 
+WORTH_ZIPPING = 600
+"""Bytes from which on a text is sent gzipped; nothing that is gzipped holds a secret beside what somebody else chose."""
+TEXTS = ("text/", "application/javascript", "image/svg", "application/json")
+
+
 class PageFiles(StaticFiles):
     """The files of `static/`, which are the same for everybody, kept in memory; one that has changed is read again.
 
@@ -54,13 +61,15 @@ class PageFiles(StaticFiles):
         if kept is None or "range" in headers or scope["method"] not in ("GET", "HEAD"):
             response = await super().get_response(path, scope)
             if isinstance(response, FileResponse) and kept is None:
-                self._kept[path] = await asyncio.to_thread(KeptFile, response)
+                kept = self._kept[path] = await asyncio.to_thread(KeptFile, response)
+                if response.status_code == 200 and "range" not in headers:
+                    return kept.response(headers)
             response.headers.update(NO_CACHE)
             return response
         return (
             NotModifiedResponse(kept.headers)
             if self.is_not_modified(kept.headers, headers)
-            else kept.response()
+            else kept.response(headers)
         )
 
 
@@ -75,6 +84,10 @@ class KeptFile:
         self._path, self._seen = Path(response.path), _version(response.stat_result)
         self._body = self._path.read_bytes()
         self.headers = Headers(raw=[*response.raw_headers, *Headers(NO_CACHE).raw])
+        self._zipped: bytes | None = None
+        if len(self._body) >= WORTH_ZIPPING and (response.media_type or "").startswith(TEXTS):
+            self._zipped = gzip.compress(self._body, 9, mtime=0)
+            self.headers = Headers(raw=[*self.headers.raw, (b"vary", b"Accept-Encoding")])
 
     def has_changed(self) -> bool:
         """Return whether the file is another one by now, or gone."""
@@ -83,11 +96,24 @@ class KeptFile:
         except OSError:
             return True
 
-    def response(self) -> Response:
-        """Return the whole file."""
+    def response(self, asked: Headers) -> Response:
+        """Return the whole file, gzipped where the browser reads that; `asked` are the headers of the request."""
         response = Response()
         response.body, response.raw_headers = self._body, list(self.headers.raw)
+        if self._zipped is not None and reads_gzip(asked):
+            response.body = self._zipped
+            response.headers.update(zipped_headers(self._zipped))
         return response
+
+
+def reads_gzip(asked: Headers) -> bool:
+    """Return whether whoever asks reads what is gzipped."""
+    return "gzip" in asked.get("accept-encoding", "")
+
+
+def zipped_headers(content: bytes) -> dict[str, str]:
+    """Return the headers of an answer that is gzipped."""
+    return {"Content-Encoding": "gzip", "Content-Length": str(len(content))}
 
 
 def _version(found: stat_result) -> tuple[int, int, int]:
@@ -100,7 +126,16 @@ static_files = PageFiles(directory=STATIC)
 def page(request: Request, name: str, headers: dict[str, str] = NO_CACHE) -> Response:
     """Return the page of a folder of `static/`, with the head and the bar that pages share."""
     text = environment.get_template(f"{name}/index.html").render(root=root_of(request))
-    return HTMLResponse(text, headers=headers)
+    if not reads_gzip(request.headers):
+        return HTMLResponse(text, headers={**headers, "Vary": "Accept-Encoding"})
+    content = _zipped(text)
+    more = {"Vary": "Accept-Encoding", **zipped_headers(content)}
+    return HTMLResponse(content, headers={**headers, **more})
+
+
+@lru_cache(maxsize=32)
+def _zipped(text: str) -> bytes:
+    return gzip.compress(text.encode(), 6, mtime=0)
 
 
 def _serve(router: APIRouter, path: str, folder: str, headers: dict[str, str]) -> None:

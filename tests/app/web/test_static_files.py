@@ -54,6 +54,20 @@ def test_versions_parts_and_heads_are_answered_from_memory_as_from_the_disk(clie
         assert client.get("/static/../static/nothing.js").status_code == 404
 
 
+def test_a_text_comes_gzipped_to_whoever_reads_that(client, tmp_path):
+    text = "draw(1); " * 200
+    (tmp_path / "long.js").write_text(text)
+    for _ in range(2):
+        found = client.get("/static/long.js")
+        assert (found.text, found.headers["content-encoding"]) == (text, "gzip")
+        assert int(found.headers["content-length"]) < len(text) / 10
+        same = client.get("/static/long.js", headers={"If-None-Match": found.headers["etag"]})
+        assert same.status_code == 304
+        plain = client.get("/static/long.js", headers={"Accept-Encoding": "identity"})
+        assert (plain.text, plain.headers.get("content-encoding")) == (text, None)
+        assert plain.headers["vary"] == found.headers["vary"] == "Accept-Encoding"
+
+
 def test_a_file_has_one_name_however_one_goes_out_of_the_folder_and_in_again(client, tmp_path):
     """Else each name would keep the file in memory once more, and say how the folders above are called."""
     assert client.get("/static/folder/%2e%2e/board.js").text == "draw(1)"
