@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.rules import SEED
 from marsexplorer.training.envs import TrainingEnvs
 from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, make_update
+from marsexplorer.vector import MarsExplorerVector, VectorStep
 from research.paper.trainers.settings import VARIANTS, PPOSettings, ppo_settings
 
 ALGORITHMS = {
@@ -47,19 +52,57 @@ class Trainer(Protocol):
         """Set everything as `state_dict` returned it, the process' generators of random numbers included."""
 
 
+class FewTerrains:
+    """The stack of environments of a training whose every episode is on one of `count` terrains, of the seeds from `first` on.
+
+    An environment goes from each to the next, so that what it has to remember is in its own state.
+    """
+
+    def __init__(self, env: MarsExplorerVector, first: int, count: int) -> None:
+        self._env, self._first, self._count = env, first, count
+        for index in range(env.num_envs):
+            self._start(index, index)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._env, name)
+
+    def _start(self, index: int, number: int) -> None:
+        self._env._worlds.start_one(index, self._first + number % self._count)
+        self._env._worlds.describe()
+
+    def step(self, actions: NDArray[Any]) -> VectorStep:
+        """Make one move in every environment."""
+        seeds = self._env._worlds.scalars[:, SEED].astype(np.int64)
+        found = self._env.step(actions)
+        for index in np.flatnonzero(found[2] | found[3]).tolist():
+            self._start(index, int(seeds[index]) - self._first + 1)
+        return found
+
+
 class PPOTrainer:
     """Train by PPO, our own trainer. A round is an update.
 
     config      of PPO, such as `ppo_settings` returns
     env_config  of the environments
     moves       of the whole training
+    terrains    that it is trained on; 0: another one in every episode
     """
 
-    def __init__(self, config: PPOSettings, env_config: EnvConfig, seed: int, moves: int) -> None:
+    def __init__(
+        self,
+        config: PPOSettings,
+        env_config: EnvConfig,
+        seed: int,
+        moves: int,
+        terrains: int = 0,
+    ) -> None:
         self._run = TrainingRun.begin(config, [env_config], moves, seed)
         self._buffer = RolloutBuffer.empty(self._run.config, self._run.envs.observe())
         self.settings = self._run.config.to_dict()
         (self.envs,) = self._run.envs.parts
+        if terrains:
+            few = FewTerrains(self.envs.env, 10**12 * (seed + 1), terrains)
+            self.envs.env = cast(MarsExplorerVector, few)
         self.moves = 0
 
     def advance(self) -> dict[str, float]:
@@ -85,7 +128,8 @@ class PPOTrainer:
 def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int) -> Trainer:
     """Return the trainer of an algorithm at its beginning.
 
-    variant  "paper" is the letter of the paper, "works" what completes terrains; `trainers.settings` lists the others
+    variant  "paper" is the letter of the paper, "works" what completes terrains; `trainers.settings` lists the others; PPO's
+             works@100 is trained on a hundred terrains alone
     moves    of the whole training, which schedules may depend on
 
     ValueError when there is no such algorithm or variant; ModuleNotFoundError, saying
@@ -93,7 +137,8 @@ def begin(algorithm: str, variant: str, config: EnvConfig, seed: int, moves: int
     """
     check_variant(algorithm, variant)
     if algorithm == "ppo":
-        return PPOTrainer(ppo_settings(variant), config, seed, moves)
+        name, _, terrains = variant.partition("@")
+        return PPOTrainer(ppo_settings(name), config, seed, moves, int(terrains or 0))
     try:
         from research.paper.trainers.off_policy import RainbowTrainer, SACTrainer
         from research.paper.trainers.tianshou_trainer import A2CTrainer
@@ -119,4 +164,7 @@ def check_variant(algorithm: str, variant: str) -> None:
     """Raise ValueError when there is no such algorithm, or it has no such variant."""
     if algorithm not in ALGORITHMS:
         raise ValueError(f"no algorithm {algorithm!r}; choose of: {', '.join(ALGORITHMS)}")
-    VARIANTS[algorithm].settings_for(variant)
+    name, at, terrains = variant.partition("@")
+    if at and (algorithm != "ppo" or not terrains.isdecimal()):
+        raise ValueError(f"{variant!r}: only PPO has variants NAME@TERRAINS, such as works@100")
+    VARIANTS[algorithm].settings_for(name)

@@ -71,6 +71,7 @@ PLAYERS = settled(
     "marsexplorer report",
 )
 FIGURE = "python -m research.paper --figure"
+GENERALISATION = "python -m research.paper.generalisation"
 
 CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "shares": slip("shares"),
@@ -109,6 +110,8 @@ CLAIMS: dict[str, Claim] = {name: checked(name) for name in CHECKS} | {
     "morphology-first": Claim(f"{FIGURE} 5", training.morphology_first),
     "morphology-degrades": Claim(f"{FIGURE} 5", training.morphology_degrades),
     "hardest": Claim(f"{FIGURE} 5", training.hardest),
+    "generalises": Claim(GENERALISATION, training.generalises),
+    "harder-generalises": Claim(GENERALISATION, training.harder_generalises),
     "bonus-little": Claim(f"{FIGURE} 5", training.bonus_little),
     "same-family": Claim(f"{FIGURE} 6", played.same_family),
     "hilbert": Claim(f"{FIGURE} 6", played.hilbert),

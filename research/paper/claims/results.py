@@ -2,6 +2,7 @@
 
 environment.jsonl               what `checks` found
 figure5-*.jsonl                 how hard the levels are, see `play`
+generalisation.jsonl            policies on levels that they were not trained on, see `generalisation`
 figure6-*.jsonl, figure7-*.jsonl  episodes of policies and walks of the null, see `quadrants`, `walks` and `scale`
 every other file                finished trials, see `curves`
 
@@ -32,14 +33,14 @@ class Results:
 
     checks     claim -> the line of its check
     records    finished trials
-    plays      figure (5, 6 or 7) -> results of policies
+    plays      figure (5, 6 or 7; 8: generalisation) -> results of policies
     walks      results of the walks of figure 6 that nobody trained
     unfinished  how far trainings are, see `trial.read_unfinished`
     """
 
     checks: dict[str, Line] = field(default_factory=dict)
     records: list[Record] = field(default_factory=list)
-    plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: []})
+    plays: dict[int, list[Line]] = field(default_factory=lambda: {5: [], 6: [], 7: [], 8: []})
     walks: list[Line] = field(default_factory=list)
     unfinished: list[Line] = field(default_factory=list)
 
@@ -54,7 +55,7 @@ def read(folder: Path = FOLDER) -> Results:
     for path in sorted(folder.glob("*.jsonl")):
         if path.name == CHECKS_FILE:
             results.checks.update({line["claim"]: line for line in read_lines(path)})
-        elif path.name.startswith(("figure5-", "figure6-", "figure7-")):
+        elif path.name.startswith(("figure5-", "figure6-", "figure7-", "generalisation")):
             for line in read_lines(path):
                 kept = results.plays[line["figure"]] if "policy" in line else results.walks
                 kept.append(line)

@@ -40,9 +40,91 @@ from research.paper.figures.curves import (
     points_of,
     rows_of,
 )
+from research.paper.jobs import Line
 from research.paper.plan import ITERATIONS, LEVEL, LEVEL_MOVES, PAPER_MOVES, SIZE, is_full
 from research.paper.tables import Estimate, markdown_table
 from research.paper.trial import ENDINGS, HELD_OUT_TERRAINS, Trial
+
+
+def by_training(results: Results) -> dict[str, dict[str, list[Line]]]:
+    """Return level trained on -> level played -> results of PPO as it works, a seed each."""
+    found: dict[str, dict[str, list[Line]]] = {}
+    for line in results.plays[8]:
+        trained_on = line["policy"].removeprefix("ppo-works-").rsplit("-", 2)[0]
+        found.setdefault(trained_on, {}).setdefault(line["level"], []).append(line)
+    return found
+
+
+def completions(lines: Sequence[Line]) -> Floats:
+    """Return the share of the terrains that was explored, float64[seeds]."""
+    return np.array([each["outcomes"].get("explored", 0) / each["played"] for each in lines])
+
+
+def few_terrains(results: Results) -> Trials:
+    """Return number of training terrains in words -> the trials on level random."""
+    kinds = {"10": "works@10", "100": "works@100", "1,000": "works@1000", "unlimited": "works"}
+    found = {words: of_figure_4(results, "ppo", variant) for words, variant in kinds.items()}
+    return {words: own for words, own in found.items() if own}
+
+
+def generalises(results: Results) -> Judgement:
+    """Training on diverse terrains gives strong generalisation: new terrains are completed, the more the more there were."""
+    trials = few_terrains(results)
+    if not trials:
+        return NOTHING
+    shares = {
+        words: np.array([record.result["completion"] for record in own])
+        for words, own in trials.items()
+    }
+    words = ", ".join(f"{name} {Estimate.of(each).percent()}" for name, each in shares.items())
+    measured = f"as it works, completion of new terrains after training on so many: {words}"
+    if len(shares) < 4 or min(map(len, shares.values())) < SEEDS:
+        return Judgement(measured, UNDECIDED)
+    return Judgement(measured, verdict(is_above(shares["unlimited"], shares["10"])))
+
+
+def harder_generalises(results: Results) -> Judgement:
+    """What was trained on the greater difficulty does better on levels that it was not trained on."""
+    of = by_training(results)
+    steps = {
+        name: np.array(
+            [
+                np.mean([line["steps_to_99"] for line in seed])
+                for seed in zip(
+                    *(each for level, each in of[name].items() if level[:3] not in ("1-1", "3-2")),
+                    strict=False,
+                )
+            ]
+        )
+        for name in ("1-1-1", "3-2-1")
+        if name in of
+    }
+    if len(steps) < 2:
+        return NOTHING
+    words = ", ".join(
+        f"trained on {name} {Estimate.of(each).text(1)}" for name, each in steps.items()
+    )
+    measured = (
+        f"as it works, moves to 99 % on the levels between the easiest and the hardest: {words}"
+    )
+    if min(map(len, steps.values())) < SEEDS:
+        return Judgement(measured, UNDECIDED)
+    return Judgement(measured, verdict(is_above(steps["1-1-1"], steps["3-2-1"])))
+
+
+def matrix(results: Results) -> str:
+    """Return completion and moves of PPO trained on one level and played on all twelve, as a table: a row a training."""
+    rows = []
+    for trained_on, played_on in by_training(results).items():
+        cells = []
+        for level in DIFFICULTIES:
+            lines = played_on.get(level, [])
+            steps = Estimate.of([each["steps_to_99"] for each in lines]).text(0)
+            share = Estimate.of(completions(lines)).percent()
+            cells.append(f"{share}, {steps}" if lines else "")
+        rows.append([trained_on, *cells])
+    return as_table(("trained on", *DIFFICULTIES), rows)
+
 
 AIM = 0.9
 """Share of the 21x21 terrains of level `random` that each algorithm should complete as it works, 0..1."""
@@ -497,5 +579,6 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "ablations": ablations,
     "became": became,
     "unfinished": unfinished,
+    "generalisation": matrix,
 }
 """Name of a drawn block of the document -> what draws it."""

@@ -286,6 +286,39 @@ def test_what_happens_on_the_levels_as_it_works_alone_decides_nothing():
     assert verdict_of("hardest", figure_5(*LIKE_THE_PAPER, ["paper", "works"])) == REPRODUCED
 
 
+def test_what_was_trained_on_one_level_is_judged_on_the_others():
+    moves = {"1-1-1": 95.0, "3-2-1": 90.0}
+    lines = [
+        {
+            "policy": f"ppo-works-{on}-21-s{seed}",
+            "level": level,
+            "played": 10,
+            "outcomes": {"explored": 9, "timed_out": 1},
+            "steps_to_99": steps + 0.1 * seed,
+        }
+        for on, steps in moves.items()
+        for seed in range(3)
+        for level in DIFFICULTIES
+    ]
+    results = Results(plays={8: lines})
+    assert verdict_of("harder-generalises", results) == REPRODUCED
+    one = [line for line in lines if line["policy"].endswith("s0")]
+    assert verdict_of("harder-generalises", Results(plays={8: one})) == UNDECIDED
+    assert "| 3-2-1 | 90 ± 0 %, 90 ± 0 |" in training_claims.matrix(results)
+
+
+def test_few_terrains_to_train_on_are_compared_with_new_ones_in_every_episode():
+    shares = {"works@10": 0.4, "works@100": 0.8, "works@1000": 0.9, "works": 1.0}
+    records = [
+        trained("ppo", seed, [0.5], variant=variant, completion=share - 0.01 * seed)
+        for variant, share in shares.items()
+        for seed in range(3)
+    ]
+    found = CLAIMS["generalises"].decide(Results(records=records))
+    assert found.verdict == REPRODUCED
+    assert "10 39 ± 2 %, 100 79 ± 2 %, 1,000 89 ± 2 %, unlimited 99 ± 2 %" in found.measured
+
+
 def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
     (tmp_path / "odd.jsonl").write_text('{"score": 1}\n')
     with pytest.raises(ValueError, match=r"odd\.jsonl is no file of trials"):

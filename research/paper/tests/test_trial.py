@@ -12,6 +12,7 @@ from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cards import replay_card
 from marsexplorer.policies import load
 from marsexplorer.policies.files.onnx import OnnxModel
+from marsexplorer.rules import SEED
 from research.paper import algorithms, trial
 from research.paper.algorithms import PPOTrainer, begin, check_variant
 from research.paper.jobs import read_lines
@@ -119,6 +120,18 @@ def test_a_trial_that_was_stopped_goes_on_exactly_here_and_on_another_machine(
     assert trial.carry(tmp_path / "stopped", carried) == []
     assert not checkpoint.exists()
     assert not [*carried.iterdir()]
+
+
+def test_a_training_on_few_terrains_meets_no_others_and_goes_on_with_them(quick):
+    trainer, first = begin("ppo", "works@3", EnvConfig.of("random", 9), 1, 10_000), 2 * 10**12
+    met = set()
+    for _ in range(30):
+        met |= {*trainer.envs.env._worlds.scalars.view("int64")[:, SEED].tolist()}
+        trainer.advance()
+    assert trainer.envs.recent.count > 3
+    assert met == {first, first + 1, first + 2}
+    with pytest.raises(ValueError, match="only PPO has variants NAME@TERRAINS"):
+        check_variant("a2c", "works@3")
 
 
 def changed(variant):
