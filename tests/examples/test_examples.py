@@ -105,10 +105,12 @@ def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     assert "mine" in run(sys.executable, "-m", "app.cli", "evaluate", *rest, cwd=ROOT)
 
 
-def test_the_cleanrl_loop_learns():
-    options = ["--steps", 100_000, "--size", 12]
+def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
+    options = ["--steps", 100_000, "--size", 12, "--out", tmp_path / "mine.onnx"]
     said = run(sys.executable, "examples/cleanrl_ppo.py", *options, cwd=ROOT)
     scores = [float(one) for one in re.findall(r"mean score ([\d.]+)", said)]
+    *scores, mine, chance = scores
+    assert mine > chance
     assert len(scores) > 20
     # The first to end are the lucky ones; from then on it learns.
     assert np.mean(scores[-4:]) > np.mean(scores[5:11]) + 0.05
