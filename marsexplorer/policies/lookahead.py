@@ -130,7 +130,7 @@ class Lookahead:
         """Forget the last episode; what it draws follows from its name, and `seed` is for the base."""
         self._base.reset(seed)
         self._memory.forget()
-        self._goal, self.compared = -1, 0
+        self._goal, self.compared, self._compared_ways = -1, 0, (0, 0)
         self._key = mix(int.from_bytes(self.name.encode()))
         if self._arrays is not None:
             rectangles, covers, _, _ = self._arrays.chains
@@ -203,6 +203,7 @@ class Lookahead:
         means[0] -= settings.margin
         means[arrays.goals[:num] == self._goal] -= settings.margin * (self._goal >= 0)
         best = int(means.argmin())
+        self._compared_ways = num, best
         self._goal = int(arrays.goals[best])
         moved = int(arrays.ways[best, 0]) - cell
         return (-cols, 1, cols, -1).index(moved)

@@ -1,0 +1,129 @@
+"""The command `python -m research.lookahead.stages`: how much of what knowing the map is worth does looking ahead find?
+
+At every decision of `lookahead` in its own episodes each candidate is walked on the true terrain too, and the priced rule plays
+on from there. Moves of the candidate that `ppo` would have made, less
+
+    found   those of the candidate that looking ahead chose
+    known   those of the best candidate: what the choice would be worth to someone who has seen the map
+
+Before it begins to act, at 60 % known, it is asked from 30 % on, and `ppo` moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from app.cli.console import print_table, progress
+from marsexplorer import policies
+from marsexplorer.config import EnvConfig
+from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.policies.base import Memory
+from marsexplorer.policies.kernels.rollouts import compare, fill_truths
+from marsexplorer.policies.lookahead import Lookahead, _Arrays
+from marsexplorer.terrain import generate
+from research.lookahead.__main__ import FIRST_SEED
+from research.paper.tables import Estimate
+
+EARLIEST = 0.3
+"""Share of the cells that is known when it is first asked."""
+STAGES = (EARLIEST, 0.6, 0.8, 0.9, 0.95, 1.0)
+
+
+class Watched(Lookahead):
+    """`lookahead` on one terrain, with what each of its decisions was worth there.
+
+    decisions  (share of the cells known, found, known, number of the episode's terrain) of each
+    """
+
+    def __init__(self) -> None:
+        super().__init__(policies.load("ppo"))
+        self.decisions: list[tuple[float, float, float, int]] = []
+        self._truth: NDArray[np.bool_] = np.zeros((0, 0), np.bool_)
+        self._seed = 0
+
+    def watch(self, truth: NDArray[np.bool_], seed: int) -> None:
+        """Take the terrain of the next episode: bool[rows, cols], True where blocked."""
+        self._truth, self._seed = truth, seed
+
+    def _look_ahead(self, memory: Memory, action: int) -> int | None:
+        rows, cols = shape = memory.codes.shape
+        if self._arrays is None or self._arrays.shape != shape:
+            self._arrays = _Arrays((rows, cols), self._radius)
+            self._begins = self._arrays.settings.begins
+            self._arrays.settings = replace(self._arrays.settings, begins=EARLIEST)
+        found = super()._look_ahead(memory, action)
+        if not self.compared:
+            return found
+        arrays, (count, best) = self._arrays, self._compared_ways
+        stride, radius = arrays.board.board[2][4:]
+        rectangles, _, _, scratch = arrays.chains
+        covers = self._truth.reshape(1, -1).astype(np.int16)
+        truths = np.zeros_like(arrays.truths[:1])
+        chain: tuple[Any, ...] = (rectangles[:1], covers, np.ones(1, np.uint8), scratch)
+        fill_truths(chain, rows, cols, stride, radius, truths)
+        real, costs = (arrays.board.board, arrays.done, arrays.rover), np.zeros_like(arrays.costs)
+        target = EnvConfig(rows=rows, cols=cols).target
+        compare(
+            real, arrays.trial, truths, 1, 0.0, arrays.rule, target, count, arrays.ways,
+            arrays.lengths, costs, arrays.alive,
+        )  # fmt: skip
+        moves, share = costs[:count, 0], float(arrays.rover[1]) / (rows * cols)
+        gains = float(moves[0] - moves[best]), float(moves[0] - moves.min())
+        self.decisions.append((share, *gains, self._seed))
+        if share < self._begins:
+            self.compared = 0
+            return None
+        return found
+
+
+def per_decision(decisions: list[tuple[float, float, float, int]], column: int) -> Estimate:
+    """Return the mean of a column over decisions, with the interval of the means of terrains: decisions of one are alike."""
+    values = np.array([each[column] for each in decisions])
+    seeds = np.array([each[3] for each in decisions])
+    return Estimate.of([float(values[seeds == seed].mean()) for seed in np.unique(seeds)])
+
+
+@click.command()
+@click.option("--size", type=click.Choice(["21", "42", "84"]), default="21", show_default=True)
+@click.option(
+    "--terrains", type=click.IntRange(min=2), default=40, show_default=True, help="How many."
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=FIRST_SEED,
+    show_default=True,
+    help="The first terrain's.",
+)
+def main(size: str, terrains: int, seed: int) -> None:
+    """Print, for each stage of an episode, the moves a decision that `lookahead` found and that knowing the map would give.
+
+    \b
+    Examples:
+      python -m research.lookahead.stages
+      python -m research.lookahead.stages --size 42 --terrains 10
+    """
+    config, watched = EnvConfig.of("random", int(size)), Watched()
+    with progress("terrains") as advance:
+        for count, each in enumerate(range(seed, seed + terrains), 1):
+            watched.watch(generate(config, each), each)
+            play_episode(watched, config, each)
+            advance(count, terrains)
+    rows = []
+    for low, high in pairwise(STAGES):
+        own = [each for each in watched.decisions if low <= each[0] < high]
+        if own:
+            found, known = (per_decision(own, column).text(2) for column in (1, 2))
+            rows.append((f"{low:.0%} to {high:.0%}", str(len(own)), found, known))
+    title = f"moves saved by a decision, {size}x{size}, {terrains} terrains"
+    print_table(title, ("cells known", "decisions", "found", "known"), rows)
+
+
+if __name__ == "__main__":
+    main(prog_name="python -m research.lookahead.stages")
