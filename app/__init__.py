@@ -1,6 +1,9 @@
 """The MarsExplorer playground: server, storage and command."""
 
+import os
 from pathlib import Path
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # see marsexplorer
 
 PACKAGE = Path(__file__).resolve().parent
 ROOT = PACKAGE.parent

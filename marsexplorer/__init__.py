@@ -4,7 +4,13 @@ Importing the package registers MarsExplorer-v0 with Gymnasium and loads nothing
 `gymnasium.make("marsexplorer:MarsExplorer-v0")` imports it by itself.
 """
 
+import os
+
 import gymnasium
+
+# ONNX Runtime from 1.31 on keeps an id of the machine in the user's home and reports to its makers, unless it finds this
+# when it is loaded
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 gymnasium.register(
     id="MarsExplorer-v0",
