@@ -3,6 +3,7 @@
 import json
 import os
 import pwd
+import re
 import socket
 import subprocess
 import sys
@@ -81,6 +82,12 @@ def test_it_ends_nobody_else(begun):
     with subprocess.Popen(["sleep", "60"]) as other:
         assert worker.ask(["end", other.pid]).startswith("PermissionError")
         other.kill()
+
+
+def test_it_has_none_of_root_s_rights(begun):
+    _, worker, _ = begun()
+    told = worker.ask(["read", "/proc/self/status"])
+    assert re.findall(r"Cap(?:Inh|Prm|Eff):\s*(\w+)", told) == ["0" * 16] * 3
 
 
 def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
