@@ -383,7 +383,7 @@ def _regret_by_player(found: RegretSummary) -> PageTable:
 def _first_attempts(group: GroupReport) -> PageTable | None:
     """Return the mean over terrains and a row for each; None for scripts and where nobody has played."""
     found = group.first_attempts
-    if found is None or not found.counted:
+    if found is None or not any(each.played for each in found.terrains):
         return None
     rows = [
         (
@@ -393,6 +393,8 @@ def _first_attempts(group: GroupReport) -> PageTable | None:
             if each.upper_median is None
             else _with_interval(each.upper_median, each.interval, 0),
             number(each.second_best, 0),
+            number(each.score, DIGITS["score"]),
+            number(each.best_score, DIGITS["score"]),
         )
         for each in found.terrains
     ]
@@ -404,9 +406,10 @@ def _first_attempts(group: GroupReport) -> PageTable | None:
         sum(each.completed for each in found.terrains),
         sum(each.played for each in found.terrains),
     )
-    mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means
-    caption = "Moves of those who completed a terrain, first attempts only"
-    heads = ("terrain", group.words.reached, "upper median", "second best")
+    mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means, NONE, NONE
+    caption = "Moves of those who completed a terrain, and scores of all; first attempts only"
+    of_score = f"{group.words.score}, upper median", f"{group.words.score}, best"
+    heads = ("terrain", group.words.reached, "upper median", "second best", *of_score)
     return PageTable(caption, heads, [mean, *rows])
 
 

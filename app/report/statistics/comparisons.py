@@ -53,7 +53,8 @@ class PolicyComparison:
                            `new` leaves 0 out; None below five players
     p_adjusted             `p_value` by Holm's method for the number of policies
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
-    normalized             (policy - random) / (people - random), over players and terrains; None for `random` and without it
+    normalized             (policy - random) / (people - random), over players and terrains; None for `random`, without it,
+                           and where people may be no better
     """
 
     policy: str
@@ -120,10 +121,12 @@ def _ratio(values: Floats, table: Floats) -> tuple[float | None, Interval | None
 def _normalized(
     values: Floats, random: Floats | None, table: Floats
 ) -> tuple[float | None, Interval | None]:
-    """Return (policy - random) / (people - random) and its interval; nothing where people are exactly as good as random."""
+    """Return (policy - random) / (people - random) and its interval; nothing where people may be as good as random."""
     if random is None or player_means(table - random).mean() == 0:
         return None, None
-    return quotient_interval(np.where(np.isnan(table), np.nan, values - random), table - random)
+    above = np.where(np.isnan(table), np.nan, values - random)
+    quotient, interval = quotient_interval(above, table - random)
+    return (quotient, interval) if interval is not None else (None, None)
 
 
 def quotient_interval(top: Floats, bottom: Floats) -> tuple[float, Interval | None]:

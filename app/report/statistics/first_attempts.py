@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from app.report.statistics.exclusion_sets import Cohort, members
+from app.report.statistics.exclusion_sets import Cohort, members, metric_value
 from app.report.statistics.intervals import Interval
 from marsexplorer.intervals import CONFIDENCE, t_interval
 
@@ -27,6 +27,7 @@ class TerrainAttempts:
     """One terrain: how many people ended it, how many completed it, and the moves of these; None for fewer than two.
 
     interval  95 % of the median of those who complete it, from order statistics; None below six
+    score, best_score  upper median and best of the scores of all who ended it; None for fewer than two
     """
 
     terrain: int
@@ -35,6 +36,8 @@ class TerrainAttempts:
     upper_median: int | None = None
     interval: Interval | None = None
     second_best: int | None = None
+    score: float | None = None
+    best_score: float | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,11 @@ def first_attempts(cohort: Cohort) -> FirstAttempts:
     for terrain in range(cohort.terrains):
         own = [trial for trial in trials if trial.terrain_index == terrain]
         moves = sorted(trial.steps_to_target or 0 for trial in own if trial.succeeded)
-        found.append(_terrain(terrain, len(own), moves))
+        each = _terrain(terrain, len(own), moves)
+        if len(own) >= FEWEST:
+            scores = [metric_value(trial, "score") for trial in own]
+            each = replace(each, score=statistics.median_high(scores), best_score=max(scores))
+        found.append(each)
     counted = [each for each in found if each.completed >= FEWEST]
     return FirstAttempts(
         terrains=tuple(found),

@@ -141,8 +141,7 @@ def test_a_policy_that_is_a_share_of_the_people_everywhere_has_that_ratio_whatev
 def test_shares_of_people_who_may_be_no_better_than_random_have_no_bounds():
     table = np.array([[0.2, 0.4, 0.3], [0.5, 0.3, 0.4], [0.1, 0.2, 0.2]])
     found = compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table, np.full(3, 0.25))
-    assert found.normalized == pytest.approx((2.6 / 3 - 0.25) / (table.mean() - 0.25))
-    assert found.normalized_interval is None
+    assert (found.normalized, found.normalized_interval) == (None, None)
     assert (
         compare_policy("ppo", "score", np.array([0.9, 0.8, 0.9]), table - 0.3).ratio_interval
         is None

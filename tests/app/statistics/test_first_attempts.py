@@ -34,6 +34,7 @@ def test_the_upper_median_and_the_second_best_are_of_those_who_completed_the_ter
     assert (first.upper_median, first.second_best) == (30, 25)
     assert (second.played, second.completed) == (5, 4)  # 50, 52, 57, 61
     assert (second.upper_median, second.second_best) == (57, 52)
+    assert (first.score, first.best_score) == (0.9, 0.9)
     assert (third.played, third.completed, third.upper_median, third.second_best) == (
         4,
         1,
