@@ -1,9 +1,11 @@
 """The files under deploy/ fit the software: settings that exist, units that systemd reads, paths that agree."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
+import tempfile
 import tomllib
 from pathlib import Path
 
@@ -11,8 +13,11 @@ import pytest
 import yaml
 
 from app.web.settings import Settings
+from tests.support.browser import free_port
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
+PYTHON = shutil.which("python3.11", path="/usr/local/bin:/usr/bin")
+"""Where everybody may run it, as in the image."""
 ENVIRONMENT = (DEPLOY / "systemd" / "marsexplorer.env").read_text()
 
 
@@ -71,6 +76,59 @@ def test_the_image_runs_as_nobody_in_particular_and_copies_files_that_exist():
     project = tomllib.loads((root / "pyproject.toml").read_text())
     included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     assert [name for name in included if not name.startswith(tuple(copied))] == []
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif(os.geteuid() != 0, reason="NO ROOT: the server of the image is another user")
+@pytest.mark.skipif(PYTHON is None, reason="NO PYTHON 3.11 that another user can run")
+def test_the_steps_of_the_image_run_without_a_container_engine():
+    """What it copies and installs, its variables, user, command and check; not its base, nor apt-get and useradd."""
+    text = (DEPLOY / "docker" / "Dockerfile").read_text().replace("\\\n", " ")
+    copies = [line.split() for line in re.findall(r"^COPY (?!--)(.*)$", text, re.M)]
+    (install,) = re.findall(r"^RUN (python -m venv .*)$", text, re.M)
+    (check,) = re.findall(r"^HEALTHCHECK .*?CMD (\[.*\])$", text, re.M)
+    (command,) = re.findall(r"^CMD (\[.*\])$", text, re.M)
+    variables = dict(re.findall(r"(\w+)=(\S+)", re.search(r"^ENV (.*)$", text, re.M)[1]))
+    user, port = int(re.search(r"useradd --uid (\d+)", text)[1]), free_port()
+    with tempfile.TemporaryDirectory() as folder:  # the image's user may enter it, unlike pytest's
+        root, data = Path(folder), Path(folder) / "data"
+        root.chmod(0o755)
+        for *names, to in copies:
+            for name in names:
+                place = root / "src" / (name if to == "./" else to)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                whole = DEPLOY.parent / name
+                copy = shutil.copytree if whole.is_dir() else shutil.copy
+                copy(whole, place)
+        (root / "bin").mkdir()
+        (root / "bin/python").symlink_to(PYTHON)
+        base = {"PATH": f"{root}/bin:/usr/bin:/bin"}
+        own = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+        install = install.replace("/opt/marsexplorer", f"{root}/venv")
+        made = subprocess.run(
+            ["sh", "-c", install], cwd=root / "src", env=own | base, capture_output=True, text=True
+        )
+        if "No matching distribution found for hatchling" in made.stderr:
+            pytest.skip("NO HATCHLING: the package registry cannot be reached")
+        assert made.returncode == 0, made.stderr
+        data.mkdir()
+        os.chown(data, user, user)
+        env = {key: value.replace("/data", str(data)) for key, value in variables.items()}
+        env |= {"PATH": f"{root}/venv/bin:/usr/bin:/bin", "MARS_PORT": str(port)}
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        who = {"user": user, "group": user, "extra_groups": []}
+        server = [f"{root}/venv/bin/{json.loads(command)[0]}", *json.loads(command)[1:]]
+        with subprocess.Popen(server, cwd=data, env=env, **pipes, **who) as process:
+            try:
+                assert any("is open at" in line for line in process.stdout)
+                asked = json.loads(check)
+                asked[0] = f"{root}/venv/bin/{asked[0]}"
+                assert subprocess.run(asked, env=env, **who).returncode == 0
+            finally:
+                process.terminate()
+            assert process.wait(15) == 0, "as long as compose waits"
+        assert (data / "playground.db").is_file()
 
 
 def test_litestream_copies_the_database_of_the_unit():
