@@ -85,10 +85,8 @@ def play(name: str, config: EnvConfig, seed: int) -> Record:
 def colours() -> str:
     """Return the names of colours and fonts that the playground's pages have, for the two schemes of the site."""
     text = (ROOT / "static/common/base.css").read_text()
-    dark, common, light = (
-        re.search(rf"^{re.escape(start)} {{(.*?)^}}", text, re.M | re.S)[1]  # type: ignore[index]
-        for start in (":root, .night", ":root", ":root[data-theme=light]")
-    )
+    dark, common = re.findall(r"^:root {(.*?)^}", text, re.M | re.S)
+    (light,) = re.findall(r"^:root\[data-theme=light\] {(.*?)^}", text, re.M | re.S)
     scheme = "[data-md-color-scheme]"
     return f"{scheme} {{{dark}{common}}}\n[data-md-color-scheme=default] {{{light}}}\n"
 
