@@ -43,6 +43,7 @@ def clone(example, tmp_path, monkeypatch):
     return call
 
 
+@pytest.mark.long
 def test_a_release_becomes_a_policy_with_a_card(clone, tmp_path, capsys):
     people, first, again = ("human", "human"), tmp_path / "dunes.onnx", tmp_path / "again.onnx"
     clone(people, "--out", first, "--epochs", 2)

@@ -203,10 +203,14 @@ def shipped_policies():
 def running_server(policies, /, sources=None, **settings):
     """Yield a server in a thread of this process, with settings, `sources` and `policies` as asked for."""
     from app.board.sources import Sources
+    from app.web import ratings
     from app.web.listening import bound_connections, listen, uvicorn_config
     from app.web.server import Prepared, create_app
     from app.web.settings import Settings
 
+    ratings.LOOK_S = (
+        3600.0  # it rates what it finds at its start, or each test's episodes would cost a process
+    )
     sock = listen("127.0.0.1", 0)
     bound_connections(sock, settings["limits"].answer_s)
     clock = MovableClock()

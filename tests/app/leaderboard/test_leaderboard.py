@@ -68,7 +68,8 @@ def test_a_board_that_was_only_left_does_not_stand_first_and_nothing_is_evaluate
         each["state"] for each in client.get(f"/api/leaderboard/{first['id']}").json()["policies"]
     }
     assert states == {"missing"}
-    assert not server.services.jobs._threads, "no job has begun"
+    jobs = server.services.jobs
+    assert {*jobs._waiting, *jobs._running} <= {"ratings"}, "no evaluation has begun"
 
 
 def test_many_who_ask_at_once_share_a_reading_and_keep_nobody_else_waiting(serve, monkeypatch):

@@ -196,6 +196,7 @@ def test_every_action_is_logged_with_its_operator_and_how_it_ended(database, ser
         "begin_export",
         "issue_invitations",
         "revoke_invitations",
+        "hide_name",
         "logout",
     )
     assert kept == [

@@ -44,6 +44,7 @@ def test_an_agents_action_is_four_ticks_of_a_person_bit_for_bit(sticky):
     assert (person.total, person.outcome) == (agent.total, agent.outcome)
 
 
+@pytest.mark.long
 def test_a_server_killed_in_the_middle_of_play_loses_no_tick_that_was_shown(spawn, tmp_path):
     server = spawn(task=BREAKOUT)
     client = server.client(headers={"Origin": server.url})

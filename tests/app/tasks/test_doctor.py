@@ -87,7 +87,7 @@ def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
         assert words in why
 
 
-def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path):
+def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path, briefly_examined):
     studies = ("--studies", tmp_path)
     env = ("--env", f"{ODD}:Odd-counter-v0", "--declarations", DECLARATIONS_FILE)
     assert command(capsys, "study", "new", "odd", *env, *studies)[0] == 0

@@ -105,7 +105,11 @@ def test_nothing_else_can_be_asked_for(lake):
 
 
 @pytest.mark.parametrize(
-    ("task", "actions"), [(LAKE, (DOWN, RIGHT)), (ROOMS, ("forward", "right", "forward"))]
+    ("task", "actions"),
+    [
+        (LAKE, (DOWN, RIGHT)),
+        pytest.param(ROOMS, ("forward", "right", "forward"), marks=pytest.mark.long),
+    ],
 )
 def test_a_killed_server_goes_on_where_it_stood(spawn, tmp_path, task, actions):
     server = spawn(task=task)

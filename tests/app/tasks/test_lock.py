@@ -71,7 +71,9 @@ def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
 
 
 @pytest.mark.parametrize("part", [pytest.param("python", marks=pytest.mark.long), "packages"])
-def test_a_study_is_served_where_it_was_frozen_alone(serve, tmp_path, capsys, caplog, part):
+def test_a_study_is_served_where_it_was_frozen_alone(
+    serve, tmp_path, capsys, caplog, part, briefly_examined
+):
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
     new = ("study", "new", "lake", "--env", "FrozenLake-v1", "--declarations", DECLARATIONS_FILE)

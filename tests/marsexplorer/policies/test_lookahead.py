@@ -182,6 +182,7 @@ def test_elsewhere_it_is_ppo_and_says_so(caplog):
     assert all(one == other for one, other in moves)
 
 
+@pytest.mark.long
 def test_it_saves_moves():
     config, seeds = EnvConfig.of("random", 21), range(40, 46)
     moves = {

@@ -67,6 +67,7 @@ def same_weights(one, two):
     return all(map(torch.equal, one.state_dict().values(), two.state_dict().values()))
 
 
+@pytest.mark.long
 def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     config = replace(QUICK, minibatch_size=128, learning_rate=1e-3, update_epochs=1)
     run = TrainingRun.begin(config, [SMALL], 6 * 512, 3)
