@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Lock
 from typing import Any
 from weakref import WeakSet
 
@@ -31,13 +32,15 @@ class Boards:
         self.steps_on = ThreadPoolExecutor(THREADS, "boards")
         memory_mb = described(task.partition(":")[2]).memory_mb
         self.task, self.preparer = task, Preparer(__name__, task, memory_mb, hidden=hidden)
-        self._open = WeakSet[Worker]()
+        self._open, self._listing = WeakSet[Worker](), Lock()
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         self._most = int(ALL_OF_MEMORY * memory)
 
     def check_room(self) -> None:
         """Check that an episode may begin; TaskFullError where all boards take too much memory."""
-        if (taken := sum(map(Worker.resident, self._open))) > self._most:
+        with self._listing:
+            boards = list(self._open)
+        if (taken := sum(map(Worker.resident, boards))) > self._most:
             raise TaskFullError(
                 f"the boards take {taken >> 20} MB of memory, of at most {self._most >> 20} MB: try again in a minute"
             )
@@ -45,7 +48,8 @@ class Boards:
     def begin(self, request: Mapping[str, Any]) -> Worker:
         """Return a new process that plays what is requested; ValueError, saying why, where there is none."""
         board = self.preparer.begin(request)
-        self._open.add(board)
+        with self._listing:
+            self._open.add(board)
         return board
 
     def close(self) -> None:

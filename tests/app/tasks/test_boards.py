@@ -176,7 +176,7 @@ def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
 
 def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
     """As many of them as the event loop has threads of its own, and more."""
-    monkeypatch.setattr(processes, "WAIT_S", 4)
+    monkeypatch.setattr(processes, "WAIT_S", 8)
     server = serve(task="gymnasium:tests.support.environments:Sleeper-v0")
 
     def begin(_):
@@ -188,8 +188,8 @@ def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
         assert server.page().post("/api/sessions", json={"seed": 1}).status_code == 201
         assert not any(each.done() for each in answers)
         refused = [each.result() for each in answers]
-    assert {each.status_code for each in refused} == {422}
-    assert "it gave no answer in 4 s" in refused[0].text
+    assert [each.status_code for each in refused] == [422] * 40
+    assert "it gave no answer in 8 s" in refused[0].text
 
 
 def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve, tmp_path):
