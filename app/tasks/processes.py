@@ -109,7 +109,7 @@ class Preparer:
     def begin(self, request: Mapping[str, Any]) -> Worker:
         """Return a new worker, whose first answer is still to come; ValueError, saying why, where there is none."""
         mine, theirs = socket.socketpair()
-        with self._changing, theirs:
+        with mine, self._changing, theirs:
             for attempt in (0, 1):
                 try:
                     process = self._started()
@@ -120,14 +120,11 @@ class Preparer:
                 except (OSError, EOFError) as error:
                     self.close()
                     if attempt:
-                        mine.close()
                         raise ValueError(
                             f"the process of {self.argument} has ended and does not start again"
                         ) from error
-                except ValueError:
-                    mine.close()
-                    raise
-        return Worker(Connection(mine.detach()), told["pid"], told["resident"], self._allowed)
+            connection = Connection(mine.detach())
+        return Worker(connection, told["pid"], told["resident"], self._allowed)
 
     def _heard(self) -> dict[str, Any]:
         if not self._connection.poll(START_S):
@@ -140,7 +137,7 @@ class Preparer:
             return self._process
         mine, theirs = socket.socketpair()
         self.folder = Path(tempfile.mkdtemp(prefix="marsexplorer-"))
-        with theirs:
+        with mine, theirs:
             paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
             environ = {name: os.environ[name] for name in KEPT if name in os.environ} | FIXED
             environ |= {"PYTHONPATH": paths, "HOME": str(self.folder), "TMPDIR": str(self.folder)}
@@ -150,7 +147,7 @@ class Preparer:
                 env=environ, cwd=self.folder, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
-        self._connection = Connection(mine.detach())
+            self._connection = Connection(mine.detach())
         self._ended = weakref.finalize(self, _end, self._process, self._connection, self.folder)
         try:
             told = self._heard()
