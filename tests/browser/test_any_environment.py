@@ -47,7 +47,8 @@ def test_it_is_played_and_goes_on_with_all_that_was_shown_after_its_server_was_k
     def play(more):
         """Play on for so many moves."""
         until = me.state()["step"] + more
-        if clock:
+        if clock:  # a press goes on only where the page knows that time stands still
+            me.wait("window.mars.state.player.clock?.state === 'standing'")
             page.keyboard.press(keys[1])
             me.wait("window.mars.state.player.clock?.state === 'running'")
         while (at := me.state()["step"]) < until:
