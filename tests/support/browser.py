@@ -113,7 +113,9 @@ class Player:
         return self
 
     def wait(self, claim, timeout_ms=1000 * PATIENCE_S):
-        self.page.wait_for_function(f"() => Boolean({claim})", timeout=timeout_ms)
+        """Wait until an expression is true; one of what a page that is loading does not have yet is not."""
+        claim = f"() => {{ try {{ return Boolean({claim}) }} catch (error) {{ return false }} }}"
+        self.page.wait_for_function(claim, timeout=timeout_ms)
 
     def state(self, path="player.frame"):
         return self.page.evaluate(f"() => window.mars.state.{path}")
