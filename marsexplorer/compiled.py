@@ -14,6 +14,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from numpy.typing import NDArray
+
 try:
     from llvmlite import ir
     from numba import int64, njit, types, uint64
@@ -70,6 +72,17 @@ def kernel(function: F) -> F:
     """
     compiled: F = njit(cache=True, nogil=True, _nrt=False)(function)  # type: ignore[call-overload]
     return compiled
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array, as a read-only view where it may be written.
+
+    A kernel is compiled for arrays that may be written and again for those that may not; where both come, it is given these.
+    """
+    if array.flags.writeable:
+        array = array.view()
+        array.flags.writeable = False
+    return array
 
 
 def inlined(function: F) -> F:

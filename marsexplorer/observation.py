@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined, kernel
+from marsexplorer.compiled import inlined, kernel, read_only
 from marsexplorer.config import OBSTACLE, ROVER, VALUES
 
 Codes = NDArray[np.uint8]
@@ -28,7 +28,7 @@ STATE_VALUES: NDArray[np.float32] = np.array(VALUES, np.float32)
 
 
 def decode(observation: NDArray[Any]) -> Codes:
-    """Return an observation as uint8 codes [rows, cols], contiguous; codes pass through without a copy.
+    """Return an observation as uint8 codes [rows, cols], contiguous and read-only; codes pass through without a copy.
 
     observation  float32[rows, cols] of eq. 6, or uint8 codes
 
@@ -39,7 +39,7 @@ def decode(observation: NDArray[Any]) -> Codes:
             f"an observation must have 2 dimensions (rows, cols), got shape {observation.shape}"
         )
     if observation.dtype == np.uint8:
-        return np.ascontiguousarray(observation)
+        return read_only(np.ascontiguousarray(observation))
     if observation.dtype.kind != "f":
         raise TypeError(
             f"an observation must be float32 (eq. 6) or uint8 codes, got {observation.dtype}"
@@ -47,7 +47,7 @@ def decode(observation: NDArray[Any]) -> Codes:
     codes = (observation > 0.15).astype(np.uint8)
     codes += observation > 0.45
     codes += observation > 0.8
-    return codes
+    return read_only(codes)
 
 
 def rover_position(codes: Codes) -> tuple[int, int]:
@@ -91,7 +91,7 @@ def action_masks(codes: NDArray[np.uint8], positions: NDArray[np.int64]) -> NDAr
     these are exactly the moves that do not end the episode.
     """
     masks = np.zeros((len(codes), 4), np.bool_)
-    fill_action_masks(codes, positions, masks)
+    fill_action_masks(read_only(codes), positions, masks)
     return masks
 
 
@@ -107,5 +107,5 @@ def valid_action_bits(codes, row, col):
 
 def valid_actions(codes: Codes, row: int, col: int) -> list[int]:
     """Return the valid moves of one rover at (row, col), in the order of their codes."""
-    bits = valid_action_bits(codes, row, col)
+    bits = valid_action_bits(read_only(codes), row, col)
     return [action for action in range(4) if bits >> action & 1]

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from marsexplorer.compiled import read_only
 from marsexplorer.config import RUNNING, UNKNOWN, EnvConfig
 from marsexplorer.observation import EAST
 from marsexplorer.policies.base import Memory
@@ -110,7 +111,7 @@ class GreedyRollouts:
     def _guard_action(self, world: np.intp, rover: NDArray[np.int64]) -> int:
         """Return the guard's action in one world: that of the frontier rule."""
         remembered = Memory()
-        remembered.codes = self.worlds.codes[world]
+        remembered.codes = read_only(self.worlds.codes[world])
         remembered.visited = self.memory["visited"][world].reshape(remembered.codes.shape)
         remembered.position = int(rover[0]), int(rover[1])
         remembered.heading = int(self.memory["headings"][world])

@@ -6,10 +6,14 @@ The first process that compiles for long says so on stderr, which some tests rea
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+import numpy as np
+
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load, names
+from marsexplorer.terrain import generate, next_seed
 from marsexplorer.vector import MarsExplorerVector
+from marsexplorer.world import Worlds
 
 CONFIG = EnvConfig.of("random", (6, 8))
 
@@ -23,12 +27,19 @@ def compile_kernels():
 
 
 def compile_policies():
-    """Play a short episode with each policy."""
+    """Play a short episode with each policy, one that looks ahead, and a move where one rule is priced, not three."""
     for name in names():
-        episode, policy = Episode.begin(CONFIG, seed=1), load(name)
-        policy.reset(1)
-        while not episode.ended:
-            episode.step(policy.act(episode.codes))
+        play(load(name), CONFIG)
+    play(load("lookahead"), EnvConfig.of("random", 14))
+    load("ppo").act(Episode.begin(EnvConfig.of("random", 84), seed=1).codes)
+
+
+def play(policy, config):
+    """Play an episode to its end."""
+    episode = Episode.begin(config, seed=1)
+    policy.reset(1)
+    while not episode.ended:
+        episode.step(policy.act(episode.codes))
 
 
 def compile_stacks():
@@ -38,6 +49,11 @@ def compile_stacks():
     envs = MarsExplorerVector(num_envs=2, level="random", size=(6, 8))
     envs.reset(seed=1)
     envs.step(envs.action_space.sample())
+    envs.action_masks()
+    generate(CONFIG, next_seed(1))
+    worlds = Worlds(CONFIG, 2)
+    worlds.start(np.arange(2))
+    worlds.step_autoreset(np.zeros(2, np.int64))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import inlined, kernel
+from marsexplorer.compiled import inlined, kernel, read_only
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import ONE, find_visible, row_words, sight_table
 
@@ -124,7 +124,7 @@ class VisibilityMap:
 
     def fill(self, codes: NDArray[np.uint8]) -> None:
         """Copy a grid, codes uint8[rows, cols], into the bitboards."""
-        fill_bitboards(codes, self.view)
+        fill_bitboards(read_only(codes), self.view)
 
     def expected_discoveries(self, row: int, col: int) -> int:
         """Return the number of unknown cells expected to be seen from (row, col)."""
@@ -138,5 +138,5 @@ class VisibilityMap:
         codes, visited  uint8[rows, cols]; 0 for unknown and blocked cells, and for visited ones, which have nothing new
         """
         new_cells = np.zeros(self.shape, np.int64)
-        count_visible_everywhere(codes, visited, self.view, new_cells)
+        count_visible_everywhere(read_only(codes), visited, self.view, new_cells)
         return new_cells

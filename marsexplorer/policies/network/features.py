@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.compiled import kernel
+from marsexplorer.compiled import kernel, read_only
 from marsexplorer.config import OBSTACLE, UNKNOWN
 from marsexplorer.lidar import row_words, sight_table
 from marsexplorer.policies.base import Memory
@@ -192,7 +192,9 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
         reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
-        count = 0
+        count = np.int64(
+            0
+        )  # a literal would have what it is handed on to compiled for itself as well
         for k in range(reached):
             there = queue[k]
             candidates[count] = there
@@ -288,7 +290,15 @@ class FeatureExtractor:
         """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
-        extract_features(codes, cells, visited, headings, *self._arrays, planes, moves)
+        extract_features(
+            read_only(codes),
+            np.asarray(cells, np.int64),
+            visited,
+            headings,
+            *self._arrays,
+            planes,
+            moves,
+        )
         return planes, moves
 
 

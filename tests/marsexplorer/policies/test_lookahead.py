@@ -80,7 +80,7 @@ def test_kept_from_the_first_move_chains_agree_with_all_that_is_seen(side):
     chains, state = posterior_chains((side, side), 12), np.array([1], np.uint64)
     least = 12
     while not episode.ended:
-        codes = episode.codes
+        codes = episode.codes.copy()
         move_chains(chains, codes.reshape(-1), side, side, config.target, 1, False, state)
         covers = chains[1][chains[2] > 0].reshape(-1, side, side)
         least = min(least, len(covers))

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from marsexplorer.compiled import read_only
 from marsexplorer.config import OBSTACLE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_episode
@@ -92,7 +93,7 @@ def test_what_is_kept_of_a_board_is_what_a_new_board_would_have(rows, cols, radi
     kept, before = PricedBoard((rows, cols), radius), np.full((rows, cols), 255, np.uint8)
     for _ in range(4):
         is_other, others = rng.random((rows, cols)) < rng.random(), rng.integers(0, 4, (rows, cols))
-        codes = np.where(is_other, others, before % 4).astype(np.uint8)
+        codes = read_only(np.where(is_other, others, before % 4).astype(np.uint8))
         left = update_board(codes, kept.board, half_sides, kept.changed_columns)
         new = PricedBoard((rows, cols), radius)
         assert left == update_board(codes, new.board, half_sides, new.changed_columns)

@@ -133,5 +133,6 @@ def test_a_rule_counts_where_any_weight_of_its_numbers_is_not_zero(tmp_path):
     assert playing(net, tmp_path).rules_that_count(21, 21) == (2,)
     with torch.no_grad():
         net.policy_head[0].weight[5, 128 + ACTION_FEATURES] = 1e-9
-    assert playing(net, tmp_path).rules_that_count(21, 21) == (0, 2)
+        net.policy_head[0].weight[6, 128 + ACTION_FEATURES + 4] = 1e-9
+    assert playing(net, tmp_path).rules_that_count(21, 21) == (0, 1, 2)
     assert playing(net, tmp_path).rules_that_count(84, 84) == (0, 1, 2)
