@@ -87,6 +87,7 @@ def serve(settings, log, environment, listening=None):
 
     os.environ.clear()
     os.environ.update(environment)
+    sys.dont_write_bytecode = True  # a test may limit its files, and cut off modules would be kept
     if listening is not None:
         os.dup2(listening, 3)
         os.environ["LISTEN_PID"] = str(os.getpid())

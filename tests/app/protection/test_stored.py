@@ -5,6 +5,7 @@ A board keeps free what it can store, so that whatever is open never comes to mo
 
 import shutil
 import sqlite3
+import tempfile
 import time
 from contextlib import closing
 
@@ -19,7 +20,7 @@ PRESS = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True,
 
 def percent(size):
     """The limit that lets so many bytes be stored."""
-    return 100 * size / shutil.disk_usage("/tmp").total
+    return 100 * size / shutil.disk_usage(tempfile.gettempdir()).total
 
 
 def begin(client, **wanted):
@@ -66,7 +67,7 @@ def file_bytes(server):
 
 def disk_of(monkeypatch, total):
     """Let the disk seem so large; half of it is free."""
-    seen = shutil.disk_usage("/tmp")._replace(total=total, free=total // 2)
+    seen = shutil.disk_usage(tempfile.gettempdir())._replace(total=total, free=total // 2)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: seen)
 
 
@@ -127,7 +128,7 @@ def test_nothing_begins_below_the_threshold_of_free_disk_and_moves_go_on(serve, 
     server = serve(limits=Limits(free_mb=100))
     client = server.page()
     board = begin(client).json()
-    full = shutil.disk_usage("/tmp")._replace(free=99_999_999)
+    full = shutil.disk_usage(tempfile.gettempdir())._replace(free=99_999_999)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: full)
     answer = begin(client)
     assert answer.status_code == 507

@@ -124,7 +124,8 @@ def test_a_full_disk_ends_a_backup_and_an_export_in_one_sentence(database, tmp_p
         for seed in range(60):
             play(store, seed=seed, explore=True)
     (tmp_path / "copy").mkdir()
-    command = [sys.executable, "-c", LIMITED, *words, "--database", "play.db"]
+    # without -B Python would keep compiled modules that are cut off, and everything after it would read them
+    command = [sys.executable, "-B", "-c", LIMITED, *words, "--database", "play.db"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith(f"marsexplorer: {said}")
