@@ -48,8 +48,8 @@ _OF_DAY = f"""SELECT x.player_id, e.outcome, e.steps, e.discovered FROM series_e
     WHERE x.series = ?1 AND {ATTESTED} AND e.ended_ms < ?2 ORDER BY e.ended_ms, e.id"""
 _PEOPLE = """SELECT n.name, r.* FROM names n JOIN ratings r ON r.player_id = n.player_id WHERE NOT n.hidden
     ORDER BY r.rating DESC, n.chosen_ms LIMIT ?"""
-_STANDING = """SELECT n.name, n.hidden, r.* FROM (SELECT ?1 AS id) p LEFT JOIN names n ON n.player_id = p.id
-    LEFT JOIN ratings r ON r.player_id = p.id"""
+_STANDING = """SELECT n.name, n.hidden, r.*, EXISTS (SELECT 1 FROM rated_games WHERE episode_id = ?2) AS rated
+    FROM (SELECT ?1 AS id) p LEFT JOIN names n ON n.player_id = p.id LEFT JOIN ratings r ON r.player_id = p.id"""
 
 
 class Game(NamedTuple):
@@ -70,6 +70,7 @@ class Rating:
 
     mu: float = MODEL.mu
     sigma: float = MODEL.sigma
+    before: float | None = None
     games: int = 0
     days: int = 0
     beaten: dict[str, int] = field(default_factory=dict)
@@ -82,12 +83,14 @@ class Rating:
     def row(self, player_id: str) -> tuple[Any, ...]:
         """Return the row of the table."""
         beaten = json.dumps(self.beaten, sort_keys=True)
-        return player_id, self.mu, self.sigma, self.shown, self.games, self.days, beaten
+        shown = self.shown, self.before
+        return player_id, self.mu, self.sigma, *shown, self.games, self.days, beaten
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Rating:
         """Return that of a row."""
-        return cls(row["mu"], row["sigma"], row["games"], row["days"], json.loads(row["beaten"]))
+        beaten = json.loads(row["beaten"])
+        return cls(row["mu"], row["sigma"], row["before"], row["games"], row["days"], beaten)
 
 
 def shown(mu: float, sigma: float) -> float:
@@ -152,15 +155,20 @@ def people(reader: Reader) -> list[dict[str, Any]]:
     return [{"player_id": row["player_id"], **_told(row)} for row in reader.query(_PEOPLE, [SHOWN])]
 
 
-def standing(reader: Reader, player_id: str) -> dict[str, Any]:
-    """Return a player's own name and rating, None for what there is not."""
-    (row,) = reader.query(_STANDING, [player_id])
+def standing(reader: Reader, player_id: str, episode_id: str = "") -> dict[str, Any]:
+    """Return a player's own name, rating, and what it was before its newest game, None for what there is not.
+
+    `rated` says whether an episode is in it.
+    """
+    (row,) = reader.query(_STANDING, [player_id, episode_id])
     rated = (
         _told(row)
         if row["mu"] is not None
         else {"rating": None, "games": 0, "days": 0, "beaten": {}}
     )
-    return {**rated, "name": row["name"], "hidden": bool(row["hidden"])}
+    before = None if row["before"] is None else round(row["before"])
+    is_so = {each: bool(row[each]) for each in ("hidden", "rated")}
+    return {**rated, "before": before, "name": row["name"], **is_so}
 
 
 def set_name(
@@ -225,6 +233,7 @@ class _Played:
                 self._note(found[who], place, after.mu, after.sigma)
 
     def _note(self, each: Rating, place: int, mu: float, sigma: float) -> None:
+        each.before = each.shown if each.games + each.days else None
         each.mu, each.sigma = mu, sigma
         each.games += bool(self.policies)
         each.days += not self.policies
@@ -282,7 +291,8 @@ def _rating(conn: sqlite3.Connection, player_id: str) -> Rating:
 
 def _is_same(one: Rating, other: Rating) -> bool:
     same = (one.games, one.days, one.beaten) == (other.games, other.days, other.beaten)
-    return same and math.isclose(one.mu, other.mu) and math.isclose(one.sigma, other.sigma)
+    pairs = [(one.mu, other.mu), (one.sigma, other.sigma), (one.before or 0, other.before or 0)]
+    return same and all(math.isclose(*pair) for pair in pairs)
 
 
 def _told(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import re
 import unicodedata
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Request
+from fastapi import APIRouter, HTTPException, Query, Request
 from pydantic import Field
 
 from app.board.messages import Message
@@ -120,6 +120,18 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
     return await store.read(partial(ratings.standing, store, player_id))
+
+
+@router.get("/me/rating", summary="Your rating, and what it was")
+async def get_rating(
+    request: Request, episode: Annotated[str, Query(max_length=128)] = ""
+) -> dict[str, Any]:
+    """Return your name and rating, by your cookie alone, and what it was before its newest game.
+
+    Games are rated some seconds after their end: `rated` says whether the `episode` is in it already.
+    """
+    store, player_id = services_of(request).store, player_of(request)
+    return await store.read(partial(ratings.standing, store, player_id or "", episode))
 
 
 @router.delete("/me/name", summary="Be shown no more")

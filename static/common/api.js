@@ -64,6 +64,7 @@ export const api = {
   maps: () => request("maps"),
   replay: (id) => request(`episodes/${encodeURIComponent(id)}/replay`),
   history: () => request("me/history?limit=200"),
+  rating: (episode) => request(`me/rating?episode=${encodeURIComponent(episode)}`),
   policies: () => request("policies"),
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
   regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 600_000),

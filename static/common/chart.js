@@ -119,8 +119,11 @@ export function drawDot(context, { x, y }, radius, colour) {
   context.fill();
 }
 
-/** @param {Board[]} boards @returns the right end of the step axis of their curves, in moves */
-export const stepsEnd = (boards) => axisEnd(Math.max(0, ...boards.map(({ progress }) => progress.length - 1)));
+/** @param {Board[]} boards @returns the right end of the step axis of their curves, in moves: with room while any goes on */
+export function stepsEnd(boards) {
+  const steps = Math.max(0, ...boards.map(({ progress }) => progress.length - 1));
+  return boards.length && boards.every(({ frame }) => frame.outcome) ? Math.max(10, steps) : axisEnd(steps);
+}
 
 /** Paint how far boards have come over moves, a curve for each.
  * @param {HTMLElement} place @param {Task} task @param {{board: Board, colour: string, isDashed?: boolean}[]} curves

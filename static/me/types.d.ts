@@ -10,6 +10,6 @@ declare namespace Me {
     level: string, rows: number, cols: number, max_steps: number, episodes: number, explored: number,
     best: Episode | null, people: {means: number[], you: number | null, ranked: number},
   };
-  type Standing = {name: string | null, rating: number | null, games: number, days: number, beaten: Record<string, number>, hidden?: boolean};
+  type Standing = {name: string | null, rating: number | null, before?: number | null, rated?: boolean, games: number, days: number, beaten: Record<string, number>, hidden?: boolean};
   type History = {total: number, episodes: Episode[], bests: Best[]};
 }

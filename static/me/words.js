@@ -49,6 +49,12 @@ export function beatenText({ rating, games, days, beaten }) {
   return `Your rating is ${rating}.${won.length ? ` You beat ${won.join(", ")}.` : ""}${daily}`;
 }
 
+/** @param {Me.Standing} standing after a ranked episode, which may not be in it yet @returns what became of the rating */
+export function ratingText({ rating, before = null, rated }) {
+  if (!rated) return rating === null ? "Your first rating is being worked out." : `Your rating was ${rating}; what it is now is being worked out.`;
+  return before === null ? `Your first rating is ${rating}.` : `Your rating was ${before}, and is ${rating} now.`;
+}
+
 /** @param {Task} task @param {Me.Best} best */
 export function bestText({ target }, { best, episodes, explored }) {
   if (!best) return `No terrain mapped to ${target} yet, in ${many(episodes, "episode")}.`;

@@ -31,7 +31,7 @@ export function createChallenge({ api, storage, dispatch, note }) {
           : await api.createSession({ player: "human", level, size: rows === cols ? rows : [rows, cols], seed });
         const own = about.frame.episode;
         storage.setItem(KEPT, JSON.stringify({ against, own }));
-        dispatch({ kind: "challenged", opponent: { episode: own, course: run } });
+        dispatch({ kind: "challenged", opponent: { episode: own, course: run.name === "You" ? { ...run, name: "Your replay" } : run } });
         isNew = true;
         return { about, isNewest: false };
       } catch (error) {

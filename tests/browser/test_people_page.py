@@ -1,5 +1,6 @@
 """A player chooses a name, stands on the leaderboard by it, and an operator hides it in one click."""
 
+import re
 from contextlib import closing
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from app.db import ratings
 from app.db.store import Store
 from app.web.cookies import PLAYER_COOKIE
-from tests.support.browser import NO_3D, judged, violations
+from tests.support.browser import AS_A_PERSON, NO_3D, judged, violations
 from tests.support.recorded import NOW, play
 
 
@@ -20,7 +21,7 @@ def test_a_name_is_chosen_shown_with_its_rating_and_hidden(serve, player, tmp_pa
             while (game := ratings.next_game(store, NOW + 1_000_000)) is not None:
                 ratings.rate(store.connection, game, {"ppo": 99, "frontier-cost": None})
     server = serve(admin_password="correct horse battery")
-    me = player(server, NO_3D)
+    me = player(server, [*NO_3D, *AS_A_PERSON])
     page, wrong = me.page, []
     token = server.services.player_tokens.sign("ada")
     page.context.add_cookies([{"name": PLAYER_COOKIE, "value": token, "url": server.url}])
@@ -41,6 +42,13 @@ def test_a_name_is_chosen_shown_with_its_rating_and_hidden(serve, player, tmp_pa
     wrong += judged(page, "leaderboard-people", full_page=True)
     page.emulate_media(color_scheme="light")
     wrong += violations(page)
+    me.begin(size=[9, 12])
+    me.press("north")  # off the map: the rating falls, once the policies have played the terrain
+    page.get_by_text("what it is now is being worked out").wait_for()
+    assert server.on_loop(server.services.ratings.rate_next())
+    page.get_by_text(re.compile(r"Your rating was \d+, and is \d+ now")).wait_for()
+    assert not page.get_by_text("Choose a name").is_visible()
+    wrong += judged(page, "end-card-rating")
     page.goto(f"{server.url}/admin")
     page.get_by_test_id("password").fill("correct horse battery")
     page.keyboard.press("Enter")

@@ -74,6 +74,15 @@ def test_people_are_rated_by_what_policies_and_others_need_on_the_same_terrains(
     )
     assert (ada["you"], bob["you"]) == (True, False)
     assert found["you"]["rating"] == ada["rating"]
+    (kept,) = server.services.store.query("SELECT * FROM ratings WHERE player_id = 'ada'")
+    games = "SELECT g.episode_id AS id FROM rated_games g JOIN episodes e ON e.id = g.episode_id ORDER BY g.number"
+    first = server.services.store.query(games)[0]["id"]
+    page, asked = page_of(server, "ada"), "/api/me/rating?episode="
+    told = page.get(asked + first).json()
+    assert (told["before"], told["rating"]) == (round(kept["before"]), ada["rating"])
+    assert told["before"] != told["rating"]
+    assert (told["rated"], page.get(asked + "another").json()["rated"]) == (True, False)
+    assert server.client().get(asked + first).json()["rating"] is None, "nobody else's"
     server.close()
     assert verify_database(played).findings == ()
     with closing(sqlite3.connect(played, isolation_level=None)) as conn:
@@ -81,7 +90,8 @@ def test_people_are_rated_by_what_policies_and_others_need_on_the_same_terrains(
         ratings.renew(conn)
         assert list(ratings.differences(conn)) == []
         conn.execute("UPDATE ratings SET mu = mu + 1 WHERE player_id = 'bob'")
-    assert [each.where for each in verify_database(played).findings] == ["ratings"]
+        conn.execute("UPDATE ratings SET before = before + 1 WHERE player_id = 'ada'")
+    assert [each.where for each in verify_database(played).findings] == ["ratings"] * 2
 
 
 def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, played):

@@ -4,10 +4,12 @@ import { stepsEnd } from "../../../static/common/chart.js";
 import { axisOfShares, movesAxis, roundUp } from "../../../static/common/chart_scale.js";
 
 test("an axis of moves ends at a round number and has few numbers on it", () => {
-  const end = stepsEnd([{ progress: [0.2, 0.5] }, { progress: Array(61).fill(1) }]);
+  const boards = [{ progress: [0.2, 0.5], frame: { outcome: "collided" } }, { progress: Array(61).fill(1), frame: {} }];
+  const end = stepsEnd(boards);
   assert.equal(end, 80);
   const { low, high, ticks, text } = movesAxis(end);
   assert.deepEqual([low, high, ticks, text(0), text(10)], [0, 80, [0, 10, 20, 30, 40, 50, 60, 70, 80], "0 moves", "10"]);
+  assert.deepEqual([stepsEnd(boards.map((each) => ({ ...each, frame: { outcome: "explored" } }))), stepsEnd(boards.slice(0, 1))], [60, 10]);
   assert.deepEqual([stepsEnd([]), movesAxis(0).high], [40, 1]);
   assert.deepEqual([roundUp(141, 141), roundUp(441, 441), roundUp(1001, 1001)], [160, 500, 1500]);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { beatenText, bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { beatenText, ratingText, bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
 const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 2 } };
@@ -43,4 +43,7 @@ test("a rating is said with what was beaten", () => {
   const standing = { name: null, rating: 1240, games: 10, days: 1, beaten: { "frontier-cost": 6, ppo: 3 } };
   assert.equal(beatenText(standing), "Your rating is 1240. You beat Expert 3 of 10, Nearest 6 of 10. 1 daily terrain among people.");
   assert.match(beatenText({ ...standing, rating: null }), /^No rating yet/);
+  assert.equal(ratingText({ ...standing, before: 1198, rated: true }), "Your rating was 1198, and is 1240 now.");
+  assert.equal(ratingText({ ...standing, before: null, rated: true }), "Your first rating is 1240.");
+  assert.equal(ratingText({ ...standing, rated: false }), "Your rating was 1240; what it is now is being worked out.");
 });
