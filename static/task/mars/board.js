@@ -35,7 +35,7 @@ export function paint(place, board, look) {
   if (look.tint) paintExpected(context, look.tint, size, boardColours(canvas).policy);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
-  if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, dpr: look.dpr });
+  if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.thought) paintThought(context, look.thought, frame.position, size, look);
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
@@ -89,15 +89,17 @@ function paintTrail(context, trail, size, { accent, casing, isGhost = false }) {
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Cell} position @param {number} size
- * @param {{reach_px: number, accent: string, dpr: number}} look */
-function paintRange(context, [row, col], size, { reach_px, accent, dpr }) {
+ * @param {{reach_px: number, accent: string, casing?: string, dpr: number}} look */
+function paintRange(context, [row, col], size, { reach_px, accent, casing, dpr }) {
   context.beginPath();
   context.arc((col + 0.5) * size, (row + 0.5) * size, reach_px, 0, 2 * Math.PI);
-  context.strokeStyle = accent;
   context.globalAlpha = 0.55;
-  context.lineWidth = Math.max(1, dpr);
   context.setLineDash([5 * dpr, 5 * dpr]);
-  context.stroke();
+  for (const [ink, width] of /** @type {[string, number][]} */ ([[casing ?? accent, 2 * dpr], [accent, dpr]])) {
+    context.strokeStyle = ink;
+    context.lineWidth = Math.max(1, width);
+    context.stroke();
+  }
   context.setLineDash([]);
   context.globalAlpha = 1;
 }

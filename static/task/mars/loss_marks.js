@@ -71,7 +71,7 @@ function paintMissed(context, cells, size, colour, dpr) {
   context.fillStyle = context.strokeStyle = colour;
   context.lineWidth = Math.max(1, dpr);
   for (const [row, col] of cells) {
-    context.globalAlpha = 0.24;
+    context.globalAlpha = 0.4;
     context.fillRect(col * size, row * size, size, size);
     context.globalAlpha = 0.8;
     if (size >= 5) context.strokeRect(col * size + 1.5, row * size + 1.5, size - 3, size - 3);

@@ -122,10 +122,10 @@ export const words = {
   },
   coach({ step, coverage }, keyOf, wanted) {
     if (step === 0) return ["Make the first move", `You are the bright cell in the top left corner. Press ${keyOf("east")} or ${keyOf("south")} to drive one cell.`];
-    if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Black cells are still unknown, brown ones are free ground."];
+    if (step < 4) return ["Your lidar maps as you drive", "Each move shows what is in line of sight around the rover. Plain cells are still unknown, brown ones are free ground."];
     if (step < 9) return ["Keep clear of rocks and edges", "Pale cells are rocks. Driving into one, or over the edge of the map, loses the rover and ends the terrain."];
-    if (coverage < 0.5) return ["Look for the black", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
+    if (coverage < 0.5) return ["Look for what is unknown", "Steer to where much is unknown. Rocks cast shadows: look behind them as well."];
     if (coverage < 0.9) return ["More than half is mapped", "Few moves are what counts, so plan a way that passes each black patch once."];
-    return ["Nearly there", `The terrain is done at ${wanted}. The last black cells are often behind rocks and in corners.`];
+    return ["Nearly there", `The terrain is done at ${wanted}. The last unknown cells are often behind rocks and in corners.`];
   },
 };
