@@ -174,7 +174,12 @@ def test_watching_two_policies_and_then_on_a_map(serve, player, tmp_path):
     assert "99 % of the ground" in me.page.get_by_test_id("goal").inner_text()
 
     me.page.get_by_test_id("open-settings").click()
+    pictures = me.page.get_by_test_id("level-pictures").get_by_role("button")
+    assert pictures.all_inner_texts() == ["Open", "Scattered", "Boulders", "Building", "Cave"]
+    pictures.filter(has_text="Cave").click()
+    assert me.page.get_by_test_id("level").input_value() == "cave"
     me.page.get_by_test_id("level").select_option("map:warehouse")
+    assert {each.get_attribute("aria-pressed") for each in pictures.all()} == {"false"}
     assert me.page.get_by_test_id("seed").is_hidden(), "a map has a terrain of its own"
     me.page.get_by_test_id("start").click()
     me.wait("window.mars.state.level === 'warehouse'")

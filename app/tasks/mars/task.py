@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from app.task import Cause, Choice, Decides, Policies
 from app.tasks.mars.messages import DRAWN_LEVELS, NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
@@ -16,6 +18,10 @@ from app.tasks.mars.terrains import GivenTerrain, MapCatalogue
 from marsexplorer.config import ALL_LEVELS, MAP, EnvConfig
 from marsexplorer.episode import Episode, unpack_terrain
 from marsexplorer.policies.network import batch
+from marsexplorer.terrain import generate
+
+SIDE = 21
+"""Cells along a side of a terrain, unless another size is asked for."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ class Mars(MarsRules):
         """Do nothing: all of it runs in the server."""
 
     def levels(self) -> list[dict[str, Any]]:
-        """Return the levels whose terrains seeds draw."""
+        """Return the levels whose terrains seeds draw, each with one of them for a picture: rocks as bits of rows."""
         return [
             {
                 "name": level.name,
@@ -51,6 +57,9 @@ class Mars(MarsRules):
                 "topology": level.topology,
                 "morphology": level.morphology,
                 "pays_bonus": level.has_bonus,
+                "example": (
+                    generate(EnvConfig.of(level.name, SIDE), 0) @ (1 << np.arange(SIDE))
+                ).tolist(),
             }
             for level in (ALL_LEVELS[name] for name in DRAWN_LEVELS)
         ]
@@ -63,7 +72,7 @@ class Mars(MarsRules):
         """Return the terrain that a new session asks for; ValueError for an unknown map."""
         if wanted.map is not None:
             return self.catalogue.find(wanted.map)
-        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or 21), wanted.seed)
+        return Choice(EnvConfig.of(wanted.level or "random", wanted.size or SIDE), wanted.seed)
 
     def next(self, was: Cause, wanted: NewEpisode) -> Choice:
         """Return the terrain of the next episode: what is left out stays as it was, so a map is played again."""

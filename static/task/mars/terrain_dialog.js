@@ -1,4 +1,5 @@
 // The dialog in which a terrain and the policies are chosen.
+import { create, createSvg } from "../../common/page.js";
 import { levelGroups, levelName, policyName } from "./names.js";
 
 export const MAX_SEED = 2 ** 53 - 1;
@@ -52,6 +53,13 @@ function mapGroup(maps) {
   return group;
 }
 
+/** @param {Mars.Level} level @returns a button with a terrain of the level on it */
+function picture({ name, example }) {
+  const rocks = example.flatMap((bits, row) => example.map((_, col) => ((bits >> col) & 1 ? `M${col} ${row}h1v1h-1z` : ""))).join("");
+  const svg = createSvg("svg", { viewBox: `0 0 ${example.length} ${example.length}`, "aria-hidden": "true" }, createSvg("path", { d: rocks }));
+  return create("button", [svg, levelName(name)], { type: "button", value: name });
+}
+
 /** @param {HTMLDialogElement} dialog
  * @param {{onStart: (wish: Play.Wish) => void, onWrong: (sentence: string) => void}} handlers */
 export function createTerrainDialog(dialog, handlers) {
@@ -60,6 +68,7 @@ export function createTerrainDialog(dialog, handlers) {
   const select = (/** @type {string} */ name) => /** @type {HTMLSelectElement} */ (form.elements.namedItem(name));
   const side = /** @type {RadioNodeList} */ (form.elements.namedItem("side"));
   const hint = /** @type {HTMLElement} */ (form.querySelector("#level-hint"));
+  const pictures = /** @type {HTMLElement} */ (form.querySelector(".levels"));
   const custom = /** @type {HTMLElement} */ (form.querySelector(".custom"));
   const drawn = /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-drawn]"));
   /** @type {Mars.Level[]} */
@@ -69,6 +78,7 @@ export function createTerrainDialog(dialog, handlers) {
   const read = () => readWish(/** @type {Record<string, string>} */ (Object.fromEntries(new FormData(form))));
   function follow() {
     const { value } = select("level");
+    for (const each of pictures.children) each.setAttribute("aria-pressed", String(/** @type {HTMLButtonElement} */ (each).value === value));
     for (const each of drawn) each.hidden = value.startsWith(MAP);
     /** @type {HTMLFieldSetElement} */ (form.querySelector("fieldset")).disabled = value.startsWith(MAP);
     input("seed").disabled = value.startsWith(MAP);
@@ -76,6 +86,12 @@ export function createTerrainDialog(dialog, handlers) {
     hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary ?? "";
   }
   form.addEventListener("change", follow);
+  pictures.addEventListener("click", ({ target }) => {
+    const button = /** @type {Element} */ (target).closest("button");
+    if (!button) return;
+    select("level").value = button.value;
+    follow();
+  });
   form.addEventListener("submit", (event) => {
     const wish = read();
     if (typeof wish !== "string") return handlers.onStart(wish);
@@ -99,6 +115,8 @@ export function createTerrainDialog(dialog, handlers) {
       const names = policies.map(({ name }) => name);
       const best = favourite(names);
       fillLevels(select("level"), found.map(({ name }) => name));
+      const { plain } = levelGroups(found.map(({ name }) => name));
+      pictures.replaceChildren(...plain.map((name) => picture(/** @type {Mars.Level} */ (found.find((each) => each.name === name)))));
       if (maps.length) select("level").append(mapGroup(maps));
       fill(select("rival"), policies, best);
       fill(select("player"), policies, names.find((name) => name !== best && name.includes("frontier")) ?? best);

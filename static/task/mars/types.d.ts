@@ -56,6 +56,6 @@ declare namespace Mars {
   type Analysis = {policy: string, total: number, given_up: number, losses: CostlyMove[]};
   /** `values[k]` is what the policy expected at step k, in the points of its training. */
   type ValueCurve = {name: string, colour: string, isDashed: boolean, values: (number | null)[]};
-  type Level = Choice & {pays_bonus?: boolean};
+  type Level = Choice & {pays_bonus?: boolean, example: number[]};
   type GivenMap = Choice & {size: [number, number]};
 }

@@ -10,6 +10,7 @@ from app.tasks.mars.run import View
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from marsexplorer.terrain import generate
 from tests.support.exported import rows_of
 from tests.support.servers import eventually
 
@@ -207,7 +208,11 @@ def test_unknown_things_get_404_in_words(server):
 
 def test_what_can_be_chosen_is_listed(server):
     client = server.client()
-    assert [level["name"] for level in client.get("/api/levels").json()] == list(DRAWN_LEVELS)
+    levels = client.get("/api/levels").json()
+    assert [level["name"] for level in levels] == list(DRAWN_LEVELS)
+    for level in levels:
+        rocks = [[bits >> col & 1 for col in range(21)] for bits in level["example"]]
+        assert rocks == generate(EnvConfig.of(level["name"], 21), 0).astype(int).tolist()
     policies = {each["name"]: each["summary"] for each in client.get("/api/policies").json()}
     assert {"random", "frontier-cost", "frontier-utility", "frontier-priced"} <= policies.keys()
     assert all(policies.values())
