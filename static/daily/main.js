@@ -32,7 +32,7 @@ addEventListener("theme", () => repaint());
 
 const { moves, telemetry, clock } = startInput({
   task, onClock: () => (state.mode === "ranked" ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
-  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isConnecting: () => state.link === "connecting", onEnter: () => false,
+  announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isHeld: () => state.link === "connecting", onEnter: () => false,
   send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
   driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
 });

@@ -22,9 +22,9 @@ const REPEAT_SETTING = "mars.repeat";
  *   isPractice  whether held keys repeat, and bursts stop before what is known to end the episode
  * @param {{task: Task, onClock: () => Board | null, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
- *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
+ *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
  *   announce: (text: string) => void, onActivity?: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
-export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isConnecting, announce, onActivity, onEnter }) {
+export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isHeld, announce, onActivity, onEnter }) {
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   const sendEvents = () => telemetry.sendAll();
@@ -48,7 +48,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
   }
   const sound = createSound(settings.sound, { storage: localStorage, makeContext: () => new AudioContext() });
   const moves = createPressQueue({
-    sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isConnecting, sendEvents, now_ms,
+    sender: createMoveSender({ send, now_ms, sendEvents }), task, frame: driven, isPractice, isHeld, sendEvents, now_ms,
     onDropped(reason, count) {
       showDropped(reason, count);
       sound.play({ kind: "blocked" });

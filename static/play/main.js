@@ -109,7 +109,7 @@ const sessions = createSessions({
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const { moves, telemetry, clock } = startInput({
   task, onClock: () => (state.mode === "practice" || state.mode === "ranked" ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
-  isPractice: () => state.mode === "practice", isConnecting: () => state.link === "connecting", pad: by("dock"),
+  isPractice: () => state.mode === "practice", isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: awaitIdle,
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),

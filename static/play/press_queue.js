@@ -1,6 +1,6 @@
 // Presses that are not sent yet: each becomes a move or is dropped with a reason, however fast they come. In practice the queue
 // stops before what the page knows to end the episode; elsewhere each press is a move. No press acts on a terrain that it was not made for.
-// Presses on a session whose socket is not open yet wait for its first frame.
+// Presses on a board that is being prepared wait for its first frame, or for the last of the moves that are made again on it.
 
 /** Presses that follow each other faster than this were typed ahead: nobody looks between them. */
 export const BURST_MS = 100;
@@ -11,12 +11,12 @@ export const MAX_WAITING = 400;
 
 /**
  *   sender       sends moves, and says which wait for their answer
- *   isConnecting  whether the session's socket is being opened: nothing can be sent, and nothing is lost
+ *   isHeld       whether presses on this frame's board wait and none is lost: its socket is being opened, or its first moves are made again
  *   sendEvents   sends the input events of the presses, which go before their moves
  *   onDropped    some presses will make no move; 0 where a held key has stopped
- * @param {{task: Pick<Task, "ahead">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isConnecting: () => boolean,
+ * @param {{task: Pick<Task, "ahead">, sender: Play.Sender, frame: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
  *   sendEvents: () => void, now_ms: () => number, onDropped: (reason: Play.Reason, count: number) => void}} how */
-export function createPressQueue({ task, sender, frame, isPractice, isConnecting, sendEvents, now_ms, onDropped }) {
+export function createPressQueue({ task, sender, frame, isPractice, isHeld, sendEvents, now_ms, onDropped }) {
   /** @type {Play.Press[]} */
   let queue = [];
   let last_ms = -Infinity;
@@ -47,7 +47,7 @@ export function createPressQueue({ task, sender, frame, isPractice, isConnecting
   /** Send what may be sent: a few moves ahead of the answers, and in practice none into the unknown before all are there.
    * @param {Frame} on of an episode that has not ended */
   function pump(on) {
-    while (queue.length > 0 && !isConnecting() && !sender.isFull()) {
+    while (queue.length > 0 && !isHeld(on) && !sender.isFull()) {
       const { action, timing, pressed_ms } = queue[0];
       const ground = isPractice() ? task.ahead(on, sentActions(), action) : "free";
       if (ground === "unknown" && sender.pending().length > 0) return;
@@ -81,11 +81,11 @@ export function createPressQueue({ task, sender, frame, isPractice, isConnecting
       const gap_ms = pressed_ms - last_ms;
       last_ms = pressed_ms;
       if (on.outcome !== null || pressed_ms < board.since_ms) return onDropped("ended", 1);
-      const reason = isPractice() ? stoppedBy(on, action, gap_ms) : null;
+      const reason = isPractice() && !isHeld(on) ? stoppedBy(on, action, gap_ms) : null;
       if (reason) return onDropped(reason, 1);
       if (queue.length >= MAX_WAITING) return onDropped("full", 1);
       const isAlone = queue.length === 0 && sender.pending().length === 0;
-      if (!isAlone || isConnecting()) {
+      if (!isAlone || isHeld(on)) {
         queue = [...queue, { action, timing, pressed_ms }];
         return pump(on);
       }
@@ -97,7 +97,7 @@ export function createPressQueue({ task, sender, frame, isPractice, isConnecting
       const on = frame();
       if (!on || on.outcome !== null) return false;
       last_ms = now_ms();
-      if (queue.length > 0 || sender.pending().length > 1) return true;
+      if (queue.length > 0 || sender.pending().length > 1 || isHeld(on)) return true;
       const ground = task.ahead(on, sentActions(), action);
       if (ground === "unknown" && sender.pending().length > 0) return true;
       if (typeof ground === "object") {

@@ -66,6 +66,8 @@ export async function findBoard({ api, hash, storage, watch, note }) {
  *   dispatch: (event: GameEvent) => void, setHash: (hash: string) => void, onBegun: (about: About) => void}} how */
 export function createSessions({ api, wish, dispatch, storage, setHash, onBegun }) {
   let isBusy = false;
+  /** The episode whose first moves are made again, and how many. */
+  let again = { episode: "", moves: 0 };
   /** @type {string | null} */
   let replayedEpisode = null;
 
@@ -128,11 +130,17 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       const terrain = { level, size: rows === cols ? rows : /** @type {[number, number]} */ ([rows, cols]), seed };
       const about = await (mode === "practice" ? api.nextEpisode(player.session, terrain)
         : api.createSession({ ...terrain, player: "human", rival: wish()?.rival }));
-      onBegun(about.frame.episode);
+      const { session, frame: { episode } } = about;
+      onBegun(episode);
+      again = { episode, moves };
       begin(about);
-      for (const [step, action] of actions.slice(0, moves).entries()) await api.act(about.session, { episode: about.frame.episode, step, action });
+      for (const [step, action] of actions.slice(0, moves).entries()) {
+        await api.act(session, { episode, step, action }).catch((error) => { again.moves = 0; throw error; });
+      }
       note(`Practice from move ${moves + 1}: the moves before it are made again, and the next one is yours. Nothing counts here.`);
     }),
+    /** @param {Frame} frame @returns whether first moves of its episode are still to be made again */
+    isMadeAgain: ({ episode, step }) => episode === again.episode && step < again.moves,
     /** Show a policy on the terrain of a finished ranked episode, once unless asked again. The player need not wait for it.
      * @param {GameState} state @param {boolean} [isAgain] */
     async replay({ player, level, size }, isAgain = false) {

@@ -14,14 +14,14 @@ function desk({ row = ".".repeat(60), isPractice = true } = {}) {
   let col = 0;
   let step = 0;
   let isOpen = true;
-  let isConnecting = false;
+  let isHeld = false;
   let outcome = null;
   let seen = 4;
   const grid = () => [[...row].map((mark, at) => (at === col ? "@" : at < seen ? mark : "?")).join("")];
   const take = (episode = "e1") => ({ kind: "frame", episode, step, outcome, position: [0, col], rows: 1, cols: row.length, grid: grid() });
   let frame = take();
   const sender = createMoveSender({ send: (message) => isOpen && line.push(message) > 0, sendEvents: () => {}, now_ms: () => now });
-  const queue = createPressQueue({ task: { ahead }, sender, frame: () => frame, isPractice: () => isPractice, isConnecting: () => isConnecting,
+  const queue = createPressQueue({ task: { ahead }, sender, frame: () => frame, isPractice: () => isPractice, isHeld: () => isHeld,
     sendEvents: () => line.push("events"), now_ms: () => now, onDropped: (reason, count) => dropped.push([reason.stop ?? reason, count]) });
   return {
     queue, dropped, sender,
@@ -31,8 +31,8 @@ function desk({ row = ".".repeat(60), isPractice = true } = {}) {
     repeat: (action = "east") => queue.repeat(action, TIMING),
     wait(ms) { now += ms; },
     lose() { isOpen = false; },
-    connect() { [isOpen, isConnecting] = [false, true]; },
-    connected() { [isOpen, isConnecting] = [true, false]; queue.receive(frame); },
+    connect() { [isOpen, isHeld] = [false, true]; },
+    connected() { [isOpen, isHeld] = [true, false]; queue.receive(frame); },
     /** The server makes the next move that it has not made yet. */
     answer() {
       const act = line.filter((message) => message.kind === "act")[step];
