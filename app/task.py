@@ -349,8 +349,8 @@ class Rules(Protocol):
         """Return what `labels` can be, with what each means."""
 
     def study(self, config: Configuration) -> Mapping[str, Any]:
-        """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads, and
-        `opening`, the first paragraph of the consent text."""
+        """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads,
+        and of the consent text the first paragraph (`opening`) and what it counts (`things`)."""
 
     def placeholders(self, config: Configuration) -> Mapping[str, Any]:
         """Return what a study's texts may name in braces of a configuration: name -> what it becomes."""

@@ -437,4 +437,4 @@ def _describe(stage: str) -> str:
         "withdrawn": "the end (withdrawn)",
         "warm_up": "the warm-up",
     }
-    return words.get(stage, "the ranked rounds" if stage == "ranked" else f"the {stage}")
+    return words.get(stage, "the ranked episodes" if stage == "ranked" else f"the {stage}")

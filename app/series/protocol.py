@@ -327,7 +327,7 @@ def default_protocol(name: str, config: Configuration, task: str = "mars", **res
     Its texts are templates: `app.series.templates.fill` gives what participants read.
     """
     known = dict(rules_of(task).study(config))
-    text = consent(known.pop("opening"), bool(known["questions"]))
+    text = consent(known.pop("opening"), bool(known["questions"]), known.pop("things"))
     title = str(known["title"]).replace("{name}", name)
     named = {} if task == "mars" else {"task": task}
     parts = {

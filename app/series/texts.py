@@ -12,8 +12,8 @@ RECRUITMENT = """\
 
 We are looking for {players} people to take part in a study, in a browser, with a keyboard or a touch screen.
 
-- It takes about {minutes} minutes, with breaks whenever you like: practice (rounds: {warm_up}), then the rounds that count
-  ({ranked}). Nothing has to be installed.
+- It takes about {minutes} minutes, with breaks whenever you like: practice ({warm_up}), then what counts ({ranked}).
+  Nothing has to be installed.
 - Anybody may take part who: TODO, as under recruitment_criteria in protocol.json
 - You get: TODO, as under testing_compensation
 - We record your moves and keys in the game, under a pseudonym. You may stop at any time and need give no reason.
@@ -54,7 +54,7 @@ CHECKLIST = """\
 """What an operator does from the draft to the figure, on one page."""
 
 _DURATION = (
-    "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice rounds and {{ranked}} rounds "
+    "It takes about {{minutes}} minutes: a short tutorial, {questions}{{warm_up}} practice {things} and {{ranked}} {things} "
     "that count, with breaks whenever you like."
 )
 _REST = (
@@ -68,7 +68,13 @@ _REST = (
 )
 
 
-def consent(opening: str, with_questions: bool) -> str:
-    """Return what a participant agrees to, paragraphs split by blank lines; the task's opening says what is played."""
-    duration = _DURATION.format(questions="{questions} questions, " if with_questions else "")
+def consent(opening: str, with_questions: bool, things: str) -> str:
+    """Return what a participant agrees to, paragraphs split by blank lines.
+
+    opening  what is played, in the task's words
+    things   what is counted: terrains, rounds
+    """
+    duration = _DURATION.format(
+        questions="{questions} questions, " if with_questions else "", things=things
+    )
     return "\n\n".join((opening, duration, *_REST))

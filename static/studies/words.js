@@ -6,4 +6,4 @@ import { many } from "../common/words.js";
 export const joinable = (listed) => listed.filter(({ status, recruitment }) => status === "open" && recruitment === "open");
 
 /** @param {StudyListing} study @returns how long a study is */
-export const lengthLine = ({ warm_up, ranked }) => `${many(warm_up, "round")} to warm up, then ${ranked} that count${ranked === 1 ? "s" : ""}`;
+export const lengthLine = ({ warm_up, ranked }) => `${many(warm_up, "episode")} to warm up, then ${ranked} that count${ranked === 1 ? "s" : ""}`;

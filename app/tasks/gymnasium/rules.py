@@ -455,6 +455,7 @@ class GymnasiumRules:
         """Return texts of a new study, and that it compares with random actions."""
         return {
             "title": f"How well do people play {self.title}? ({{name}})",
+            "things": "rounds",
             "opening": f"You are invited to take part in a study of how well people play {self.title}. You play it with the "
             "keyboard or by touch, in your browser.",
             "questions": (),

@@ -132,6 +132,7 @@ class MarsRules:
         return {
             "title": "How well do people explore Mars? ({name})",
             "opening": OPENING,
+            "things": "terrains",
             "questions": _questions(),
             "assumed_player_sd": round(ASSUMED_PLAYER_SD * scale, 1),
             "assumed_episode_sd": round(ASSUMED_EPISODE_SD * scale, 1),
@@ -290,17 +291,17 @@ def _questions() -> list[dict[str, Any]]:
     """Return three questions about the rules, as `protocol.Question` has them."""
     return [
         {
-            "question": "What ends a round at once?",
+            "question": "What ends a terrain at once?",
             "choices": [
                 "Driving into a rock or off the edge",
                 "Waiting for a minute",
                 "Crossing my own track",
             ],
             "answer": 0,
-            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends a round.",
+            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends a terrain.",
         },
         {
-            "question": "When is a round complete?",
+            "question": "When is a terrain complete?",
             "choices": [
                 "When the rover has driven over every cell",
                 "When {coverage} of all cells have been mapped",
@@ -310,13 +311,13 @@ def _questions() -> list[dict[str, Any]]:
             "why": "Not quite: the rover need not drive everywhere; {coverage} seen by its lidar are enough.",
         },
         {
-            "question": "Of two complete rounds on the same terrain that discovered equally many cells, which scores higher?",
+            "question": "Two people complete the same terrain, and know equally many cells. Who scores higher?",
             "choices": [
-                "The one with more moves",
-                "The one with fewer moves",
+                "Whoever made more moves",
+                "Whoever made fewer moves",
                 "Both score the same",
             ],
             "answer": 1,
-            "why": "Not quite: every move takes a little off the score, so the one with fewer moves scores higher.",
+            "why": "Not quite: every move takes a little off the score, so whoever made fewer scores higher.",
         },
     ]

@@ -63,7 +63,7 @@ def test_the_whole_way_from_consent_to_completion_code(server, study):
         None,
     )
     assert where["consent"]["text"] == study.protocol.consent.text
-    assert "2 practice rounds and 3 rounds that count" in where["consent"]["text"]
+    assert "2 practice terrains and 3 terrains that count" in where["consent"]["text"]
     assert where["rules"] == {"coverage": "99 %", "lidar_radius": "6", "max_steps": "63"}
     assert [set(each) for each in where["questions"]] == [{"question", "choices"}] * 3
     person.call("consent", {"version": "1", "agree": True})

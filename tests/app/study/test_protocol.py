@@ -55,7 +55,7 @@ def test_the_defaults_are_the_papers_protocol():
         CORE_VERSION,
     )
     assert len(protocol.questions) == 3
-    assert "15 practice rounds and 30 rounds" in fill(protocol).consent.text
+    assert "15 practice terrains and 30 terrains" in fill(protocol).consent.text
     assert protocol.consent.text.count("\n\n") == 4
 
 

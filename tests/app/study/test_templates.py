@@ -80,7 +80,7 @@ def test_a_draft_edited_to_another_number_promises_the_study_that_runs(tmp_path)
     study = folder.freeze("small")
     text = study.protocol.consent.text
     assert (
-        "3 questions, 1 practice round and 4 rounds that count" in text,
+        "3 questions, 1 practice terrain and 4 terrains that count" in text,
         "30" in text,
         "(licence CC-BY-4.0)" in text,
     ) == (

@@ -51,10 +51,10 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     draft = Folder(tmp_path / "studies").draft("mine")
     differences = f"differences from a policy of {draft.policy_difference:g} steps"
     assert f"changes of ±{draft.equivalence_margin:g} and {differences}" in out
-    assert "{warm_up} practice rounds" in draft.consent.text
+    assert "{warm_up} practice terrains" in draft.consent.text
     code, out, err = study("freeze", "mine")
     assert (code, err) == (0, "")
-    assert "2 practice rounds and 6 rounds that count" in out
+    assert "2 practice terrains and 6 terrains that count" in out
     assert out.count("power: ") == 2
     assert out.count("seen in 8") == 2
 
@@ -90,7 +90,7 @@ def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
     edit(tmp_path, ranked=9)
     code, out, _ = study("show", "mine")
     assert (code, "{ranked}" in out) == (0, False)
-    assert "2 practice rounds and 9 rounds that count" in out
+    assert "2 practice terrains and 9 terrains that count" in out
 
 
 @pytest.mark.parametrize(

@@ -15,5 +15,5 @@ test("only open studies that are open to everybody are listed", () => {
   const study = (name, status, recruitment) => ({ name, title: name, status, recruitment, warm_up: 15, ranked: 30 });
   const listed = [study("a", "open", "open"), study("b", "closed", "open"), study("c", "open", "invitation"), study("d", "open", "panel")];
   assert.deepEqual(joinable(listed).map(({ name }) => name), ["a"]);
-  assert.equal(lengthLine(listed[0]), "15 rounds to warm up, then 30 that count");
+  assert.equal(lengthLine(listed[0]), "15 episodes to warm up, then 30 that count");
 });
