@@ -1,4 +1,4 @@
-"""A study of FrozenLake by its own commands: two participants, a report, a release that verifies and is derived again."""
+"""A study of FourRooms by its own commands: two participants, a report, a release that verifies and is derived again."""
 
 import json
 import random
@@ -8,12 +8,14 @@ from contextlib import closing
 import pytest
 
 from app.cli.main import main
+from app.series.folder import Folder
 from app.series.verification import verify_database
 from app.task import rules_of
 from app.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support.declared import DECLARATIONS_FILE
 
-LAKE, ROOMS = "gymnasium:FrozenLake-v1", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
+LAKE = "gymnasium:FrozenLake-v1"
+ROOMS = 'gymnasium:{"id": "minigrid:MiniGrid-FourRooms-v0", "max_steps": 3}'
 
 
 class Wanderer:
@@ -41,25 +43,82 @@ def run(*args):
     return left.value.code or 0
 
 
-@pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
+@pytest.fixture(params=[ROOMS, pytest.param(LAKE, marks=pytest.mark.long)])
 def played(request, serve, tmp_path, briefly_examined):
     """The database and the folder of studies, once two people have played and the study is closed."""
     studies = ("--studies", tmp_path / "studies")
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
     env = request.param.removeprefix("gymnasium:")
-    assert run("study", "new", "lake", "--env", env, *sizes, *studies) == 0
-    assert run("study", "freeze", "lake", "--underpowered", *studies) == 0
+    assert run("study", "new", "any", "--env", env, *sizes, *studies) == 0
+    path = tmp_path / "studies/any/protocol.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"debrief_policy": "random"}))
+    assert run("study", "freeze", "any", "--underpowered", *studies) == 0
     server = serve(task=request.param)
-    for number in range(2):
-        player = Wanderer(number, request.param)
-        person = Participant(server.page(), "lake", player, server.clock, number)
+    done, other = (
+        Participant(server.page(), "any", Wanderer(number, request.param), server.clock, number)
+        for number in range(2)
+    )
+    for person, stages in ((done, ("debrief",)), (other, ("ranked",))):
         person.call("join")
+        while person.me()["stage"] not in stages:
+            person.take_step()
+    other.take_step()
+    other.me()
+    secret = [str(seed) for seed in Folder(tmp_path / "studies").study("any").seeds()]
+    check_that_no_policy_plays(server, done, other, secret)
+    for person in (done, other):
         while person.me()["stage"] != "complete":
             person.take_step()
     server.stop()
     database = ("--database", tmp_path / "playground.db")
-    assert run("study", "close", "lake", "--yes", *studies, *database) == 0
+    assert run("study", "close", "any", "--yes", *studies, *database) == 0
     return studies, database
+
+
+def check_that_no_policy_plays(server, done, other, secret):
+    """While the study is open nobody is shown a policy on its instances: players, those done, or others."""
+    rows, said = server.services.store.connection.execute, []
+    episodes = rows("SELECT id FROM episodes").fetchall()
+    assert len(episodes) == 6 + 3, "with the tutorials"
+    stranger = server.page()
+    assert stranger.post("/api/sessions", json={"player": "random"}).status_code == 201
+
+    def check(client, path, *statuses, **body):
+        answer = client.post(path, json=body) if body else client.get(path)
+        assert answer.status_code in statuses, (path, body, answer.status_code, answer.text[:300])
+        said.append(answer.text)
+
+    for client in (done.client, other.client, stranger):
+        for (episode,) in episodes:
+            for what in ("", "/replay", "/regret", "/ghost?policy=random"):
+                check(client, f"/api/episodes/{episode}{what}", 404)
+            for what in ("", ".html?ghost=random"):
+                check(client, f"/replay/{episode}{what}", 404)
+            check(client, f"/api/watch/{episode}", 404)
+        for person in (done, other):
+            session, frame = person.where["session"], person.frame
+            at, own = f"/api/sessions/{session}", 409 if client is person.client else 404
+            check(client, f"/api/watch/{session}", 404)
+            check(client, f"{at}/pace", own, follow=True)
+            check(client, f"{at}/episodes", own, seed=1)
+            check(client, f"{at}/act", own, episode=frame["episode"], step=0, action="left")
+            for rival in (None, "random"):
+                statuses = 404, 422
+                check(
+                    client,
+                    "/api/sessions",
+                    *statuses,
+                    player="random",
+                    rival=rival,
+                    replays=session,
+                )
+        for what in ("", "/regret"):
+            check(client, f"/api/studies/any/debrief/0{what}?phase=ranked", 404, 409)
+    assert not [seed for seed in secret for text in said if seed in text]
+    warm_up = done.client.get("/api/studies/any/debrief/0?phase=warm_up").json()
+    assert warm_up["policy"]["frames"], "it does play the warm-up"
+    ((seed,),) = rows("SELECT seed FROM episodes WHERE driver LIKE 'policy:%'").fetchall()
+    assert str(seed) not in secret, "what was begun above"
 
 
 def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
@@ -67,7 +126,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert verify_database(database[1]).findings == ()
     page, numbers = tmp_path / "report.html", tmp_path / "report.json"
     files = ("--html", page, "--json", numbers)
-    assert run("report", "--study", "lake", *studies, *database, *files) == 0
+    assert run("report", "--study", "any", *studies, *database, *files) == 0
     report = json.loads(numbers.read_text())
     (group,) = report["groups"]
     with closing(sqlite3.connect(database[1])) as conn:
@@ -80,11 +139,12 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     text = page.read_text()
     assert "Moves to success" in text
     sees = "People see the whole grid from above; agents are given 7x7 cells before the agent."
-    assert (sees in text) == (ROOMS in report["protocol"]["task"])
+    is_rooms = "FourRooms" in report["protocol"]["task"]
+    assert (sees in text) == is_rooms
     assert [word for word in ("99 %", "lidar", "rover", "obstacle") if word in text] == []
-    assert run("release", "--study", "lake", *studies, *database, "--out", tmp_path / "bundle") == 0
+    assert run("release", "--study", "any", *studies, *database, "--out", tmp_path / "bundle") == 0
     datasheet = (tmp_path / "bundle/DATASHEET.md").read_text()
-    assert (sees in datasheet) == (ROOMS in report["protocol"]["task"])
+    assert (sees in datasheet) == is_rooms
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
