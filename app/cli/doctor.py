@@ -17,8 +17,53 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
         context.exit()
 
 
+COLUMNS = (
+    "environment", "follows from seed and actions", "ms a step", "ms a picture", "picture", "keys", "people see", "agents see",
+)  # fmt: skip
+MOST_KEYS = 9
+"""Actions whose keys a row of the table names; of more only how many there are."""
+
+
+def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
+    """Print an environment's row of the table and return its exit code."""
+    from app.task import rules_of
+    from app.tasks.gymnasium.doctor import examine
+    from app.tasks.gymnasium.rules import GymnasiumRules
+
+    shown = env
+    try:
+        rules = rules_of(task_name(env))
+        if not isinstance(rules, GymnasiumRules):
+            raise ValueError("expected an id of Gymnasium's; mars follows from seed and moves")
+        told = rules.description
+        shown = " in ".join((rules.level, *(name.partition(":")[2] for name in told.wrappers)))
+        with progress(shown) as advance:
+            found = examine(rules.name, seeds, steps, advance, rule=rule)
+    except (click.BadParameter, ValueError) as error:
+        why = " ".join(str(error).replace("|", "/").split())
+        click.echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
+        return 2
+    verdict = (
+        str(found.differences[0])
+        if found.differences
+        else f"no difference in {found.steps:,} moves"
+    )
+    if found.used:
+        verdict += "; a used one after reset differs, which does not count"
+    keys = [f"{codes[0]} {name}" for name, codes in found.keys.items() if codes]
+    (rows, columns), size = found.picture, found.picture_bytes
+    cells = (
+        shown, verdict, f"{found.step_ms:.3g}", f"{found.picture_ms:.3g}",
+        f"{columns}x{rows}, {size:,} bytes" if size else f"{columns}x{rows} characters",
+        ", ".join(keys) if len(keys) <= MOST_KEYS else f"{len(keys)} keys",
+        told.people_see or ("its picture" if size else "its text"), told.agents_see or "not said",
+    )  # fmt: skip
+    click.echo(f"| {' | '.join(cells)} |")
+    return int(bool(found.differences))
+
+
 @click.command(short_help="Say whether an environment follows from seed and actions.")
-@click.argument("env")
+@click.argument("envs", nargs=-1, required=True, metavar="ENV...")
 @click.option(
     "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="How many seeds."
 )
@@ -32,6 +77,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     help="Choose every third seed's actions by its observations.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@click.option("--table", is_flag=True, help="Print a row of Markdown for each of several ENV.")
 @click.option(
     "--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to be edited."
 )
@@ -39,7 +85,15 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
     help="Print the JSON schema of that file.",
 )  # fmt: skip
-def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool, toml: bool) -> int:
+def doctor(
+    envs: tuple[str, ...],
+    seeds: int,
+    steps: int,
+    rule: str | None,
+    as_json: bool,
+    table: bool,
+    toml: bool,
+) -> int:
     """Play ENV, an id of Gymnasium's or a TOML file, in fresh processes, and compare its episodes step by step.
 
     They are played again with another hash seed, in another folder and time zone, after other episodes, without rendering and
@@ -51,10 +105,16 @@ def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool, to
       marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --steps 500
       marsexplorer doctor rooms.toml --json
       marsexplorer doctor minigrid:MiniGrid-FourRooms-v0 --toml > rooms.toml
+      marsexplorer doctor --table CartPole-v1 Acrobot-v1 rooms.toml
     """
     from app.tasks.gymnasium.doctor import description_file, examine
 
-    if (task := task_name(env)) == "mars":
+    if table:
+        click.echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
+        return max([_row(env, seeds, steps, rule) for env in envs])
+    if len(envs) > 1:
+        raise click.UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
+    if (task := task_name(envs[0])) == "mars":
         raise click.UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
     try:
         if toml:
@@ -75,7 +135,7 @@ def doctor(env: str, seeds: int, steps: int, rule: str | None, as_json: bool, to
     rows, columns = found.picture
     size = f"pixels, {found.picture_bytes} bytes as PNG" if found.picture_bytes else "characters"
     click.echo(
-        f"a step takes {found.step_ms:.3g} ms, a picture {found.picture_ms:.3g} ms; it has {columns} x {rows} {size}"
+        f"a step takes {found.step_ms:.3g} ms of processor, a picture of {columns} x {rows} {size} {found.picture_ms:.3g} ms"
     )
     for action, keys in found.keys.items():
         click.echo(f"  {action}: {', '.join(keys) or 'no key'}")

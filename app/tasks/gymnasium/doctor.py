@@ -74,7 +74,7 @@ class Examination:
     steps         moves that were compared under each variant, of all seeds
     differences   the first difference of each variant that has one and counts
     used          that of a used environment after reset, which does not count
-    step_ms       median time of a step; picture_ms that of a picture
+    step_ms       median processor time of a step; picture_ms that of a picture
     picture       its rows and columns, in pixels, of text in characters; picture_bytes the median size of its PNG, 0 for text
     keys          action -> its keys
     """
@@ -285,9 +285,9 @@ def _episode(
     while True:
         picture = None
         if renders:
-            begun = time.perf_counter()
+            begun = time.process_time()
             drawn = env.render()
-            costs["picture"].append(1000 * (time.perf_counter() - begun))
+            costs["picture"].append(1000 * (time.process_time() - begun))
             if isinstance(drawn, str):
                 rows = drawn.splitlines()
                 picture, shape = (
@@ -304,9 +304,9 @@ def _episode(
         if any(ends) or len(hashes) > steps:
             return {"hashes": hashes, "costs": costs, "picture": shape}
         action = int(choose(observation))
-        begun = time.perf_counter()
+        begun = time.process_time()
         observation, reward, terminated, truncated, _ = env.step(action)
-        costs["step"].append(1000 * (time.perf_counter() - begun))
+        costs["step"].append(1000 * (time.process_time() - begun))
         ends = bool(terminated), bool(truncated)
 
 

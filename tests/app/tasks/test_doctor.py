@@ -78,9 +78,19 @@ def test_gymnasiums_own_pass_with_their_costs(env, capsys):
 
 
 def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
-    code, said, _ = command(capsys, "doctor", f"{ODD}:Odd-sets-v0", "--seeds", 1, "--steps", 3)
+    odd = f"{ODD}:Odd-sets-v0"
+    code, said, _ = command(capsys, "doctor", "--table", odd, "--seeds", 1, "--steps", 3)
+    head, _, row = said.splitlines()
     assert code == 1
-    assert "does not follow from seed and actions" in said
+    assert row.startswith(f"| {odd} | observation differs at seed 0, episode 0, step 1 (hash seed)")
+    assert row.count("|") == head.count("|")
+    code, said, _ = command(capsys, "doctor", "--table", "Nothing-v0", "mars", "Pendulum-v1")
+    assert code == 2
+    for line, words in zip(
+        said.splitlines()[2:], ("no environment", "Gymnasium's", "discrete"), strict=True
+    ):
+        assert "| cannot be played: " in line
+        assert words in line
     for env, words in {"Nothing-v0": "knows no environment", "Pendulum-v1": "discrete"}.items():
         code, said, why = command(capsys, "doctor", env)
         assert (code, said) == (2, "")

@@ -1,0 +1,69 @@
+"""`python -m research.environments`: draw the table of docs/environments.md again; with names of families, print theirs."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+ROOT = Path(__file__).resolve().parents[2]
+FAMILIES: Mapping[str, Mapping[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("families.toml").read_text("utf-8")
+)
+PAGE = ROOT / "docs" / "environments.md"
+BLOCK = re.compile(r"^<!-- drawn: environments -->\n.*?^<!-- end -->$", re.M | re.S)
+
+
+def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
+    """Return the head of the table and a family's rows, examined in a virtual environment that is made where there is none."""
+    family, place = FAMILIES[name], folder / name.replace(" ", "-").lower()
+    envs = [each if isinstance(each, str) else json.dumps(each) for each in family["environments"]]
+    python = str(place / "bin" / "python")
+    subprocess.run([sys.executable, "-m", "venv", place], check=True)
+    pins = ("--constraint", f"{ROOT}/constraints.txt") if family.get("pinned", True) else ()
+    pip = [python, "-m", "pip", "install", "--quiet", *pins]
+    done = subprocess.run(
+        [*pip, "--editable", f"{ROOT}[any]", *family.get("install", ())],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        why = next(line for line in done.stderr.splitlines() if line.startswith("ERROR: "))
+        shown = (each if isinstance(each, str) else each["id"] for each in family["environments"])
+        return "", "".join(f"| {env} | not installed: {why[7:]} |{' |' * 6}\n" for env in shown)
+    command = [python, "-m", "app.cli", "doctor", "--table"]
+    asked = ["--steps", str(family.get("steps", steps)), *envs]
+    environ = os.environ | {"PYTHONPATH": str(ROOT)} | family.get("environ", {})
+    printed = subprocess.run(
+        [*command, *asked], cwd=ROOT, env=environ, stdout=subprocess.PIPE, text=True, check=False
+    )
+    head, line, *rows = printed.stdout.splitlines(keepends=True)
+    return head + line, "".join(rows)
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice([*FAMILIES]))
+@click.option("--venvs", type=click.Path(path_type=Path), default=ROOT / ".cache" / "environments")
+@click.option("--steps", default=400, show_default=True, help="Moves for each of five seeds.")
+def main(names: tuple[str, ...], venvs: Path, steps: int) -> None:
+    """Install each family of families.toml, let `marsexplorer doctor --table` examine it, and write docs/environments.md."""
+    head, table = "", ""
+    for name in names or FAMILIES:
+        found, rows = rows_of(name, venvs, steps)
+        head, table = head or found, table + rows
+        click.echo(rows, nl=False)
+    if not names:
+        drawn = f"<!-- drawn: environments -->\n{head}{table}<!-- end -->"
+        PAGE.write_text(BLOCK.sub(lambda _: drawn, PAGE.read_text("utf-8")), "utf-8")
+
+
+main()
