@@ -197,11 +197,20 @@ def _result(group: GroupReport) -> PageTable | None:
         ends = headline, metric.new_terrains
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
+    share = [*_share(found.completed).split("\n"), NONE]
+    if found.completed and (found.completed.headline, found.score.headline) == (
+        "guaranteed",
+        "printed",
+    ):
+        share[1] += " (guaranteed)"
+    if {each[1] for each in columns} == {NONE}:
+        share[1] = NONE
     who = f"{counted(found.players, 'player')}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
     kind = "guaranteed " if found.score.headline == "guaranteed" else ""
     names = "mean", f"{kind}95 % interval (headline)", "95 % interval, new terrains too"
-    table = _by_metric(f"Means over players. {who}", group, names, columns)
-    return replace(table, rows=[row for row in table.rows if set(row[1:]) != {NONE}])
+    table = _by_metric(f"Means over players. {who}", group, names, [*columns, tuple(share)])
+    rows = [row for row in table.rows if set(row[1:]) != {NONE}]
+    return replace(table, heads=(*table.heads, group.words.reached), rows=rows)
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:

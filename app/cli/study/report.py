@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -114,19 +115,32 @@ def _show_group(found: Report, group: GroupReport) -> None:
 
 def _print_figures(mark: str, group: GroupReport) -> None:
     """Print the figure under each exclusion set; nothing where no set has players."""
-    from app.report.statistics.formatting import interval, number
+    from app.report.statistics.formatting import interval, number, percent
 
     rows = []
     for figure in group.figures:
-        score, steps = figure.score, figure.steps
-        if score and steps:
+        score, steps, reached = figure.score, figure.steps, figure.completed
+        if score and steps and reached:
             mark_of = " (guaranteed)" if score.headline == "guaranteed" else ""
             ends = interval(score.interval, 4) + mark_of, interval(steps.interval, 1) + mark_of
             values = number(score.mean, 4), ends[0], number(steps.mean, 1), ends[1]
-            rows.append((figure.name, str(figure.players), str(figure.episodes), *values))
+            low, high = reached.interval or (math.nan, math.nan)
+            share = percent(reached.mean, 1), interval((100 * low, 100 * high), 1)
+            rows.append((figure.name, str(figure.players), str(figure.episodes), *values, *share))
     if rows:
         head = "95 % interval"
-        columns = ("set", "players", "episodes", "score", head, "steps to 99 %", head)
+        words = group.words
+        columns = (
+            "set",
+            "players",
+            "episodes",
+            words.score,
+            head,
+            words.steps,
+            head,
+            words.reached,
+            head,
+        )
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
 

@@ -16,8 +16,10 @@ NONE = "–"
 
 
 def number(value: float | None, digits: int) -> str:
-    """Return a number with so many decimals, a dash for None and NaN."""
-    return NONE if value is None or value != value else f"{value:.{digits}f}".replace("-", "−")
+    """Return a number with so many decimals, a dash for None and NaN, ∞ for an infinite one."""
+    if value is None or value != value:
+        return NONE
+    return f"{value:.{digits}f}".replace("-", "−").replace("inf", "∞")
 
 
 def interval(ends: Interval | None, digits: int) -> str:

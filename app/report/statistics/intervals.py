@@ -164,10 +164,15 @@ def guaranteed_interval(values: Floats, bounds: Interval) -> Ends:
 
     Betting against each candidate mean with a fixed mixture of stakes; by Markov's inequality the wealth of a bettor against
     the true mean exceeds 40 with a probability of at most 1/40 (Waudby-Smith and Ramdas 2024, J. R. Statist. Soc. B 86(1)).
-    ValueError when a value lies outside the bounds.
+    ValueError when a value lies outside the bounds. Where a bound is infinite, so is the end on the other side.
     """
     _check_within(values, bounds)
     floor, ceiling = bounds
+    if not np.isfinite(ceiling - floor):
+        least, most = np.full((2, *values.shape[:-1]), np.inf)
+        low = floor + _lower_bound(values - floor) if np.isfinite(floor) else -least
+        high = ceiling - _lower_bound(ceiling - values) if np.isfinite(ceiling) else most
+        return low, high
     share = np.clip((values - floor) / (ceiling - floor), 0, 1)
     low, high = _lower_bound(share), 1 - _lower_bound(1 - share)
     return floor + (ceiling - floor) * low, floor + (ceiling - floor) * high

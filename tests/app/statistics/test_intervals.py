@@ -117,6 +117,14 @@ def test_scaling_the_bounds_scales_the_guaranteed_interval():
     )
 
 
+def test_a_score_without_a_bound_has_no_guaranteed_end_on_the_other_side():
+    values = np.array([1.0, 2.0, 30.0])
+    low, high = guaranteed_interval(values, (0, 40))
+    assert guaranteed_interval(values, (0, np.inf)) == (pytest.approx(low), np.inf)
+    assert guaranteed_interval(values, (-np.inf, 40)) == (-np.inf, pytest.approx(high))
+    assert estimate(values, (-np.inf, np.inf), True).interval == (-np.inf, np.inf)
+
+
 def test_a_value_outside_the_bounds_is_refused():
     with pytest.raises(ValueError, match=r"values must lie in 0\.\.1"):
         guaranteed_interval(np.array([0.5, 1.2]), (0, 1))

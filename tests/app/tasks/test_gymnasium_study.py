@@ -138,6 +138,9 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert (figure["players"], figure["episodes"]) == (2, 8)
     text = page.read_text()
     assert "Moves to success" in text
+    share = figure["completed"]["mean"]
+    assert f'<th scope="row">mean</th><td>{figure["score"]["mean"]:.4f}</td>' in text
+    assert f"<td>{100 * share:.1f} %</td>" in text
     sees = "People see the whole grid from above; agents are given 7x7 cells before the agent."
     is_rooms = "FourRooms" in report["protocol"]["task"]
     assert (sees in text) == is_rooms
