@@ -216,13 +216,12 @@ def spec_of(env_id: str) -> Any:
 
 @lru_cache(maxsize=64)
 def described(told: str) -> Description:
-    """Return a description as it was told, with what the catalogue knows where it says nothing; ValueError where it is none."""
+    """Return a description as it was told, without what the catalogue knows; ValueError where it is none."""
     said = json.loads(told) if told.startswith("{") else {"id": told}
     try:
-        given = Description.model_validate(said)
+        return Description.model_validate(said)
     except ValidationError as error:
         raise ValueError(_first(error)) from error
-    return given
 
 
 def completed(given: Description) -> Description:
@@ -315,13 +314,8 @@ def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[st
     """
     found: dict[str, list[str]] = {name: [] for name in names}
     for code, wanted in described.keys.items():
-        name = (
-            str(wanted)
-            if isinstance(wanted, str)
-            else names[wanted]
-            if 0 <= wanted < len(names)
-            else ""
-        )
+        is_code = isinstance(wanted, int) and 0 <= wanted < len(names)
+        name = names[cast("int", wanted)] if is_code else str(wanted)
         if name not in found:
             raise ValueError(
                 f"keys: {code} = {wanted!r} is no action of {described.id}: {', '.join(names)}"
@@ -343,17 +337,13 @@ def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[st
         free = [f"Digit{number}" for number in (*range(1, 10), 0)] + [
             f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"
         ]
-        if len(names) <= len(free):
-            for number, name in enumerate(names):
-                like = f"Digit{number}" if name == str(number) and number < 10 else ""
-                if not found[name]:
-                    code = (
-                        like
-                        if like and like not in taken
-                        else next(each for each in free if each not in taken)
-                    )
-                    found[name] = [code]
-                    taken.add(code)
+        for number, name in enumerate(names if len(names) <= len(free) else ()):
+            if not found[name]:
+                own = [f"Digit{number}"] if name == str(number) else []
+                found[name] = [
+                    next(code for code in (*own, *free) if code not in taken and code in KEY_CODES)
+                ]
+                taken.update(found[name])
     if not any(found.values()):
         raise ValueError(
             f"no key is known for the {len(names)} actions of {described.id}; name them in its file, such as "

@@ -416,8 +416,9 @@ class GymnasiumRules:
     def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
         """Return the bounds of the score, where both are known and it is the return; else None."""
         low, high = self.description.bounds
-        known = low is not None and high is not None and self.description.score == "return"
-        return (low, high) if known and low is not None and high is not None else None
+        if low is None or high is None or self.description.score != "return":
+            return None
+        return low, high
 
     @cached_property
     def players(self) -> Any:
