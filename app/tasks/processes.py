@@ -308,10 +308,12 @@ def _resident(pid: int) -> int:
 
 def _serve(name: str, argument: str, settings: Mapping[str, Any], descriptor: int) -> None:
     """Fork a worker for each request, until nobody asks any more."""
+    from app.jobs import give_way  # whoever only confines itself needs the standard library alone
+
     connection = Connection(descriptor)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    os.nice(5)  # a worker that takes all it can get gives way to the server
+    give_way(5)  # a worker that takes all it can get gives way to the server
     try:
         confined = confine(settings["readable"], settings["hidden"], Path.cwd())
         module = import_module(name)

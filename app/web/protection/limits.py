@@ -71,8 +71,8 @@ PENALTY = 100
 FULL_WAIT_S = 30
 """When a browser may come again that found all places for sockets taken."""
 
-TURN_S, REST = 1.0, 1.0
-"""Seconds that an agent's turn takes at most, and the rest after it, in the time that it took."""
+TURN_S, REST = 1.0, 3.0
+"""Seconds that an agent's turn takes at most, and the rest after it, in the time that it took: agents have a quarter of all."""
 
 MAX_BUCKETS = 10_000
 """Addresses or players whose rates are remembered; beyond, those that have a full bucket go."""
@@ -118,7 +118,7 @@ class TokenBucket:
 
 
 class Turns:
-    """Lets what agents ask for be done one at a time, and leaves everybody else as much time again after each turn."""
+    """Lets what agents ask for be done one at a time, and leaves everybody else REST times as long after each turn."""
 
     def __init__(self) -> None:
         self._turn = asyncio.Lock()

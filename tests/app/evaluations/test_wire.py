@@ -422,7 +422,7 @@ async def _nothing():
     return 7
 
 
-def test_agents_take_turns_and_leave_as_much_time_to_others():
+def test_agents_take_turns_and_leave_others_three_times_as_long():
     import asyncio
 
     async def check():
@@ -440,7 +440,7 @@ def test_agents_take_turns_and_leave_as_much_time_to_others():
 
         assert await asyncio.gather(*(turns.take(work()) for _ in range(5))) == [7] * 5
         rests = [later[0] - earlier[1] for earlier, later in itertools.pairwise(spans)]
-        assert min(rests) >= 0.015
+        assert min(rests) >= 0.05
 
         async def fails():
             raise ValueError("no")

@@ -90,6 +90,12 @@ def test_it_has_none_of_root_s_rights(begun):
     assert re.findall(r"Cap(?:Inh|Prm|Eff):\s*(\w+)", told) == ["0" * 16] * 3
 
 
+@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux groups no sessions")
+def test_it_gives_way_with_its_session(begun):
+    _, worker, _ = begun()
+    assert worker.ask(["read", "/proc/self/autogroup"]).endswith(f"nice {os.nice(0) + 5}\n")
+
+
 def test_it_is_another_user_s_where_that_one_can_read_its_packages(tmp_path):
     """By the system's Python where this one lies in a folder of root's own."""
     if os.getuid() != 0:
