@@ -3,6 +3,7 @@
 import io
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from tests.support.servers import eventually
@@ -145,6 +146,7 @@ def test_a_view_that_lost_its_context_or_broke_gives_the_stage_to_the_matrix_and
     assert me.errors == []
 
 
+@pytest.mark.long
 def test_without_the_word_in_its_address_the_client_draws_on_its_own_canvas(serve, player):
     server = serve()
     me = player(server, (), 1010, 540)

@@ -74,7 +74,10 @@ def megabytes(server):
     return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
 
-@pytest.mark.parametrize("kind", ["pings", "messages", "requests", "head", "silent"])
+LONG = [pytest.param(kind, marks=pytest.mark.long) for kind in ("pings", "head")]
+
+
+@pytest.mark.parametrize("kind", ["messages", "requests", "silent", *LONG])
 def test_others_play_on_and_a_server_that_is_stopped_meanwhile_has_every_move(
     spawn, tmp_path, kind
 ):

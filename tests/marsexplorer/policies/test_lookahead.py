@@ -73,7 +73,7 @@ def test_terrains_have_the_distribution_that_counting_them_all_gives():
     np.testing.assert_allclose(found / count, share / total, atol=0.02)
 
 
-@pytest.mark.parametrize("side", [21, 42])
+@pytest.mark.parametrize("side", [21, pytest.param(42, marks=pytest.mark.long)])
 def test_kept_from_the_first_move_chains_agree_with_all_that_is_seen(side):
     config = EnvConfig.of("random", side)
     policy, episode = policies.load("frontier-priced"), Episode.begin(config, seed=3)

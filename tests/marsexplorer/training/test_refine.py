@@ -169,6 +169,7 @@ def test_a_network_that_is_refined_on_larger_grids_is_held_to_what_it_was_on_the
     assert {task.size for task in run.make_tasks() if not task.pairs_per_episode} == {21, 84}
 
 
+@pytest.mark.long
 def test_costs_on_a_larger_grid_are_in_proportion_to_its_side(net):
     weights = {name: tensor.numpy() for name, tensor in net.state_dict().items()}
     pairs = play_task((weights, EpisodeTask("1-1-1", 33, SEED, 2, 12)))

@@ -90,7 +90,10 @@ def test_a_tiny_policy_beats_random_on_fifty_terrains(tmp_path):
     assert lines[-1]["steps"] < lines[3]["steps"]
 
 
-@pytest.mark.parametrize("config", [BEST, PRICED], ids=["best", "priced"])
+@pytest.mark.parametrize(
+    "config",
+    [pytest.param(BEST, id="best"), pytest.param(PRICED, id="priced", marks=pytest.mark.long)],
+)
 @pytest.mark.usefixtures("no_curve")
 def test_a_run_that_was_stopped_goes_on_to_the_same_weights_and_another_seed_has_others(
     tmp_path, config

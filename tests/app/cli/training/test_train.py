@@ -129,6 +129,7 @@ def test_what_cannot_be_refined_is_refused_before_anything_is_trained(options, p
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.long
 def test_the_shipped_policy_is_refined_from_the_file_that_plays(quick, tmp_path):
     folder = tmp_path / "mine"
     options = ["refine", "--rounds", "1", "--workers", "1", "--out", str(folder)]
