@@ -8,7 +8,9 @@ from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S
 from tests.support.study import freeze
 
-PAGES = ("", "daily", "me", "leaderboard", "about", "study", "study/dunes", "docs", "admin")
+PAGES = (
+    "", "daily", "me", "leaderboard", "about", "evaluations", "study", "study/dunes", "docs", "admin",
+)  # fmt: skip
 NOT_LOGGED_IN = "the server responded with a status of 401"
 """What the browser itself notes when /admin asks whether the operator is logged in, and is told no."""
 
@@ -21,7 +23,7 @@ def site(serve, tmp_path):
     episode = play(store, 4, explore=True).id
     store.close()
     server = serve(admin_password="only-for-this-test", public_url="http://mars.example")
-    return server, (*PAGES, f"replay/{episode}")
+    return server, (*PAGES, f"replay/{episode}", f"watch/{episode}")
 
 
 def listen_to(page):
