@@ -22,7 +22,8 @@ from app.release.manifest import ReleaseHeader
 from app.release.tables import TableRow
 from app.task import MARS, Configuration, Record, Run, rules_of
 
-EPISODES_PER_WRITE = 64
+EPISODES_PER_WRITE, MOVES_PER_WRITE = 64, 4000
+"""So many are held in memory, and an episode more: of Breakout a minute's observations take 360 MB."""
 TEXT_LENGTH = 1000
 """Characters of an observed text, at most, where its space is unknown."""
 _METADATA = (
@@ -43,7 +44,7 @@ class MinariWriter:
         self._minari = library("minari")
         library("h5py")
         self._root, self._header = root, header
-        self._waiting: dict[str, list[tuple[TableRow, Run]]] = {}
+        self._waiting: dict[str, list[tuple[TableRow, Configuration, Any]]] = {}
         self._made: dict[str, Any] = {}
         self.episodes: dict[str, int] = {}
         self.without_moves = 0
@@ -54,8 +55,10 @@ class MinariWriter:
             self.without_moves += 1
             return
         waiting = self._waiting.setdefault(row["driver"], [])
-        waiting.append((row, episode))
-        if len(waiting) >= EPISODES_PER_WRITE:
+        buffer = _buffer(self._minari, row, episode)
+        waiting.append((row, episode.record().config, buffer))
+        moves = sum(len(each.actions) for *_, each in waiting)
+        if len(waiting) >= EPISODES_PER_WRITE or moves >= MOVES_PER_WRITE:
             self._flush(row["driver"])
 
     def close(self) -> None:
@@ -67,20 +70,19 @@ class MinariWriter:
         waiting = self._waiting[driver]
         if not waiting:
             return
-        buffers = [_buffer(self._minari, *each) for each in waiting]
+        buffers = [buffer for *_, buffer in waiting]
         first = self.episodes.get(driver, 0)
         if driver in self._made:
             self._made[driver].update_episodes(buffers)
         else:
-            row, run = waiting[0]
-            self._made[driver] = self._create(driver, row["task"], run.record().config, buffers)
+            self._made[driver] = self._create(driver, *waiting[0][:2], buffers)
         numbers = range(first, first + len(waiting))
-        self._made[driver].update_episode_metadata([_metadata(row) for row, _ in waiting], numbers)
+        self._made[driver].update_episode_metadata([_metadata(row) for row, *_ in waiting], numbers)
         self.episodes[driver] = first + len(waiting)
         waiting.clear()
 
-    def _create(self, driver: str, task: str, config: Configuration, buffers: list[Any]) -> Any:
-        rules = rules_of(task)
+    def _create(self, driver: str, row: TableRow, config: Configuration, buffers: list[Any]) -> Any:
+        rules, task = rules_of(row["task"]), row["task"]
         low, high = rules.returns(config) or (None, None)
         licence = self._header.protocol.data_licence
         needs = ["marsexplorer-playground[mars]"]

@@ -4,6 +4,8 @@ import json
 import sqlite3
 from contextlib import closing
 
+import minari
+import numpy as np
 import pytest
 
 from app.cli.main import main
@@ -69,7 +71,9 @@ def played(serve, tmp_path):
 
 
 @pytest.mark.long
-def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
+def test_a_study_is_played_reported_released_verified_and_derived_again(
+    played, tmp_path, capsys, monkeypatch
+):
     studies, database = played
     assert verify_database(database[1]).findings == ()
     with closing(sqlite3.connect(database[1])) as conn:
@@ -87,3 +91,10 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("verify", "--dataset", bundle) == 0
     assert run("reproduce", bundle) == 0
     assert ", 0 differ" in capsys.readouterr().out
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(bundle / "minari"))
+    dataset = minari.load_dataset("marsexplorer/breakout/human-v1")
+    about = list(dataset.storage.get_episode_metadata(range(dataset.total_episodes)))
+    env = dataset.recover_environment()
+    for told, episode in zip(about, dataset, strict=True):
+        seen = [env.reset(seed=told["seed"])[0], *(env.step(each)[0] for each in episode.actions)]
+        assert np.array_equal(seen, episode.observations), "every frame of 60 a second"
