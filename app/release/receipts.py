@@ -303,20 +303,14 @@ def check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iter
 
 def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iterator[Finding]:
     names = ("evaluation", "protocol_hash", "commitment", "public_key")
-    found = [
-        Finding("receipt", name, receipt[name], opening[name])
-        for name in names
-        if receipt[name] != opening[name]
-    ]
-    yield from found
-    if found:
+    if others := [name for name in names if receipt[name] != opening[name]]:
+        yield from (Finding("receipt", name, receipt[name], opening[name]) for name in others)
         return
     protocol = parse_protocol(opening["protocol"])
-    listed = {each["id"]: each["chain"] for each in opening["cards"]}
-    if listed.get(receipt["card"]["id"]) != receipt["chain"]:
-        yield Finding(
-            "receipt", "chain", receipt["chain"], listed.get(receipt["card"]["id"], "no such card")
-        )
+    chains = {each["id"]: each["chain"] for each in opening["cards"]}
+    chain = chains.get(receipt["card"]["id"], "no such card")
+    if chain != receipt["chain"]:
+        yield Finding("receipt", "chain", receipt["chain"], chain)
     yield from check_opening(opening)
     if protocol.core_version != protocol.rules.version:
         version_here = (
@@ -348,12 +342,10 @@ def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
         if (bound := commitment(bytes.fromhex(what["secret"]))) != what["commitment"]:
             yield Finding("opening", "commitment", what["commitment"], f"{bound} from the secret")
     named = opening["protocol"]["agents"]
-    told = opening["study"] and {
-        name: opening["study"][name] for name in ("protocol_hash", "commitment")
-    }
-    wanted = None
-    if named["study"] is not None and not named["unpaired"]:
-        wanted = {name: named["study"][name] for name in ("protocol_hash", "commitment")}
+    told, wanted = (
+        of and {name: of[name] for name in ("protocol_hash", "commitment")}
+        for of in (opening["study"], None if named["unpaired"] else named["study"])
+    )
     if told != wanted:
         yield Finding("opening", "the study", told, wanted)
 

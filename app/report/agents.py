@@ -56,22 +56,17 @@ def compare_agents(
         rows.append(
             {"kind": "agent", "name": name, "rank": None, "attempts": begun, **about, **figures}
         )
-    is_higher = protocol.rules.metrics[0].is_better == "higher"
+    better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
+    sign = 1 if better == "higher" else -1
     ranked = [row for row in rows if row["kind"] == "agent" and row["card"]["ranks"]]
-    for row in ranked:
-        own = row["score"]["mean"]
-        better = [
-            each
-            for each in ranked
-            if (each["score"]["mean"] > own) == is_higher and each["score"]["mean"] != own
-        ]
-        row["rank"] = 1 + len(better)
-    words = protocol.rules.words
+    means = [sign * row["score"]["mean"] for row in ranked]
+    for row, own in zip(ranked, means, strict=True):
+        row["rank"] = 1 + sum(mean > own for mean in means)
     return {
         "paired": is_paired,
         "unpaired": agents.unpaired or None,
         "words": {"score": words.score, "steps": words.steps, "definition": words.definition},
-        "better": protocol.rules.metrics[0].is_better,
+        "better": better,
         "limit": int(protocol.env_config.limit),
         "people": None
         if data is None

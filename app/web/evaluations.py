@@ -107,14 +107,10 @@ def _about(study: Study) -> dict[str, Any]:
 def _path(request: Request, study: Study, file: str) -> FilePath | None:
     """Return a published file of a closed evaluation, None for anything else."""
     folder = services_of(request).progress.folder.path(study.name)
-    names = {
-        OPENING,
-        COMPARISON,
-        POLICIES,
-        *(f"{RECEIPTS}/{each.name}" for each in (folder / RECEIPTS).glob("*.json")),
-    }
-    path = folder / file
-    return path if not study.is_open and file in names and path.is_file() else None
+    receipts = (folder / RECEIPTS).glob("*.json")
+    published = (*(folder / name for name in (OPENING, COMPARISON, POLICIES)), *receipts)
+    found = (path for path in published if str(path.relative_to(folder)) == file)
+    return None if study.is_open else next(filter(FilePath.is_file, found), None)
 
 
 def _read(path: FilePath) -> Any:
@@ -131,19 +127,15 @@ def _episodes(reader: Reader, study: Study, index: int) -> list[dict[str, str]]:
             each.id: json.loads(each.settings).get("agent") or str(each.script)
             for each in participants(reader, of.name)
         }
-        played = [
-            each
+        own = {
+            each.id: names[each.participant]
             for each in study_trials(reader, of.name)
-            if (each.kind, each.phase) == (kind, "ranked")
-        ]
-        own = [
-            each.id for each in played if each.terrain_index == index and each.ended_ms is not None
-        ]
-        who = {each.id: names[each.participant] for each in played}
+            if (each.kind, each.phase, each.terrain_index) == (kind, "ranked", index)
+            and each.ended_ms is not None
+        }
         for number, episode in enumerate(sorted(own), 1):
-            is_agent = kind == "script"
-            row = {"episode": episode, "who": "agent" if is_agent else "person"}
-            found.append({**row, "name": who[episode] if is_agent else f"person {number}"})
+            who, name = ("agent", own[episode]) if of is study else ("person", f"person {number}")
+            found.append({"episode": episode, "who": who, "name": name})
     return found
 
 
@@ -154,32 +146,16 @@ def _rows(comparison: dict[str, Any] | None) -> list[dict[str, Any]]:
     rows = [{**row, "low": None, "high": None} for row in comparison["rows"]]
     people = comparison["people"]
     if people is not None and people["score"] is not None:
+        told = {"kind": "people", "name": "people", "rank": None, "sees": people["sees"]}
         ends = {name: people["score"][name] for name in ("low", "high")}
         figures = {name: {**people[name], "difference": None} for name in ("score", "steps")}
-        rows.append(
-            {
-                "kind": "people",
-                "name": "people",
-                "rank": None,
-                "sees": people["sees"],
-                **ends,
-                **figures,
-            }
-        )
-    known = [
-        value
-        for row in rows
-        for value in (row["score"]["mean"], row["low"], row["high"])
-        if value is not None
-    ]
-    low, width = (
-        min(known, default=0.0),
-        max(max(known, default=1.0) - min(known, default=0.0), 1e-9),
-    )
-    for row in rows:
+        rows.append({**told, **ends, **figures})
+    spots = [(row["score"]["mean"], row["low"], row["high"]) for row in rows]
+    known = [value for each in spots for value in each if value is not None] or [0.0]
+    low, width = min(known), max(max(known) - min(known), 1e-9)
+    for row, own in zip(rows, spots, strict=True):
         row["at"], row["from"], row["to"] = (
-            None if value is None else round(2 + 96 * (value - low) / width, 2)
-            for value in (row["score"]["mean"], row["low"], row["high"])
+            None if value is None else round(2 + 96 * (value - low) / width, 2) for value in own
         )
     sign = -1 if comparison["better"] == "higher" else 1
     return sorted(rows, key=lambda row: sign * row["score"]["mean"])
