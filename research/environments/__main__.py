@@ -44,7 +44,7 @@ def rows_of(name: str, folder: Path, steps: int) -> tuple[str, str]:
     asked = ["--steps", str(family.get("steps", steps)), *envs]
     environ = os.environ | {"PYTHONPATH": str(ROOT)} | family.get("environ", {})
     printed = subprocess.run(
-        [*command, *asked], cwd=ROOT, env=environ, stdout=subprocess.PIPE, text=True, check=False
+        [*command, *asked], cwd=place, env=environ, stdout=subprocess.PIPE, text=True, check=False
     )
     head, line, *rows = printed.stdout.splitlines(keepends=True)
     return head + line, "".join(rows)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.tasks.gymnasium.task import GymnasiumTask
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -94,6 +95,46 @@ def test_an_exported_maskable_ppo_plays_here_as_it_does_there(features, tmp_path
             episode.step(action)
             at += 1
     assert at == len(there)
+
+
+EXPORT = """
+import json, sys
+import gymnasium, torch
+from stable_baselines3 import PPO
+class OnnxableSB3Policy(torch.nn.Module):  # as Stable-Baselines3 documents it, "Exporting models"
+    def __init__(self, policy):
+        super().__init__()
+        self.policy = policy
+    def forward(self, observation):
+        return self.policy(observation, deterministic=True)
+model = PPO("MlpPolicy", sys.argv[1], n_steps=256, seed=0, device="cpu").learn(1024)
+size = model.observation_space.shape
+torch.onnx.export(
+    OnnxableSB3Policy(model.policy), torch.zeros(1, *size), sys.argv[2], opset_version=17, input_names=["input"],
+    dynamo=False,
+)
+played = []
+for seed in range(5):
+    env, actions, ended = gymnasium.make(sys.argv[1]), [], False
+    observation, _ = env.reset(seed=seed)
+    while not ended:
+        actions.append(int(model.predict(observation, deterministic=True)[0]))
+        observation, _, terminated, truncated, _ = env.step(actions[-1])
+        ended = terminated or truncated
+    played.append(actions)
+print(json.dumps(played))
+"""
+
+
+@pytest.mark.parametrize("env", ["FrozenLake-v1", "CartPole-v1"])
+def test_a_ppo_that_stable_baselines_exports_plays_the_same_seeds_as_there(env, tmp_path):
+    out = tmp_path / "mine.onnx"
+    there = json.loads(run(home("sb3"), "-c", EXPORT, env, out).splitlines()[-1])
+    task = GymnasiumTask(env, [str(out)])
+    policy = task.policies.load("mine")
+    played = [task.players.play(policy, task.default, seed, 0).actions for seed in range(5)]
+    task.close()
+    assert [list(actions) for actions in played] == there
 
 
 def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
