@@ -54,7 +54,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     (rows, columns), size = found.picture, found.picture_bytes
     cells = (
         shown, verdict, f"{found.step_ms:.3g}", f"{found.picture_ms:.3g}",
-        f"{columns}x{rows}, {size:,} bytes" if size else f"{columns}x{rows} characters",
+        f"{rows}x{columns}, {size:,} bytes" if size else f"{rows}x{columns} characters",
         ", ".join(keys) if len(keys) <= MOST_KEYS else f"{len(keys)} keys",
         told.people_see or ("its picture" if size else "its text"), told.agents_see or "not said",
     )  # fmt: skip
