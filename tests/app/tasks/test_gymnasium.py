@@ -182,6 +182,7 @@ def test_its_episode_is_no_file_of_a_replay(lake, tmp_path, capsys):
         ("FrozenLake-v1", {"is_slippery": False}, "failed"),
         ("CartPole-v1", {"sutton_barto_reward": True}, "ended"),
         ("Taxi-v4", {"is_rainy": True}, "timed_out"),
+        ("minigrid:MiniGrid-Dynamic-Obstacles-8x8-v0", {"agent_pov": True}, "failed"),
     ],
 )
 def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, outcome):
@@ -193,6 +194,8 @@ def test_a_run_is_a_function_of_configuration_seed_and_actions(level, kwargs, ou
     again = task.replay_record(record)
     assert again.record() == record
     assert (again.rewards(), record.outcome) == (made, outcome)
+    low, high = task.bounds(task.default)
+    assert low <= record.score <= high, "of the catalogue, where it knows any"
     other = task.configuration({"kwargs": kwargs})
     assert other.hash != task.default.hash
     assert task.configuration(other.to_dict()) == other
