@@ -256,7 +256,7 @@ def _services(
         stored,
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
-    jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=10)
+    jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
     downloads = Downloads(store.path, jobs)
     _add_gauges(store.metrics, lobby, health)
     what = "Jobs that wait: ghosts, regrets, exports, evaluations."

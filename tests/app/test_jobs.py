@@ -131,14 +131,6 @@ def test_closing_ends_what_runs_and_what_waits_at_once():
     assert not [each for each in threading.enumerate() if each.name == "jobs"]
 
 
-@pytest.mark.skipif(not Path("/proc/self/autogroup").exists(), reason="Linux groups no sessions")
-def test_a_worker_gives_way_with_its_session():
-    with Jobs(1, nice=7) as jobs:
-        nice, of_session = jobs.submit(functions.priorities).result()
-    assert nice == os.nice(0) + 7
-    assert of_session.endswith(f"nice {nice}\n")
-
-
 COMMAND = """
 import sys
 from app.jobs import Jobs

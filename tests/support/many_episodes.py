@@ -85,7 +85,7 @@ def _rate(conn) -> None:
     )
     conn.execute("INSERT INTO names SELECT id, id, id, 0, 0 FROM players WHERE id GLOB 'player-*'")
     conn.execute(
-        """INSERT INTO ratings SELECT id, 25, 8, random() % 1000, 10, 1, '{"ppo": 3}' FROM players"""
+        """INSERT INTO ratings SELECT id, 25, 8, random() % 1000, 900, 10, 1, '{"ppo": 3}' FROM players"""
     )
 
 

@@ -188,7 +188,7 @@ def guaranteed_covers(values: Floats, bounds: Interval, truth: Floats) -> NDArra
 
 
 def _lower_bound(share: Floats) -> Floats:
-    """Return the largest mean in 0..1 that the bettors still reject, by bisection; `share` float64[..., n] in 0..1."""
+    """Return the largest mean that the bettors still reject, by bisection; `share` float64[..., n], none below 0."""
     low, high = np.zeros(share.shape[:-1]), share.mean(-1)
     for _ in range(40):
         middle = (low + high) / 2

@@ -43,7 +43,7 @@ def run(*args):
     return left.value.code or 0
 
 
-@pytest.fixture(params=[ROOMS, pytest.param(LAKE, marks=pytest.mark.long)])
+@pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
 def played(request, serve, tmp_path, briefly_examined):
     """The database and the folder of studies, once two people have played and the study is closed."""
     studies = ("--studies", tmp_path / "studies")
