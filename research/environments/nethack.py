@@ -1,4 +1,4 @@
-"""NetHack made exact: it ignores the seed of `reset` and is seeded by a call of its own."""
+"""NetHack given the seed of `reset`, which it ignores by itself; another folder and time zone still make a difference."""
 
 from __future__ import annotations
 
