@@ -291,14 +291,14 @@ def _questions() -> list[dict[str, Any]]:
     """Return three questions about the rules, as `protocol.Question` has them."""
     return [
         {
-            "question": "What ends a terrain at once?",
+            "question": "What ends an episode at once?",
             "choices": [
                 "Driving into a rock or off the edge",
                 "Waiting for a minute",
                 "Crossing my own track",
             ],
             "answer": 0,
-            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends a terrain.",
+            "why": "Not quite: there is no clock, and your own track is free ground. A rock or the edge ends an episode.",
         },
         {
             "question": "When is a terrain complete?",

@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,9 @@ def test_it_reads_neither_the_database_nor_what_lies_beside_it_nor_writes(begun,
         assert worker.ask(["read", str(path)]).startswith("PermissionError"), path
     assert worker.ask(["write", str(tmp_path / "new")]).startswith("PermissionError")
     assert worker.ask(["write", str(beside)]).startswith("PermissionError")
+    assert worker.ask(["write", "/dev/null"]) == "1"
+    with tempfile.NamedTemporaryFile("w", dir="/dev/shm") as shared:
+        assert worker.ask(["read", shared.name]).startswith("PermissionError")
     assert worker.ask(["write", str(preparer.folder / "own")]) == "1"
     assert worker.ask(["read", __file__]).startswith('"""Processes'), "its packages it reads"
 
