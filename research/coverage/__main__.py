@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple
-from itertools import product
+from itertools import groupby, product
 
 import click
 
@@ -42,42 +42,37 @@ def table_lines(
     place: Sequence[str], numbers: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> Iterator[str]:
     """Yield the lines of a Markdown table, whose numbers stand to the right."""
-    for row in ((*place, *numbers), ("---",) * len(place) + ("---:",) * len(numbers)):
-        yield f"| {' | '.join(row)} |"
-    yield from (f"| {' | '.join(row)} |" for row in rows)
+    for row in ((*place, *numbers), ("---",) * len(place) + ("---:",) * len(numbers), *rows):
+        yield f"|{'|'.join(row)}|"
+
+
+def across_players(
+    cells: Sequence[Cell], entry: Callable[[Cell], str]
+) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each population and ICC: what they are, then the entry for each number of players."""
+    for (population, icc), row in groupby(cells, lambda cell: (cell.population, cell.icc)):
+        yield population, f"{icc:g}", *(entry(cell) for cell in row)
+
+
+def players_of(cells: Sequence[Cell]) -> list[str]:
+    """Return the headings of the columns for numbers of players."""
+    return [f"{count} players" for count in sorted({cell.players for cell in cells})]
 
 
 def markdown_table(cells: Sequence[Cell]) -> str:
-    """Return the table as README.md shows it."""
-    columns = ("**printed**", "missed low / high", "width / t", "t", "guaranteed", "new terrains")
-    rows = (
-        (
-            *(cell.population, f"{cell.icc:g}", str(cell.players), f"**{cell.printed:.1f}**"),
-            *(f"{cell.below:.1f} / {cell.above:.1f}", f"{cell.width:.2f}", f"{cell.t:.1f}"),
-            *(f"{each:.1f}" for each in (cell.guaranteed, cell.new_terrains, cell.pooled)),
-        )
-        for cell in cells
+    """Return the table as README.md shows it: in each entry printed (t; width / t)."""
+    rows = across_players(
+        cells, lambda cell: f"{cell.printed:.1f} ({cell.t:.1f}; {cell.width:.2f})"
     )
-    return "\n".join(table_lines(PLACE, (*columns, "pooled"), rows))
+    return "\n".join(table_lines(PLACE[:2], players_of(cells), rows))
 
 
 def headline_table(cells: Sequence[Cell]) -> str:
-    """Return the table of the headline, of the populations in which players fail, as README.md shows it."""
-    score, steps = (
-        ("**headline, score**", "printed, score"),
-        ("**headline, steps**", "printed, steps"),
-    )
+    """Return the table of the headline, of the populations in which players fail, as README.md shows it: score / steps."""
     failing = {population.name for population in SCORE_POPULATIONS if population.collisions}
-    rows = (
-        (
-            *(cell.population, f"{cell.icc:g}", str(cell.players)),
-            *(f"{cell.guaranteed_headline:.1f}", f"**{cell.headline:.1f}**", f"{cell.printed:.1f}"),
-            *(f"**{cell.headline_steps:.1f}**", f"{cell.printed_steps:.1f}"),
-        )
-        for cell in cells
-        if cell.population in failing
-    )
-    return "\n".join(table_lines(PLACE, ("guaranteed is headline", *score, *steps), rows))
+    cells = [cell for cell in cells if cell.population in failing]
+    rows = across_players(cells, lambda cell: f"{cell.headline:.1f} / {cell.headline_steps:.1f}")
+    return "\n".join(table_lines(PLACE[:2], players_of(cells), rows))
 
 
 def further_lines(

@@ -2,7 +2,7 @@
 
 A player's mean over m ranked episodes has the variance player_sd^2 + episode_sd^2 / m, so more episodes cannot make up for few
 players. The t interval's half-width is itself random; skewed scores widen the printed interval beyond t
-(research/coverage/README.md: column "width / t").
+(research/coverage/README.md has its width over that of t).
 
 The power follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
 questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
