@@ -42,7 +42,10 @@ def words(value: Any) -> str:
 
 
 def as_table(results: Results) -> str:
-    """Return all rows as a table in Markdown, those first that are the same for all; "" before there are trials of all."""
+    """Return the rows on which the paper is not silent, or ours have a reason, as a table in Markdown.
+
+    Those come first that are the same for all. The others are RLlib's defaults by the letter.
+    """
     logged = {
         (name, variant): trials[0].settings
         for name in NAMES
@@ -52,7 +55,11 @@ def as_table(results: Results) -> str:
     if len(logged) < len(NAMES) * len(TITLES):
         return "Trainings are missing, so there is no table."
     every = {
-        name: [_cells(row, [logged[name, variant] for variant in TITLES]) for row in rows_of(name)]
+        name: [
+            _cells(row, [logged[name, variant] for variant in TITLES])
+            for row in rows_of(name)
+            if row["paper"] or row["reason"]
+        ]
         for name in ALGORITHMS
     }
     shared = [each for each in every["ppo"] if all(each in rows for rows in every.values())]

@@ -229,19 +229,15 @@ def order(scores: dict[str, Floats]) -> str:
 
 def best(results: Results) -> Judgement:
     """PPO achieves the highest average episodic reward."""
-    parts, wins = [], False
+    trials = figure_4(results, "paper")
+    if not trials:
+        return NOTHING
     views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
-    for variant, column in TITLES.items():
-        if trials := figure_4(results, variant):
-            scores = {words: scores_at(trials, axis) for words, axis in views.items()}
-            orders = "; ".join(f"{words} {order(each)}" for words, each in scores.items())
-            parts.append(f"{column}: {orders}")
-            if variant == "paper":
-                first, second = list(scores["at the end"].items())[:2]
-                wins = first[0] == "ppo" and is_above(first[1], second[1])
-    letter = figure_4(results, "paper")
-    measured = ". ".join(parts)
-    return decided(measured, wins, letter) if letter else Judgement(measured, NOT_YET)
+    scores = {words: scores_at(trials, axis) for words, axis in views.items()}
+    first, second = list(scores["at the end"].items())[:2]
+    wins = first[0] == "ppo" and is_above(first[1], second[1])
+    measured = "; ".join(f"{words} {order(each)}" for words, each in scores.items())
+    return decided(measured, wins, trials)
 
 
 def second(results: Results) -> Judgement:
@@ -323,7 +319,6 @@ Finals = dict[str, dict[str, Floats]]
 ON_LEVELS: dict[str, Callable[[Record], float]] = {
     "score": at_the_end("score"),
     "score with the bonus counted everywhere": with_bonus,
-    "coverage": at_the_end("coverage"),
 }
 COMPARABLE = "score with the bonus counted everywhere"
 """What the effect of d_b is judged by: the scores of t-m-1 and t-m-2 have two scales."""
@@ -465,20 +460,6 @@ def levels(results: Results) -> str:
     return without_constants((*TABLE_COLUMNS, "steps of the better rule"), rows)
 
 
-def aims(results: Results) -> str:
-    """Return which algorithms complete the share of terrains that is aimed at, as a table; SEEDS seeds decide it."""
-    rows = []
-    for name in ALGORITHMS:
-        found = {variant: completion(results, name, variant) for variant in TITLES}
-        if found["works"].is_known:
-            seeds = len(of_figure_4(results, name, "works"))
-            reached = "yes" if found["works"].mean >= AIM else "no"
-            reached = reached if seeds >= SEEDS else "too few seeds"
-            rows.append([NAMES[name], *map(percent, found.values()), str(seeds), reached])
-    shares = ("completes by the letter", "completes as it works", "completes tuned")
-    return as_table(("algorithm", *shares, "seeds as it works", f"{AIM:.0%} reached"), rows)
-
-
 def changes_of(results: Results, algorithm: str) -> list[str]:
     """Return the changes of which an algorithm has trainings without them, or with them alone."""
     trials = [each.trial for each in results.records if each.trial.algorithm == algorithm]
@@ -575,7 +556,6 @@ def unfinished(results: Results) -> str:
 BLOCKS: dict[str, Callable[[Results], str]] = {
     "trained policies": trained,
     "trained levels": levels,
-    "aims": aims,
     "ablations": ablations,
     "became": became,
     "unfinished": unfinished,

@@ -1,6 +1,6 @@
 """The lidar of the authors' repository, to measure how it differs from the sight that the paper defines; it is not offered.
 
-`python -m research.paper.episodes.lidar_rays` prints the numbers that docs/environment.md has about it.
+`python -m research.paper.episodes.lidar_rays` prints the numbers that docs/paper.md has about it.
 
 `Sensors/lidarSensor.py` of dimikout3/MarsExplorer sends 32 rays from the rover at equal angles. A ray is sampled at 200 points
 up to the radius; a point stands for the cell that its coordinates round to, drawn back onto the grid where it lies outside. The
