@@ -186,7 +186,7 @@ def markdown(columns: tuple[Column, ...]) -> str:
     """Return columns as Markdown, as documents and datasheets print them."""
     lines = ["| column | type | meaning |", "|---|---|---|"]
     for each in columns:
-        kind = f"{each.exported_type}, may be absent" if each.optional else each.exported_type
+        kind = f"{each.exported_type}, optional" if each.optional else each.exported_type
         lines.append(f"| `{each.name}` | {kind} | {each.meaning} |")
     return "\n".join(lines)
 
