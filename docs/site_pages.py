@@ -57,7 +57,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made = {page: (ROOT / source).read_text() for page, source in PAGES.items()}
     made |= {"examples.md": examples(), "reference.md": reference()}
     for page, text in made.items():
-        files.append(File.generated(config, page, content=mend(text, page)))
+        files.append(File.generated(config, page, content=text))
     return files
 
 

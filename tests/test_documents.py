@@ -112,6 +112,7 @@ def test_the_site_builds_without_a_warning_and_asks_nobody_else(tmp_path):
         words for text in pages.values() for words in re.findall(r"<a [^>]*>([^<]*)</a>", text)
     ]
     assert [words for words in links if words.endswith(".md")] == []
+    assert 'href="study.html"' in pages["readme.html"]
     assert "--board-ground: #" in (tmp_path / "site/colours.css").read_text()
     for name, text in pages.items():
         assert not re.findall(
