@@ -184,14 +184,14 @@ def dictionary() -> dict[str, Any]:
 
 def markdown(columns: tuple[Column, ...]) -> str:
     """Return columns as Markdown, as documents and datasheets print them."""
-    lines = ["| column | type | meaning |", "|---|---|---|"]
+    lines = ["|column|type|meaning|", "|---|---|---|"]
     for each in columns:
         kind = f"{each.exported_type}, optional" if each.optional else each.exported_type
-        lines.append(f"| `{each.name}` | {kind} | {each.meaning} |")
+        lines.append(f"|`{each.name}`|{kind}|{each.meaning}|")
     return "\n".join(lines)
 
 
 def markdown_tables() -> str:
     """Return the tables of the database as Markdown."""
-    found = [f"| `{each.name}` | {each.summary} |" for each in TABLES.values() if each.names()]
-    return "\n".join(["| table | a row is |", "|---|---|", *found])
+    found = [f"|`{each.name}`|{each.summary}|" for each in TABLES.values() if each.names()]
+    return "\n".join(["|table|a row is|", "|---|---|", *found])

@@ -25,7 +25,7 @@ from research.paper.tables import markdown_table
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "paper.md"
 PICTURES = PAGE.parent / "pictures" / "paper"
 ROW = re.compile(
-    r"^\| `(?P<name>[a-z0-9-]+)` \|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M
+    r"^\|`(?P<name>[a-z0-9-]+)`\|(?P<says>[^|]*)\|(?P<does>[^|]*)\|[^|]*\|[^|]*\|$", re.M
 )
 LENGTHS = re.compile(r"Moves and gradient steps of our trainings: .*?(?=<br>|$)")
 BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$", re.M | re.S)
@@ -105,7 +105,7 @@ def redraw(text: str, results: Results) -> str:
             if lengths[0] in said:
                 measured = measured.replace(lengths[0], "Trainings as long as above")
             said.add(lengths[0])
-        return f"| `{match['name']}` |{match['says']}|{match['does']}| {measured} | {verdict} |"
+        return f"|`{match['name']}`|{match['says']}|{match['does']}|{measured}|{verdict}|"
 
     def block(match: re.Match[str]) -> str:
         drawn = draw_block(match["name"], text, results)

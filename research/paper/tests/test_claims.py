@@ -98,8 +98,8 @@ def test_every_picture_of_the_page_lies_there_and_is_small():
 def test_other_results_draw_another_page():
     text = DOCUMENT.read_text()
     drawn = page.redraw(text, Results(records=figure_4()))
-    assert re.search(r"^\| `best` \|.*ppo 0\.810 ± 0\.025.*\| reproduced \|$", drawn, re.M)
-    assert re.search(r"^\| `actions` \|.*\| not yet measured \|$", drawn, re.M)
+    assert re.search(r"^\|`best`\|.*ppo 0\.810 ± 0\.025.*\|reproduced\|$", drawn, re.M)
+    assert re.search(r"^\|`actions`\|.*\|not yet measured\|$", drawn, re.M)
     assert page.redraw(drawn, read()) == text
 
 
