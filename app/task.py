@@ -173,7 +173,12 @@ class Run(Protocol):
 
 
 class RunElsewhere(Run, Protocol):
-    """A run of a task that has `steps_on`: its moves are made in another process."""
+    """A run of a task that has `steps_on`: its moves are made in another process.
+
+    tell  called on the thread of a step, where that process was lost: how many of the moves before were made again, of how many
+    """
+
+    tell: Callable[[int, int], object]
 
     async def ask(self, action: int) -> bool:
         """Begin a move, and return whether `step` then makes it at once; else it goes `on_threads`."""

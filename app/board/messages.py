@@ -242,6 +242,17 @@ class ClockState(BaseModel):
     reason: str | None = None
 
 
+class Remade(BaseModel):
+    """How many of a running episode's moves were made again by an environment that was lost; the next frame ends it."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: Literal["remade"] = "remade"
+    episode: str
+    done: int
+    of: int
+
+
 FromPage = Act | HistoryRequest | Events | ExpectedRequest
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)

@@ -32,7 +32,7 @@ from app.board.attestation import (
     prepare_end,
 )
 from app.board.clock import PAUSE_MS, TAKES_KEYS, Allowed, BoardClock, Held, controls_of
-from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace
+from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace, Remade
 from app.db.input_events import (
     MAX_EVENTS_PER_EPISODE,
     InputEventRow,
@@ -280,6 +280,7 @@ class Session:
     shown          the episode as it was published last: all that anybody is told of it comes from here
     participation  the participant's, for a board of a study; else None
     fault          one sentence when the policy that drives it has failed, else None
+    remade         how far an environment that was lost has been made again, None where none is
     thought        the policy's thought about the newest frame, encoded; "" when there is none
     paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
     is_second      whether it is the second of the two: a rival's or a replay's
@@ -310,6 +311,7 @@ class Session:
         )
         self.number = 0
         self.fault: str | None = None
+        self.remade: Remade | None = None
         self.thought = ""
         self.attested: Attested | None = None
         self.touched = time.monotonic()
@@ -513,9 +515,17 @@ class Session:
         def step() -> tuple[float, View]:
             return run.step(action), run.view()
 
-        if self.task.steps_on is None or await cast(RunElsewhere, run).ask(action):
+        if self.task.steps_on is None:
             return step()
+        elsewhere, loop = cast(RunElsewhere, run), asyncio.get_running_loop()
+        if await elsewhere.ask(action):
+            return step()
+        elsewhere.tell = lambda *told: loop.call_soon_threadsafe(self._tell_remade, *told)
         return await on_threads(self.task, step)
+
+    def _tell_remade(self, done: int, of: int) -> None:
+        self.remade = Remade(episode=self.current.id, done=done, of=of)
+        self.channel.notify()
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
         """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
@@ -555,6 +565,7 @@ class Session:
         self.attested, self._hides_scores = attested, hides_scores
         self.thought = ""
         self._expected = ""
+        self.remade = None
         if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
             self.clock.stand(is_new=True)
         if shown.ended:

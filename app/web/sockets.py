@@ -23,6 +23,7 @@ from app.board.messages import (
     ExpectedRequest,
     Kept,
     Pace,
+    Remade,
     encode_error,
     encode_refused,
     no_action,
@@ -112,6 +113,7 @@ class PlaySocket:
         pace: Pace | None = None
         fault: str | None = None
         time: ClockState | None = None
+        remade: Remade | None = None
         with session.channel.subscribe() as subscriber:
             async for newest in subscriber:
                 if newest is not frame:
@@ -128,6 +130,8 @@ class PlaySocket:
                 if session.clock is not None and session.clock.state is not time:
                     time = session.clock.state
                     await send(time.model_dump_json())
+                if session.remade is not remade and (remade := session.remade) is not None:
+                    await send(remade.model_dump_json())
                 if session.fault != fault and (fault := session.fault) is not None:
                     await send(encode_error(fault))
 

@@ -16,6 +16,9 @@ export function cardOf(clock, frame, frames, isTouch, passed_ms) {
   return { title: "Paused", line: `${clock.reason ?? "Time stands still."} ${press} to go on; what was held is let go.` };
 }
 
+/** @param {Remade} remade @returns what the card says while an environment that was lost is made again */
+export const remadeOf = ({ done, of }) => ({ title: "One moment", line: `The environment was lost. It is made again: move ${done} of ${of}.` });
+
 /** Return the part of a page for a board on a clock; without one it hands everything on.
  *   place   shows the card
  *   frames  of the task, a second; null where moves are waited for
@@ -50,7 +53,7 @@ export function createClock({ place, telemetry, frames, board }) {
       clearInterval(painting);
       if (shown?.state === "countdown") painting = setInterval(paint, PAINTED_MS);
     }
-    const said = cardOf(shown, on?.frame, frames() ?? 0, matchMedia("(pointer: coarse)").matches, performance.now() - since_ms);
+    const said = on?.remade ? remadeOf(on.remade) : cardOf(shown, on?.frame, frames() ?? 0, matchMedia("(pointer: coarse)").matches, performance.now() - since_ms);
     card.hidden = said === null;
     if (!said) return;
     card.classList.toggle("is-counting", said.line === "");

@@ -23,6 +23,7 @@ export function boardOf(task, session, name, frame, before) {
  * @param {Task} task @param {Board} board @param {Frame} frame @returns {Board} */
 export function withFrame(task, board, frame) {
   const isNew = frame.episode !== board.frame.episode;
+  if (board.remade) board = { ...board, remade: null };
   if (!isNew && frame.step < board.frame.step) return board;
   if (isNew) board = { ...board, clock: null, thought: null, values: [], expected: null, trail: [], progress: [] };
   const { trail, progress } = board;
@@ -60,6 +61,7 @@ export function received(task, board, message) {
     case "thought": return withThought(board, message);
     case "expected": return message.episode === board.frame.episode ? { ...board, expected: message } : board;
     case "pace": return { ...board, pace: message };
+    case "remade": return message.episode === board.frame.episode ? { ...board, remade: message } : board;
     case "clock": return message.episode === board.frame.episode ? { ...board, clock: message } : board;
     default: return board;
   }

@@ -77,7 +77,7 @@ type Mark = unknown;
  * none came); `expected` is the newest answer to what it expects of its surroundings. */
 type Board = {
   session: string, name: string, frame: Frame, trail: Mark[], progress: number[], hasGap: boolean, pace: Pace | null,
-  isReplay: boolean, clock?: ClockState | null, thought?: Thought | null, values?: (number | null)[], expected?: Expected | null,
+  isReplay: boolean, clock?: ClockState | null, remade?: Remade | null, thought?: Thought | null, values?: (number | null)[], expected?: Expected | null,
 };
 /** The state; `level` is the name of the level, or that of the map; `task` is null before the first board. */
 type GameState = {
@@ -111,12 +111,14 @@ type Pace = {kind: "pace", mode: "follow" | "timed" | "paused", moves_per_second
 type ClockState = {
   kind: "clock", episode: string, state: "standing" | "countdown" | "running", ms: number, reason: string | null,
 };
+/** How many of the episode's moves were made again by an environment that was lost; the next frame ends it. */
+type Remade = {kind: "remade", episode: string, done: number, of: number};
 /** What a policy computed at the frame of `step`, with the return that it expects; what it expects of its surroundings. */
 type Thought = {kind: "thought", episode: string, step: number, value: number | null};
 type Expected = {kind: "expected", episode: string, step: number};
 /** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again. */
 type Kept = {kind: "kept", episode: string, count: number, reason: string | null};
-type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Expected | Thought | Kept;
+type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Remade | Expected | Thought | Kept;
 /** What POST api/sessions answers; watch: the id by which anybody may watch the board. */
 type About = {
   session: string, player: string, level: string, map: string | null, size: Size, counts: boolean,

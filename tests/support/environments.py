@@ -98,11 +98,12 @@ class Seeded(Meanings):
 class Failing(Path):
     """Fails at the action `wave` as `how` says: at every one, or, where there is a file `once`, at the first alone."""
 
-    def __init__(self, how, once="", render_mode=None):
+    def __init__(self, how, once="", step_s=0, render_mode=None):
         super().__init__(30, render_mode)
-        self.how, self.once = how, once
+        self.how, self.once, self.step_s = how, once, step_s
 
     def step(self, action):
+        time.sleep(self.step_s)
         if action == 2 and not (self.once and pathlib.Path(self.once).exists()):
             if self.once:
                 pathlib.Path(self.once).touch()

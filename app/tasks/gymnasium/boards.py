@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
@@ -70,6 +70,7 @@ class BoardRun(GymnasiumRun):
         self.actions, self._rewards, self._scores = bytearray(), list[float](), list[float]()
         self.outcome, self.total = "running", 0.0
         self._asked: int | None = None
+        self.tell: Callable[[int, int], object] = lambda done, of: None
         try:
             self._board = self._begun(actions)
         except LostError as error:
@@ -79,7 +80,7 @@ class BoardRun(GymnasiumRun):
     def _begun(self, actions: bytes) -> Worker:
         request = {"config": self.config.to_dict(), "seed": self.seed, "actions": list(actions)}
         board = self._boards.begin(request)
-        told = board.answer()
+        told = board.answer(lambda done: self.tell(done, len(actions)))
         self._rewards, self._scores = [], []
         self._take(told)
         return board

@@ -216,6 +216,25 @@ def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve,
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 
+def test_a_page_is_told_how_far_its_lost_environment_has_been_made_again(serve):
+    kwargs = {"how": "crash", "once": "failed", "step_s": 0.1}
+    told = Description(id=FAILING, kwargs=kwargs, max_steps=5000).told
+    server = serve(task=f"gymnasium:{told}")
+    client = server.page()
+    begun = client.post("/api/sessions", json={}).json()
+    with server.socket(begun["session"], client) as socket:
+        frame = socket.receive("frame")
+        for action in ("forward", "back", "forward", "wave"):
+            socket.act(frame, action)
+            if action == "wave":
+                remade = socket.receive("remade")
+            frame = socket.frame_after(frame["step"])
+    assert (remade["episode"], remade["of"]) == (frame["episode"], 3)
+    assert remade["done"] in (2, 3), "it says so no more often than each PROGRESS_S"
+    assert (frame["step"], frame["outcome"]) == (4, None)
+    assert server.app.state.services.lobby.in_memory(begun["session"]).remade is None
+
+
 def test_others_play_on_while_a_board_fails(serve):
     """None of their moves waits for the failing one, which takes up to 2 s twice; the machine may be busy with other tests."""
     server = serve(task=f"gymnasium:{failing('loop')}")

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { cardOf } from "../../../static/common/clock.js";
+import { cardOf, remadeOf } from "../../../static/common/clock.js";
 import { received, withFrame } from "../../../static/common/game_state.js";
 import { actionOf, partOf } from "../../../static/common/keyboard.js";
 
@@ -18,6 +18,17 @@ test("the card says what to press, counts down, and goes while time runs", () =>
   assert.equal(cardOf(clock("running"), frame(9), 60, false, 0), null);
   assert.equal(cardOf(clock("standing"), frame(9, "ended"), 60, false, 0), null);
   assert.equal(cardOf(null, frame(9), 60, false, 0), null);
+});
+
+test("an environment that is made again says how far it is, until the next frame", () => {
+  const remade = { kind: "remade", episode: "e1", done: 320, of: 1000 };
+  const task = { mark: () => null, progress: () => 0 };
+  const board = { frame: frame(0), trail: [null], progress: [0] };
+  assert.match(remadeOf(remade).line, /move 320 of 1000/);
+  const told = received(task, board, remade);
+  assert.deepEqual(told.remade, remade);
+  assert.equal(received(task, told, frame(1)).remade, null);
+  assert.equal(received(task, board, { ...remade, episode: "e0" }).remade, undefined);
 });
 
 test("a key of a combination is one of the board's, and causes no action by itself", () => {
