@@ -102,6 +102,14 @@ class BoardRun(GymnasiumRun):
             self._asked = None
             return False
 
+    def _answer(self, question: int | None, is_asked: bool = False) -> Any:
+        """Return what its process answers, made again where it is lost; LostError or ValueError where that fails too."""
+        try:
+            return self._board.answer() if is_asked else self._board.ask(question)
+        except LostError:
+            self._board = self._begun(bytes(self.actions))
+            return self._board.ask(question)
+
     def _is_action(self, action: int) -> bool:
         return 0 <= action < len(rules_of(self._boards.task).actions)
 
@@ -116,17 +124,13 @@ class BoardRun(GymnasiumRun):
             raise ValueError(f"expected an action of {self.config.level}, got {action}")
         asked, self._asked = self._asked, None
         try:
-            told = self._board.ask(action) if asked is None else self._board.answer()
-        except LostError:
-            try:
-                self._board = self._begun(bytes(self.actions))
-                told = self._board.ask(action)
-            except (LostError, ValueError) as error:
-                self._board.close()
-                self.outcome = FAILED
-                raise RunEndedError(
-                    f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over"
-                ) from error
+            told = self._answer(action, is_asked=asked is not None)
+        except (LostError, ValueError) as error:
+            self._board.close()
+            self.outcome = FAILED
+            raise RunEndedError(
+                f"{self.config.level} failed at this move, and again after it was made anew: {error}; the episode is over"
+            ) from error
         self.actions.append(action)
         self._take(told)
         if self.outcome != "running":
@@ -147,13 +151,9 @@ class BoardRun(GymnasiumRun):
         given = self._last if observation else None
         if observation and self.outcome == "running":
             try:
-                given = self._board.ask(None)["observation"]
-            except LostError:
-                try:
-                    self._board = self._begun(bytes(self.actions))
-                    given = self._board.ask(None)["observation"]
-                except LostError as error:
-                    raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
+                given = self._answer(None)["observation"]
+            except LostError as error:
+                raise ValueError(f"{self.config.level} cannot be shown: {error}") from error
         shown = (self._picture, self._text) if picture else (None, None)
         return {"picture": shown[0], "text": shown[1], "observation": given}
 
@@ -183,23 +183,18 @@ def work(task: str, request: Mapping[str, Any]) -> Work:
     while True:
         action = yield _told(run, since)
         while action is None:  # an agent that is shown the observation asks for it
-            action = yield {"observation": run.seen(picture=False, observation=True)["observation"]}
+            action = yield run.seen(picture=False, observation=True)
         since = len(run.actions)
         run.step(action)
 
 
 def _told(run: GymnasiumRun, since: int) -> dict[str, Any]:
     """Return what is told of a run: its figures, those since so many moves (-1: all), and its picture."""
-    shown = run.view()
     return {
         "rewards": list(run.rewards()[max(since, 0) :]),
         "scores": list(run.scores()[since + 1 :]),
         "outcome": run.outcome,
         "total": run.total,
         "digest": run.digest,
-        "picture": shown.picture,
-        "text": shown.text,
-        "observation": run.seen(picture=False, observation=True)["observation"]
-        if run.outcome != "running"
-        else None,
+        **run.seen(picture=True, observation=run.ended),
     }

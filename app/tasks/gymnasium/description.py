@@ -29,15 +29,13 @@ SPECIAL = {
     1073741905: "ArrowDown", 1073741903: "ArrowRight", 1073741904: "ArrowLeft",
 }  # fmt: skip
 """pygame's codes (before and since 2.0) of the keys that print no letter."""
-
-
 PACKAGES = {
     "gymnasium.envs.box2d": "Box2D", "gymnasium.envs.mujoco": "mujoco", "app.tasks.gymnasium.adapters:Crafter": "crafter",
 }  # fmt: skip
 """Beginnings of entry points -> the package whose code an environment is, where another one brings it."""
-
 GROUP = "marsexplorer.tasks"
 """The entry points by which packages offer environments under names of their own."""
+PRINTED = "printed in preregistration, report and datasheet"
 
 
 class Description(BaseModel):
@@ -57,9 +55,7 @@ class Description(BaseModel):
     wrappers: tuple[str, ...] = Field(
         (), description='put around it, the innermost first: "module:Class", called with the environment alone'
     )  # fmt: skip
-    title: str = Field(
-        "", max_length=100, description="what pages call it; the id without its module otherwise"
-    )
+    title: str = Field("", max_length=100, description="what pages call it; else a part of the id")
     instructions: str = Field("", max_length=2000, description="what players are told to do")
     actions: tuple[str, ...] = Field((), description="names of the actions, by their codes")
     keys: dict[str, str | int] = Field(
@@ -69,12 +65,8 @@ class Description(BaseModel):
     clock: Literal["turns"] | Annotated[int, Field(ge=1, le=60)] = Field(
         "turns", description="frames a second; turns: each move is waited for"
     )
-    noop: str = Field(
-        "", description="with a clock: the action of no key; one called noop, else the last one again"
-    )  # fmt: skip
-    max_steps: int | None = Field(
-        None, gt=0, le=MAX_LIMIT, description="moves after which an episode times out"
-    )
+    noop: str = Field("", description="the action of no key; else noop, else the last one again")
+    max_steps: int | None = Field(None, gt=0, le=MAX_LIMIT, description="moves until it times out")
     success: str = Field(
         "", pattern=r"^(return >=? -?\d+(\.\d+)?|info\.\w+)?$", description="which ending is a success"
     )  # fmt: skip
@@ -87,19 +79,9 @@ class Description(BaseModel):
     seeding: Literal["reset", "kwarg"] = Field(
         "reset", description="kwarg: it is made with seed= and ignores the seed of reset"
     )
-    memory_mb: int = Field(
-        512, ge=16, le=2**20, description="resident memory that a board may take beyond its package's, MB"
-    )  # fmt: skip
-    people_see: str = Field(
-        "",
-        max_length=200,
-        description="what the picture shows; printed in preregistration, report and datasheet",
-    )
-    agents_see: str = Field(
-        "",
-        max_length=200,
-        description="what its observation holds; printed in preregistration, report and datasheet",
-    )
+    memory_mb: int = Field(512, ge=16, le=2**20, description="MB that a board may take by itself")
+    people_see: str = Field("", max_length=200, description=f"what the picture shows; {PRINTED}")
+    agents_see: str = Field("", max_length=200, description=f"what agents observe; {PRINTED}")
 
     @field_validator("actions")
     @classmethod
@@ -114,9 +96,8 @@ class Description(BaseModel):
     @classmethod
     def _are_codes(cls, given: dict[str, str | int]) -> dict[str, str | int]:
         if bad := [code for code in given if not KEY_CODES.issuperset(code.split("+"))]:
-            raise ValueError(
-                f"expected codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code), got {bad[0]!r}"
-            )
+            expected = "codes like ArrowUp, KeyA, Digit1 or Space (KeyboardEvent.code)"
+            raise ValueError(f"expected {expected}, got {bad[0]!r}")
         return given
 
     @property
@@ -132,13 +113,8 @@ class Description(BaseModel):
         given = {**kwargs, **({"seed": seed} if self.seeding == "kwarg" else {})}
         try:
             spec_of(self.id)
-            env = gymnasium.make(
-                self.id,
-                max_episode_steps=limit,
-                disable_env_checker=True,
-                render_mode=self.render_mode,
-                **given,
-            )
+            mode = self.render_mode
+            env = gymnasium.make(self.id, limit, True, render_mode=mode, **given)
             for wrapper in self.wrappers:
                 module, _, name = wrapper.partition(":")
                 env = getattr(import_module(module), name)(env)
@@ -149,18 +125,15 @@ class Description(BaseModel):
     @property
     def render_mode(self) -> str:
         """How it is shown: `rgb_array`, else `ansi`; ValueError where it draws neither."""
-        entry = spec_of(self.id).entry_point
-        made = (
-            gymnasium.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
-        )
+        made = spec_of(self.id).entry_point
+        if isinstance(made, str):
+            made = gymnasium.envs.registration.load_env_creator(made)
         modes = getattr(made, "metadata", {}).get("render_modes", ["rgb_array"])
         for mode in ("rgb_array", "ansi"):
             if mode in modes:
                 return mode
-        raise ValueError(
-            f"{self.id} draws no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}: "
-            "name a wrapper that does"
-        )
+        said = f"no picture (rgb_array) and no text (ansi), only {', '.join(modes) or 'nothing'}"
+        raise ValueError(f"{self.id} draws {said}: name a wrapper that does")
 
     @property
     def versions(self) -> str:
@@ -179,14 +152,8 @@ class Description(BaseModel):
         return sorted({"gymnasium", "numpy", *owned, *found})
 
 
-@cache
-def _owners() -> Mapping[str, list[str]]:
-    return packages_distributions()
-
-
-@cache
-def _catalogue() -> dict[str, Any]:
-    return tomllib.loads((Path(__file__).parent / "catalogue.toml").read_text("utf-8"))
+_owners = cache(packages_distributions)
+CATALOGUE = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text("utf-8"))
 
 
 def canonical(value: Any) -> str:
@@ -206,12 +173,9 @@ def spec_of(env_id: str) -> Any:
             f"Gymnasium knows no environment {env_id!r}: {error}; install its package: pip install {error.name}"
         ) from error
     except (gymnasium.error.Error, ImportError) as error:
-        way = (
-            ""
-            if module
-            else "; where another package brings it, write the module's name before it, like minigrid:ID"
-        )
-        raise ValueError(f"Gymnasium knows no environment {env_id!r}: {error}{way}") from error
+        way = "; where a package brings it, write its module before it, like minigrid:ID"
+        said = f"Gymnasium knows no environment {env_id!r}: {error}{'' if module else way}"
+        raise ValueError(said) from error
 
 
 @lru_cache(maxsize=64)
@@ -226,8 +190,9 @@ def described(told: str) -> Description:
 
 def completed(given: Description) -> Description:
     """Return a description with what the catalogue knows of its environment where it says nothing."""
-    fits = [name for name in _catalogue()["known"] if given.id.startswith(name)]
-    known = _catalogue()["known"][max(fits, key=len)] if fits else {}
+    known: dict[str, Any] = {}
+    for beginning, fields in sorted(CATALOGUE["known"].items()):  # the shortest first
+        known |= fields if given.id.startswith(beginning) else {}
     if given.kwargs or given.wrappers:  # they may change what is seen
         known = {name: value for name, value in known.items() if not name.endswith("_see")}
     if "actions" in given.model_fields_set or "keys" in given.model_fields_set:
@@ -260,12 +225,8 @@ def read_description(path: Path) -> Description:
         raise ValueError(f"{path}: {error}") from error
     except ValidationError as error:
         field = str(error.errors()[0]["loc"][0]) if error.errors()[0]["loc"] else ""
-        lines = [
-            number
-            for number, line in enumerate(text.splitlines(), 1)
-            if re.match(rf"\[?{field}\b", line)
-        ]
-        where = f"{path}, line {lines[0]}" if field and lines else str(path)
+        found = re.search(rf"^\[?{field}\b", text, re.M) if field else None
+        where = f"{path}, line {text.count(chr(10), 0, found.start()) + 1}" if found else path
         raise ValueError(f"{where}: {_first(error)}") from error
 
 
@@ -284,15 +245,13 @@ def actions_of(described: Description, env: Any) -> tuple[str, ...]:
     They come from the description, else from `get_action_meanings` or an enumeration `actions`, else they are numbers.
     """
     space, inner = env.action_space, env.unwrapped
-    if (
-        not isinstance(space, gymnasium.spaces.Discrete)
-        or space.start != 0
-        or space.n > MAX_ACTIONS
-    ):
-        raise ValueError(
-            f"expected up to {MAX_ACTIONS} discrete actions from 0 on, {described.id} has {space}; a wrapper can choose some, "
-            'such as wrappers = ["mypackage:FewActions"] in its file'
+    is_discrete = isinstance(space, gymnasium.spaces.Discrete)
+    if not is_discrete or space.start != 0 or space.n > MAX_ACTIONS:
+        way = 'a wrapper can choose some, such as wrappers = ["mypackage:FewActions"] in its file'
+        said = (
+            f"expected up to {MAX_ACTIONS} discrete actions from 0 on, {described.id} has {space}"
         )
+        raise ValueError(f"{said}; {way}")
     count = int(space.n)
     named: Iterable[Any] = described.actions
     if not described.actions:
@@ -317,32 +276,29 @@ def keys_of(described: Description, env: Any, names: tuple[str, ...]) -> dict[st
         is_code = isinstance(wanted, int) and 0 <= wanted < len(names)
         name = names[cast("int", wanted)] if is_code else str(wanted)
         if name not in found:
-            raise ValueError(
-                f"keys: {code} = {wanted!r} is no action of {described.id}: {', '.join(names)}"
-            )
+            said = f"keys: {code} = {wanted!r} is no action of {described.id}"
+            raise ValueError(f"{said}: {', '.join(names)}")
         found[name].append(code)
     if not described.keys:
-        words, taken = _catalogue()["words"], set[str]()
+        words = {each: codes for said, codes in CATALOGUE["words"].items() for each in said.split()}
+        taken = set[str]()
         for name in names:
-            fits = next((codes for word, codes in words.items() if word in name.split("_")), None)
-            fits = fits or next(
-                (codes for word, codes in words.items() if word in name and len(word) > 2), ()
-            )
+            whole = [codes for word, codes in words.items() if word in name.split("_")]
+            parts = [codes for word, codes in words.items() if word in name and len(word) > 2]
+            fits = next(iter(whole + parts), ())
             found[name] = [code for code in fits if code not in taken]
             taken.update(found[name])
         for code, action in _own_keys(env.unwrapped):
             if action < len(names) and not found[names[action]] and code not in taken:
                 found[names[action]].append(code)
                 taken.add(code)
-        free = [f"Digit{number}" for number in (*range(1, 10), 0)] + [
-            f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"
-        ]
+        free = [f"Digit{each}" for each in "1234567890"]
+        free += [f"Key{letter}" for letter in "QERTYUFGHJKLZXCVBM"]
         for number, name in enumerate(names if len(names) <= len(free) else ()):
             if not found[name]:
                 own = [f"Digit{number}"] if name == str(number) else []
-                found[name] = [
-                    next(code for code in (*own, *free) if code not in taken and code in KEY_CODES)
-                ]
+                codes = [each for each in (*own, *free) if each not in taken and each in KEY_CODES]
+                found[name] = codes[:1]
                 taken.update(found[name])
     if not any(found.values()):
         raise ValueError(
@@ -360,9 +316,8 @@ def _own_keys(inner: Any) -> list[tuple[str, int]]:
         if len(held) == 1 and isinstance(action, int):
             key = ord(held[0]) if isinstance(held[0], str) and len(held[0]) == 1 else held[0]
             letter = chr(key).upper() if isinstance(key, int) and key < 128 else ""
-            code = SPECIAL.get(
-                cast("int", key), f"Key{letter}" if letter.isalpha() else f"Digit{letter}"
-            )
+            plain = f"Key{letter}" if letter.isalpha() else f"Digit{letter}"
+            code = SPECIAL.get(cast("int", key), plain)
             if code in KEY_CODES:
                 found.append((code, action))
     return found

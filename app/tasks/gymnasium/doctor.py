@@ -61,10 +61,8 @@ class Difference:
     part: str
 
     def __str__(self) -> str:
-        where = f"seed {self.seed}, episode {self.episode}, step {self.step}"
-        return (
-            f"{self.part} differs at {where} ({self.variant}); usual causes: {CAUSES[self.variant]}"
-        )
+        where = f"seed {self.seed}, episode {self.episode}, step {self.step} ({self.variant})"
+        return f"{self.part} differs at {where}; usual causes: {CAUSES[self.variant]}"
 
 
 @dataclass(frozen=True)
@@ -122,25 +120,16 @@ def examine(
     settings = rules.configuration(config or {}).to_dict()
     advance, variants = progress or (lambda done, total: None), list(CAUSES)
     total, workers = len(variants) + 1, max(1, min(4, os.cpu_count() or 1))
-    request = {
-        "task": task,
-        "config": settings,
-        "actions": len(rules.actions),
-        "seeds": seeds,
-        "rule": rule,
-        "steps": steps,
-    }
+    request = {"task": task, "config": settings, "actions": len(rules.actions)}
+    request |= {"seeds": seeds, "rule": rule, "steps": steps}
     with tempfile.TemporaryDirectory() as here, tempfile.TemporaryDirectory() as there:
         first = _play({**request, "variant": "first"}, here)
         advance(1, total)
         with ThreadPoolExecutor(workers) as threads:
-            others = {
-                threads.submit(
-                    _play, {**request, "variant": name}, there if name == "elsewhere" else here
-                ): name
-                for name in variants
-            }
-            played = {}
+            others, played = {}, {}
+            for name in variants:
+                folder = there if name == "elsewhere" else here
+                others[threads.submit(_play, {**request, "variant": name}, folder)] = name
             for done, future in enumerate(as_completed(others), 2):
                 played[others[future]] = future.result()
                 advance(done, total)
@@ -199,14 +188,12 @@ def _play(request: Mapping[str, Any], folder: str) -> list[dict[str, Any]]:
             timeout=TIMEOUT_S, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired as error:
-        raise ValueError(
-            f"{request['task']} took over {TIMEOUT_S:.0f} s: ask for fewer steps"
-        ) from error
+        said = f"{request['task']} took over {TIMEOUT_S:.0f} s: ask for fewer steps"
+        raise ValueError(said) from error
     if done.returncode:
         said = (done.stderr.strip().splitlines() or [f"it ended with {done.returncode}"])[-1]
-        raise ValueError(
-            f"{request['task']} cannot be examined: {said}; play it by its own package first"
-        )
+        said = f"{request['task']} cannot be examined: {said}"
+        raise ValueError(f"{said}; play it by its own package first")
     lines = [line.removeprefix(MARK) for line in done.stdout.splitlines() if line.startswith(MARK)]
     return [json.loads(line) for line in lines]
 
@@ -289,11 +276,8 @@ def _episode(
             drawn = env.render()
             costs["picture"].append(1000 * (time.process_time() - begun))
             if isinstance(drawn, str):
-                rows = drawn.splitlines()
-                picture, shape = (
-                    _digest(drawn.encode()),
-                    (len(rows), max(map(len, rows), default=0)),
-                )
+                rows, picture = drawn.splitlines(), _digest(drawn.encode())
+                shape = (len(rows), max(map(len, rows), default=0))
             else:
                 picture, shape = _checked_picture(drawn), np.shape(drawn)[:2]
                 if len(hashes) % 100 == 0:
@@ -313,9 +297,8 @@ def _episode(
 def _checked_picture(drawn: Any) -> str:
     pixels = np.asarray(drawn)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
-        raise ValueError(
-            f"render returned no picture (uint8, rows x columns x 3) but {pixels.dtype}{pixels.shape}"
-        )
+        got = f"{pixels.dtype}{pixels.shape}"
+        raise ValueError(f"render returned no picture (uint8, rows x columns x 3) but {got}")
     return _digest(bytes_of(pixels))
 
 

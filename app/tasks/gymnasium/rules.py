@@ -10,6 +10,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,9 +82,8 @@ class GymnasiumConfig:
 
     def make(self, seed: int | None = None) -> gymnasium.Env[Any, Any]:
         """Return a new environment; ValueError where something it needs is not installed or it refuses its arguments."""
-        made: gymnasium.Env[Any, Any] = self.description.make(
-            json.loads(self.arguments), self.limit, seed
-        )
+        given = json.loads(self.arguments)
+        made: gymnasium.Env[Any, Any] = self.description.make(given, self.limit, seed)
         return made
 
 
@@ -200,10 +200,11 @@ class GymnasiumRun:
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
         shown = self.view() if picture else None
+        given = plain(self._observation) if observation else None
         return {
             "picture": shown and shown.picture,
             "text": shown and shown.text,
-            "observation": plain(self._observation) if observation else None,
+            "observation": given,
         }
 
     @property
@@ -286,9 +287,7 @@ class Frame(BaseModel):
     kind: Literal["frame"]
     episode: str
     step: int
-    picture: str | None = Field(
-        description="a PNG as a data URL; null for an environment that is shown as text"
-    )
+    picture: str | None = Field(description="a PNG as a data URL; null where it is shown as text")
     text: str | None
     reward: float | None = Field(description="of the last move")
     return_: float | None = Field(alias="return", description="sum of the rewards")
@@ -320,10 +319,8 @@ class GymnasiumRules:
         self.description = completed(described(told))
         self.level, self._told = self.description.id, described(told).told
         spec_of(self.level)
-        self.name, self.title = (
-            f"gymnasium:{self._told}",
-            self.description.title or self.level.rpartition(":")[2],
-        )
+        self.name = f"gymnasium:{self._told}"
+        self.title = self.description.title or self.level.rpartition(":")[2]
         self.instructions = self.description.instructions
 
     @property
@@ -350,11 +347,8 @@ class GymnasiumRules:
     @cached_property
     def keys(self) -> Mapping[str, tuple[str, ...]]:
         """The default keys: each action's, none for one that cannot be chosen."""
-        env = self.default.make(0)
-        try:
+        with closing(self.default.make(0)) as env:
             return keys_of(self.description, env, actions_of(self.description, env))
-        finally:
-            env.close()
 
     @property
     def clock(self) -> int | None:
@@ -385,20 +379,15 @@ class GymnasiumRules:
     def configuration(self, values: Mapping[str, Any]) -> GymnasiumConfig:
         """Return the configuration of `level`, `kwargs` and `max_steps`; ValueError or TypeError where they are none."""
         given = {"level": self.level, "kwargs": self.description.kwargs, **values}
-        if (
-            given["level"] != self.level
-            or given.keys() - {"level", "kwargs", "max_steps"}
-            or not isinstance(given["kwargs"], dict)
-        ):
-            raise ValueError(
-                f"expected level {self.level!r}, kwargs and max_steps, got {canonical(dict(values))}"
-            )
-        limit = given.get("max_steps", self.limit)
+        level, kwargs, limit = (given.pop(name, None) for name in ("level", "kwargs", "max_steps"))
+        if given or level != self.level or not isinstance(kwargs, dict):
+            said = f"expected level {self.level!r}, kwargs and max_steps"
+            raise ValueError(f"{said}, got {canonical(dict(values))}")
+        limit = limit if "max_steps" in values else self.limit
         if not isinstance(limit, int) or not 0 < limit <= MAX_LIMIT:
-            raise ValueError(
-                f"max_steps must be a whole number from 1 to {MAX_LIMIT}, got {limit!r}"
-            )
-        return GymnasiumConfig(self._told, canonical(given["kwargs"]), limit)
+            said = f"max_steps must be a whole number from 1 to {MAX_LIMIT}"
+            raise ValueError(f"{said}, got {limit!r}")
+        return GymnasiumConfig(self._told, canonical(kwargs), limit)
 
     def environment(self, config: GymnasiumConfig) -> Any:
         """Return a new environment."""
@@ -415,10 +404,8 @@ class GymnasiumRules:
 
     def returns(self, config: GymnasiumConfig) -> tuple[float, float] | None:
         """Return the bounds of the score, where both are known and it is the return; else None."""
-        low, high = self.description.bounds
-        if low is None or high is None or self.description.score != "return":
-            return None
-        return low, high
+        (low, high), score = self.description.bounds, self.description.score
+        return None if low is None or high is None or score != "return" else (low, high)
 
     @cached_property
     def players(self) -> Any:
@@ -428,25 +415,19 @@ class GymnasiumRules:
     @property
     def words(self) -> Words:
         """What reports call its figures."""
-        score = self.metrics[0].name
-        what = (
-            "the sum of all rewards"
-            if score == "return"
-            else f"the last {score!r} that the environment told"
+        score, success = self.metrics[0].name, self.description.success
+        what = "the sum of all rewards"
+        if score != "return":
+            what = f"the last {score!r} that the environment told"
+        counts = "does not succeed" if success else "does not end by itself"
+        definition = (
+            f"An episode that {counts} counts max_steps. The score is the {score}, {what}. "
+            "Where the environment itself failed, the episode counts as left at that move."
         )
-        if self.description.success:
-            steps, reached = "moves to success", "succeeded"
-            short, counts = "short of success", "does not succeed"
-        else:
-            steps, reached = "moves to the end", "ended by itself"
-            short, counts = "without an end", "does not end by itself"
-        definition = f"An episode that {counts} counts max_steps. The score is the {score}, {what}."
-        definition += (
-            " Where the environment itself failed, the episode counts as left at that move."
-        )
-        if self.description.success:
-            definition += f" A success is {self.description.success}."
-        return Words(score, steps, reached, short, definition)
+        if success:
+            definition += f" A success is {success}."
+            return Words(score, "moves to success", "succeeded", "short of success", definition)
+        return Words(score, "moves to the end", "ended by itself", "without an end", definition)
 
     courses: ClassVar[None] = None
     spread: ClassVar[str] = "a tenth and a fifth of the limit of moves, for want of anything better"
@@ -546,9 +527,10 @@ class GymnasiumRules:
 
         found = examine(self.name, steps=EXAMINED, config=config.to_dict())
         if found.differences:
-            raise ValueError(
-                f"{found.verdict}; mend the environment or name a wrapper that does; `marsexplorer doctor` says more"
+            way = (
+                "mend the environment or name a wrapper that does; `marsexplorer doctor` says more"
             )
+            raise ValueError(f"{found.verdict}; {way}")
 
     def prepare(self) -> None:
         """Make the environment and draw it once; ValueError where it has other actions, or what it needs is not installed."""
@@ -603,10 +585,8 @@ class GymnasiumRules:
 
     def replay_record(self, record: GymnasiumRecord) -> GymnasiumRun:
         """Return the run of a record; ValueError where the version is another one."""
-        if record.core_version != self.version:
-            raise ValueError(
-                f"the episode was played under {record.core_version}, this is {self.version}"
-            )
+        if (then := record.core_version) != self.version:
+            raise ValueError(f"the episode was played under {then}, this is {self.version}")
         return self.replay(record, record.actions, True)
 
     def frames(self, record: GymnasiumRecord, episode_id: str) -> list[dict[str, Any]]:
@@ -630,9 +610,8 @@ def rules(told: str) -> GymnasiumRules:
 def bytes_of(observation: Any) -> bytes:
     """Return an observation as bytes that say its type and shape too."""
     if isinstance(observation, Mapping):
-        return b"".join(
-            str(key).encode() + bytes_of(observation[key]) for key in sorted(observation)
-        )
+        parts = ((str(key).encode(), bytes_of(observation[key])) for key in sorted(observation))
+        return b"".join(part for pair in parts for part in pair)
     if isinstance(observation, tuple):
         return b"".join(map(bytes_of, observation))
     if isinstance(observation, str):
