@@ -173,7 +173,7 @@ def spec_of(env_id: str) -> Any:
             f"Gymnasium knows no environment {env_id!r}: {error}; install its package: pip install {error.name}"
         ) from error
     except (gymnasium.error.Error, ImportError) as error:
-        way = "; where a package brings it, write its module before it, like minigrid:ID"
+        way = "; where a package brings it, write the module's name before it, like minigrid:ID"
         said = f"Gymnasium knows no environment {env_id!r}: {error}{'' if module else way}"
         raise ValueError(said) from error
 

@@ -28,7 +28,7 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }, clock = nul
     pre.textContent = frame.text;
     return;
   }
-  const img = /** @type {HTMLImageElement} */ (place.querySelector("img.picture") ?? place.appendChild(create("img", [], { class: "picture", "data-testid": "picture" })));
+  const img = /** @type {HTMLImageElement} */ (place.querySelector("img.picture") ?? place.appendChild(create("img", [], { class: "picture", "data-testid": "picture", decoding: "sync" })));
   const alt = `${name}: ${inWords(frame, clock).line}`;
   if (!clock || frame.step === 0 || frame.outcome) img.alt = alt; // no picture is told 60 times a second
   const fit = () => {
