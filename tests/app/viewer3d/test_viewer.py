@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import io
 import json
 from contextlib import suppress
 from itertools import pairwise, product
@@ -11,16 +12,17 @@ import msgspec
 import numpy as np
 import pytest
 import zstandard
+from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.board.session import Channel
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.models import dashes
-from app.tasks.mars.viewer3d.scene import Scene, ViewOptions
+from app.tasks.mars.viewer3d.scene import CLIFF, DAY, NEAR, NIGHT, SHADOW, Scene, ViewOptions, fog
 from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import FREE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import PATIENCE_S, eventually
 from tests.support.viewer3d import CAMERA
@@ -216,6 +218,31 @@ def test_the_scene_shows_nothing_of_what_is_hidden(has_effects):
     assert (one.codes == other.codes).all()
     assert len(first) > 30
     assert first == second
+
+
+def luminance(colour):
+    """Of sRGB 0..255, as contrast is reckoned with it."""
+    share = np.asarray(colour) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722)) + 0.05
+
+
+@pytest.mark.parametrize("colours", [NIGHT, DAY])
+def test_unknown_ground_lies_lower_than_known_and_the_lidar_s_range_stands_out_from_it(colours):
+    codes = np.full((9, 12), UNKNOWN, np.uint8)
+    codes[2:5, 3:6] = FREE
+    picture = np.asarray(Image.open(io.BytesIO(fog(codes, colours))))
+    scale = picture.shape[0] // 9
+    south, east, west = (
+        picture[row * scale :, col * scale :] for row, col in ((5, 4), (3, 6), (3, 2))
+    )
+    assert [south[0, 1], south[scale - 1, 1]] == [CLIFF, NEAR], "the camera looks at that cliff"
+    assert [east[1, 0], east[1, scale - 1]] == [SHADOW, NEAR], "the sun stands in the west"
+    assert (west[:scale, :scale] == NEAR).all()
+    deepest = luminance(list(colours.fog[-3:]))
+    for accent in (colours.player, colours.rival):
+        ratio = luminance(colours.line * np.array(accent)) / deepest
+        assert max(ratio, 1 / ratio) > 3
 
 
 def test_the_lidar_sweeps_in_each_move_where_effects_are_wished_for():

@@ -2,9 +2,9 @@
 
 It is built from what the rover knows (`View.codes`, `View.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
-a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move. With
-effects the sun casts shadows, dunes lie around the board, newly discovered cells rise and the lidar sweeps; without them
-nothing costs more than the boards themselves.
+a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move and makes
+unknown ground lie lower. With effects the sun casts shadows, dunes lie around the board, newly discovered cells rise and the lidar sweeps; without
+them nothing costs more than the boards themselves.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ class Colours:
     """Of a theme's boards (RGB), as the page's matrix has them (`static/common/base.css`).
 
     beyond  what is behind the board, below the horizon
-    fog     the palette of the fog: clear ground, unknown cells, lines between them, known cells beside them, under rocks
+    line    the share of a board's colour that its thin lines have
+    fog     the palette of the fog, see `CLEAR` and the others
     """
 
     beyond: Colour
@@ -49,16 +50,17 @@ class Colours:
     glow: Colour
     player: Colour
     rival: Colour
+    line: float
     fog: bytes
 
 
 NIGHT = Colours(
-    (14, 11, 13), (168, 98, 60), (220, 203, 184), (120, 70, 46), (255, 206, 158), (255, 179, 71), (95, 208, 197),
-    bytes([0, 0, 0, 26, 20, 23, 34, 26, 29, 255, 214, 150, 40, 24, 20]),
+    (14, 11, 13), (168, 98, 60), (220, 203, 184), (120, 70, 46), (255, 206, 158), (255, 179, 71), (95, 208, 197), 1.0,
+    bytes([0, 0, 0, 255, 214, 150, 40, 24, 20, 84, 46, 28, 5, 3, 4, 40, 28, 26, 24, 17, 18, 12, 9, 11]),
 )  # fmt: skip
 DAY = Colours(
-    (246, 239, 230), (196, 130, 88), (70, 50, 41), (226, 190, 156), (40, 34, 26), (255, 196, 77), (140, 234, 223),
-    bytes([0, 0, 0, 246, 239, 230, 226, 214, 202, 255, 255, 255, 60, 36, 24]),
+    (246, 239, 230), (184, 118, 76), (70, 50, 41), (226, 190, 156), (40, 34, 26), (255, 196, 77), (140, 234, 223), 0.4,
+    bytes([0, 0, 0, 255, 255, 255, 60, 36, 24, 150, 92, 58, 170, 130, 104, 232, 214, 194, 241, 229, 215, 248, 242, 234]),
 )  # fmt: skip
 
 
@@ -98,9 +100,11 @@ class ViewOptions:
         return self.camera == "follow" or (self.camera is None and max(rows, cols) > LARGE_SIDE)
 
 
-CLEAR, FOG, LINE, EDGE, SHADE = range(5)
-FOG_ALPHA = bytes([0, 255, 255, 46, 150])
-"""Opacities of clear ground, unknown cells, lines between them, known cells beside them, and the ground under rocks."""
+CLEAR, EDGE, SHADE, CLIFF, SHADOW, NEAR, FAR, FARTHEST = range(8)
+"""Of the fog: known ground, known cells beside unknown ones, the ground under rocks; then unknown ground, which lies lower:
+the cliff down to it, the shadow on it, and its cells, the farther from known ones the deeper in dust."""
+FOG_ALPHA = bytes([0, 46, 150, 255, 215, 190, 195, 200])
+"""Opacities; the soil's relief, the same for every terrain of a size, shows through."""
 
 
 def pixels_a_cell(side: int, pixels: int, most: int) -> int:
@@ -108,39 +112,46 @@ def pixels_a_cell(side: int, pixels: int, most: int) -> int:
     return max(1, min(most, pixels // side))
 
 
+def noise(
+    rng: np.random.Generator, rows: int, cols: int, height: int, width: int
+) -> NDArray[np.float64]:
+    """Return smooth noise[height, width], 0 to 1, from rows x cols values."""
+    coarse = Image.fromarray(rng.random([max(2, rows), max(2, cols)]).astype(np.float32))
+    return np.asarray(coarse.resize((width, height), Image.Resampling.BICUBIC), np.float64)
+
+
 @lru_cache(maxsize=16)
 def soil(rows: int, cols: int, colour: Colour) -> bytes:
-    """Return the ground as a JPEG, the same for every terrain of a size: value noise and a faint grid."""
+    """Return the ground as a JPEG, the same for every terrain of a size: ridges lit from the west and a faint grid."""
     scale = pixels_a_cell(max(rows, cols), 768, 16)
     height, width = rows * scale, cols * scale
     rng = np.random.default_rng(rows * 1009 + cols)
-    noise = np.zeros((height, width))
-    side = max(rows, cols)
-    for cells, weight in ((side / 9, 0.5), (side / 3, 0.3), (side * 1.5, 0.2)):
-        coarse = rng.random([max(2, round(cells * each / side)) for each in (rows, cols)])
-        picture = Image.fromarray(coarse.astype(np.float32))
-        blurred = picture.resize((width, height), Image.Resampling.BICUBIC)
-        noise += weight * np.asarray(blurred)
-    ground = np.array(colour) * (0.74 + 0.5 * noise[..., None])
+    ground = np.zeros((height, width))
+    for cells, weight in ((9.0, 0.5), (3.0, 0.3), (0.7, 0.2)):
+        size = round(rows / cells), round(cols / cells)
+        ground += weight * noise(rng, *size, height, width)
+    down, across = np.gradient(ground)
+    slope = across - 0.5 * down
+    lit = 0.76 + 0.46 * ground + 0.07 * np.clip(slope / slope.std(), -2, 2)
     lines = (np.arange(height)[:, None] % scale == 0) | (np.arange(width)[None] % scale == 0)
-    ground[lines] *= 0.86
-    ground *= 1 + 0.05 * rng.standard_normal((height, width, 1))
-    drawn = Image.fromarray(np.clip(ground, 0, 255).astype(np.uint8))
-    return encoded(drawn, format="JPEG", quality=80)
+    lit[lines] *= 0.86
+    lit *= 1 + 0.05 * rng.standard_normal((height, width))
+    drawn = np.clip(np.array(colour) * lit[..., None], 0, 255).astype(np.uint8)
+    return encoded(Image.fromarray(drawn), format="JPEG", quality=80)
 
 
 @lru_cache(maxsize=2)
 def sky(colours: Colours) -> NDArray[np.uint8]:
-    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, and what is beyond below it."""
+    """Return the sky as uint8[160, 256, 3]: dust lit by a low sun along the horizon at the top, and banks of it below."""
     down, across = np.mgrid[0:1:160j, 0:1:256j]
     dust = np.exp(-(((down - 0.05) / 0.16) ** 2))[..., None]
     away = np.hypot((across - 0.24) * 1.6, down - 0.07)
     glow = (0.5 * np.exp(-((away / 0.22) ** 2)) + 0.9 * np.exp(-((away / 0.025) ** 4)))[..., None]
-    below, above = (
-        np.array(colours.beyond) * (1 - 0.85 * dust),
-        np.array(colours.dust) * 0.85 * dust,
-    )
-    lit = below + above + np.array(colours.glow) * glow
+    rng = np.random.default_rng(0)
+    banks = 0.6 * noise(rng, 14, 4, 160, 256) + 0.4 * noise(rng, 34, 12, 160, 256)
+    haze = np.clip(dust * 0.85 + 0.5 * (banks[..., None] - 0.3) * (1 - dust), 0, 1)
+    beyond, hazed = np.array(colours.beyond), np.array(colours.dust)
+    lit = beyond * (1 - haze) + hazed * haze + np.array(colours.glow) * glow
     picture: NDArray[np.uint8] = np.clip(lit, 0, 255).astype(np.uint8)
     return picture
 
@@ -153,20 +164,29 @@ def encoded(image: Image.Image, **options: Any) -> bytes:
 
 
 def fog(codes: NDArray[np.uint8], colours: Colours) -> bytes:
-    """Return the fog over codes[rows, cols] as a PNG with a palette and alpha."""
+    """Return the fog over codes[rows, cols] as a PNG with a palette and alpha: unknown ground lies lower than known."""
     unknown = codes == UNKNOWN
-    near = np.pad(unknown, 1)
-    borders = near[:-2, 1:-1] | near[2:, 1:-1] | near[1:-1, :-2] | near[1:-1, 2:]
-    known = np.where(codes == OBSTACLE, SHADE, np.where(borders, EDGE, CLEAR))
-    picture = np.where(unknown, FOG, known).astype(np.uint8)
+    near, far = beside(~unknown), beside(beside(~unknown))
+    depth = np.where(near, NEAR, np.where(far, FAR, FARTHEST))
+    known = np.where(codes == OBSTACLE, SHADE, np.where(beside(unknown), EDGE, CLEAR))
     scale = pixels_a_cell(max(codes.shape), 400, 4)
-    picture = picture.repeat(scale, 0).repeat(scale, 1)
+    picture = np.where(unknown, depth, known).astype(np.uint8).repeat(scale, 0).repeat(scale, 1)
     if scale > 2:
-        for lines in (picture[::scale], picture[:, ::scale]):
-            lines[lines == FOG] = LINE
+        lower = unknown.repeat(scale, 0).repeat(scale, 1)
+        for ahead in range(
+            1, scale // 2 + 1
+        ):  # the sun stands in the west, the camera in the south
+            picture[:, ahead:][lower[:, ahead:] & ~lower[:, :-ahead]] = SHADOW
+            picture[ahead:][lower[ahead:] & ~lower[:-ahead]] = CLIFF
     image = Image.fromarray(picture, "P")
     image.putpalette(colours.fog)
     return encoded(image, format="PNG", transparency=FOG_ALPHA, compress_level=1)
+
+
+def beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which cells are, or share a side with, one of cells[rows, cols]."""
+    wide = np.pad(cells, 1)
+    return np.asarray(cells | wide[:-2, 1:-1] | wide[2:, 1:-1] | wide[1:-1, :-2] | wide[1:-1, 2:])
 
 
 ALARM = (255, 107, 87)
@@ -328,7 +348,7 @@ class Scene:
         self._scene.add_light_directional(
             "/sun", color=SUN, intensity=2.6, position=place, cast_shadow=has_shadows
         )
-        self._scene.set_background_image(sky(self._options.colours), format="png")
+        self._scene.set_background_image(sky(self._options.colours), format="jpeg", jpeg_quality=90)
 
     def _add_ground(self) -> None:
         flat: dict[str, Any] = {"wxyz": FACING_UP, "cast_shadow": False, "receive_shadow": False}
@@ -379,8 +399,9 @@ class Scene:
     def _add_lidar_range(self, radius: int) -> None:
         """Draw the range of the lidar, dashed, and a small ring that marks the rover on small boards."""
         dashes, ring = models.circle(radius, 72, 0.06)[::2], models.circle(0.66, 24, 0.1)
-        for name, segments, thickness in (("reach", dashes, 1.5), ("ring", ring, 2.0)):
-            look: dict[str, Any] = {"colors": self._accent, "thickness": thickness}
+        colour = tuple(int(self._options.colours.line * each) for each in self._accent)
+        for name, segments, thickness in (("reach", dashes, 2.0), ("ring", ring, 2.0)):
+            look: dict[str, Any] = {"colors": colour, "thickness": thickness}
             self._scene.add_line_segments(
                 f"/rover/{name}", segments, **look, thickness_units="screen"
             )
