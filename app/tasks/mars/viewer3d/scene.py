@@ -3,8 +3,8 @@
 It is built from what the rover knows (`View.codes`, `View.path`) and nothing else, so it cannot show what is hidden.
 Metres begin here: a cell is one metre, x = col, y = -row, z is up, so north is at the top and west at the left. The soil is
 a fixed picture for each size; the fog over it is a small picture with alpha, which is sent again after each move and makes
-unknown ground lie lower. With effects the sun casts shadows, dunes lie around the board, newly discovered cells rise and the lidar sweeps; without
-them nothing costs more than the boards themselves.
+unknown ground lie lower. With effects the sun casts shadows, dunes lie around the board, newly discovered cells rise and the
+lidar sweeps; without them nothing costs more than the boards themselves.
 """
 
 from __future__ import annotations
