@@ -86,9 +86,8 @@ class DecisionQueue:
                 await self._answer(self._next_batch())
         finally:
             self._serving = None
-            least = min(
-                self._used_s.values(), default=0.0
-            )  # who has had no more than the others is as new
+            # who has had no more than the others is as new
+            least = min(self._used_s.values(), default=0.0)
             self._used_s = defaultdict(
                 float, {owner: s for owner, s in self._used_s.items() if s > least}
             )

@@ -220,9 +220,8 @@ class Lobby:
         """Unload some sessions, which are deleted with their episodes."""
         self._storage.release(episodes)
         for session_id in deleted:
-            if (
-                group := self._groups.get(session_id)
-            ) is not None:  # somebody asked for it just then
+            # somebody asked for it just then
+            if (group := self._groups.get(session_id)) is not None:
                 self._unload(group)
 
     def close(self) -> None:

@@ -550,12 +550,7 @@ class Session:
         self.go_on(row, run, run.view(), None, hides_scores)
 
     def go_on(
-        self,
-        current: Trial,
-        run: Run,
-        shown: View,
-        attested: Attested | None,
-        hides_scores: bool,
+        self, current: Trial, run: Run, shown: View, attested: Attested | None, hides_scores: bool
     ) -> None:
         """Put a run on the board as the store holds it now, and publish its frame.
 
@@ -601,9 +596,8 @@ class Session:
             return None  # its board keeps no input events
 
         if self._keeping is not None:
-            await asyncio.wait(
-                [self._keeping]
-            )  # what came without it would be compared again on the thread of the writes
+            # what came without it would be compared again on the thread of the writes
+            await asyncio.wait([self._keeping])
 
         def prepare() -> Ending:
             row = None if last is None else dataclasses.asdict(last)

@@ -94,14 +94,12 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
 
     try:
         with reading(database) as conn, closing(sqlite3.connect(target)) as copy:
-            conn.execute(
-                "SELECT count(*) FROM meta"
-            ).fetchone()  # from here on `conn` sees one moment
+            # from here on `conn` sees one moment
+            conn.execute("SELECT count(*) FROM meta").fetchone()
             _check_room(conn, target)
             conn.backup(copy, pages=PAGES, progress=progress)
-            copy.execute(
-                "PRAGMA journal_mode = DELETE"
-            )  # one file, which can be read where nothing can be written
+            # one file, which can be read where nothing can be written
+            copy.execute("PRAGMA journal_mode = DELETE")
     except sqlite3.Error as error:
         raise StoreError(f"cannot copy {database} to {target}: {error}") from error
 

@@ -169,9 +169,8 @@ def recognise(path: Path) -> None:
             "give another --database (a new path makes a new one)"
         )
     page = int.from_bytes(header[16:18], "big") if header else 0  # the value 1 stands for 65536
-    if path.stat().st_size < (
-        65536 if page == 1 else page
-    ):  # SQLite takes less than a page for an empty file
+    # SQLite takes less than a page for an empty file
+    if path.stat().st_size < (65536 if page == 1 else page):
         raise StoreError(
             f"the database {path} is damaged (cut short): restore it from a backup or give another --database"
         )

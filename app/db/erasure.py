@@ -129,9 +129,8 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
         "SELECT protocol, closed_ms FROM series WHERE name = ?", [person["study"]]
     ).fetchone()
     keeps = bool(json.loads(protocol).get("keep_episodes_when_forgotten", False))
-    hashes = (
-        person_hashes(person)[:1] if keeps else person_hashes(person)
-    )  # who stays without a name still came then
+    # who stays without a name still came then
+    hashes = person_hashes(person)[:1] if keeps else person_hashes(person)
     used = person["consent_ms"] is not None or person["kind"] == "script"  # a card has no consent
     if person["invitation"] is not None and used:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))

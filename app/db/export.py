@@ -163,19 +163,13 @@ def _counted(number: int, thing: str) -> str:
 
 def _check(table: str, who: str) -> None:
     """Raise ValueError for what is no table or choice of episodes."""
-    for name, value, known in (
-        ("table", table, tuple(COLUMNS)),
-        ("who", who, ("all", "human")),
-    ):
+    for name, value, known in (("table", table, tuple(COLUMNS)), ("who", who, ("all", "human"))):
         if value not in known:
             raise ValueError(f"{name} must be one of {', '.join(known)}, got {value!r}")
 
 
 def _stream(
-    reader: Reader,
-    wanted: Callable[[], Iterator[dict[str, Any]]],
-    table: ExportTable,
-    key: bytes,
+    reader: Reader, wanted: Callable[[], Iterator[dict[str, Any]]], table: ExportTable, key: bytes
 ) -> Generator[bytes]:
     try:
         yield (",".join(COLUMNS[table]) + "\n").encode()

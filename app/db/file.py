@@ -100,9 +100,8 @@ class FilePlace:
     """The names of an open database and of its write-ahead log, and the files that they led to when it was opened."""
 
     def __init__(self, path: Path) -> None:
-        log = (
-            f"{os.path.realpath(path)}-wal"  # SQLite keeps it beside the file that a link leads to
-        )
+        # SQLite keeps it beside the file that a link leads to
+        log = f"{os.path.realpath(path)}-wal"
         self._name = path.name
         self._files: list[tuple[str, Identity]] = [
             (str(path), identity_of(path)),

@@ -212,10 +212,7 @@ def _merge_table(
 
 
 def _check_equal(
-    target: sqlite3.Connection,
-    table: str,
-    chunk: list[tuple[Any, ...]],
-    where: str,
+    target: sqlite3.Connection, table: str, chunk: list[tuple[Any, ...]], where: str
 ) -> None:
     """Raise MergeError naming the first row of the chunk that does not stand in the target exactly so."""
     columns = MERGED[table].names()

@@ -266,10 +266,7 @@ class StudyStore:
 
     @contextmanager
     def _changing(self, participant_id: str) -> Iterator[None]:
-        with (
-            self._store.transaction(),
-            chain.changing(self._conn, "participant", participant_id),
-        ):
+        with self._store.transaction(), chain.changing(self._conn, "participant", participant_id):
             yield
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:

@@ -643,9 +643,8 @@ class Store(Reader):
             if isinstance(error, sqlite3.Error):
                 raise self._not_taken(error) from error
             raise
-        self._lost = (
-            self._place.fault()
-        )  # it went in between: memory lacks what the lost file has, so no way leads on
+        # it went in between: memory lacks what the lost file has, so no way leads on
+        self._lost = self._place.fault()
         if self._lost is not None:
             raise LostDatabaseError(self._lost)
         if step is not None:

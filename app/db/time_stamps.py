@@ -81,10 +81,8 @@ def read_stamp(path: Path, database: Path, certificates: Path | None) -> TimeSta
             roots = x509.load_pem_x509_certificates(certificates.read_bytes())
         else:
             for each in ssl.create_default_context().get_ca_certs(binary_form=True):
-                with (
-                    warnings.catch_warnings(action="ignore"),
-                    suppress(ValueError),
-                ):  # some break the standard
+                # some break the standard
+                with warnings.catch_warnings(action="ignore"), suppress(ValueError):
                     roots.append(x509.load_der_x509_certificate(each))
     except (OSError, ValueError) as error:
         raise StoreError(

@@ -300,10 +300,7 @@ def _write_files(
 
 
 def _write_derived(
-    database: Path,
-    data: StudyData,
-    episodes: Sequence[PolicyEpisode],
-    regrets: Sequence[RegretRow],
+    database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], regrets: Sequence[RegretRow]
 ) -> None:
     """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
     names = list(dict.fromkeys(each.policy for each in episodes))

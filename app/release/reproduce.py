@@ -17,13 +17,7 @@ from typing import Any
 from app.db.resimulation import Finding
 from app.release.bundle import Bundle
 from app.release.manifest import check_files
-from app.release.receipts import (
-    EVALUATIONS,
-    Published,
-    check_opened,
-    check_receipt,
-    seed_of,
-)
+from app.release.receipts import EVALUATIONS, Published, check_opened, check_receipt, seed_of
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
 from app.report.making import REPORT_FILES, has_played, make_report, play_compared
 from app.report.model import Report

@@ -243,9 +243,8 @@ def _comparisons_in(
     metric: MetricName, table: Floats, runs: Sequence[PolicyRun], is_tested: bool
 ) -> list[PolicyComparison]:
     """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
-    shared = ~np.isnan(table).all(
-        axis=0
-    )  # terrains that at least one player and every policy played
+    # terrains that at least one player and every policy played
+    shared = ~np.isnan(table).all(axis=0)
     for run in runs:
         shared &= ~np.isnan(run.values(metric))
     values = {run.name: run.values(metric)[shared] for run in runs}

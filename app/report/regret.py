@@ -287,11 +287,7 @@ def _policy_regrets(
 
 
 def regrets_of_groups(
-    reader: Reader,
-    data: StudyData,
-    synthetic: bool,
-    progress: ProgressBar,
-    cache: Path | None,
+    reader: Reader, data: StudyData, synthetic: bool, progress: ProgressBar, cache: Path | None
 ) -> dict[str, RegretSummary]:
     """Return the regret of a closed study's people under the primary set, or of each kind of script, by group's name.
 

@@ -308,9 +308,8 @@ class Folder:
             secret,
             paired=paired,
         )
-        _check_terrains(
-            study, advance
-        )  # of a study with a beacon: terrains like those that it will have
+        # of a study with a beacon: terrains like those that it will have
+        _check_terrains(study, advance)
         if beacon is not None and beacon.round_ms <= now:
             raise StudyError(
                 f"round {beacon.round} of the beacon came out at {iso(beacon.round_ms)}: name a later one, which nobody knows"

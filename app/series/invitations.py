@@ -96,9 +96,8 @@ class Invitations:
         Whoever has agreed to the consent text with one goes on.
         """
         self._folder.study(name)
-        wanted = [
-            read_code(ident)[:_ID_LENGTH] for ident in idents
-        ]  # a whole token begins with the id
+        # a whole token begins with the id
+        wanted = [read_code(ident)[:_ID_LENGTH] for ident in idents]
         with locked(self._folder.path(name)):
             found = dict(self.of(name))
             unknown = [

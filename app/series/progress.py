@@ -262,9 +262,8 @@ class ParticipantProgress:
 
             @contextmanager
             def within(row: Trial) -> Iterator[None]:
-                self._at(
-                    name, player_id, participant.stage
-                )  # withdrawn in another tab, or closed, while the terrain grew
+                # withdrawn in another tab, or closed, while the terrain grew
+                self._at(name, player_id, participant.stage)
                 if participant.session_id is None:
                     store.add_session(board.row)
                     self.study_store.set_session(participant.id, board.id)

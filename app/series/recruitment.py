@@ -23,14 +23,7 @@ from app.db.series import StudyStore
 from app.db.study_rows import Participant
 from app.series.flow import MAX_NOTED, REPEATED_JOIN, Reason
 from app.series.folder import Folder, Study
-from app.series.invitations import (
-    PARAMETER,
-    Invitation,
-    Invitations,
-    grouped,
-    read_code,
-    signature,
-)
+from app.series.invitations import PARAMETER, Invitation, Invitations, grouped, read_code, signature
 from app.series.participation import StageError
 from app.series.protocol import StudyError
 
@@ -200,11 +193,7 @@ class Recruitment:
             raise StageError(REVOKED)
 
     def _check_outside_id(
-        self,
-        study: Study,
-        player_id: str,
-        comes: Arrival,
-        found: Participant | None,
+        self, study: Study, player_id: str, comes: Arrival, found: Participant | None
     ) -> None:
         """Check that the first outside id and the cookie name the same person; StageError otherwise."""
         if not study.protocol.outside_ids:

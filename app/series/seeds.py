@@ -55,9 +55,8 @@ def balanced_order(
         )
         for what in ("row", "label")
     )
-    zigzag = [
-        (1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)
-    ]  # 0, 1, n-1, 2, n-2, ...
+    # 0, 1, n-1, 2, n-2, ...
+    zigzag = [(1 + i) // 2 if i % 2 else (ranked - i // 2) % ranked for i in range(ranked)]
     return [labels[(rows[place] + step) % ranked] for step in zigzag]
 
 

@@ -396,11 +396,7 @@ def check_attestation(
 
 
 def _derive_level(
-    task: str,
-    started_ms: int,
-    steps: list[dict[str, Any]],
-    given: InputOf,
-    until_ms: int | None,
+    task: str, started_ms: int, steps: list[dict[str, Any]], given: InputOf, until_ms: int | None
 ) -> Level:
     """Return an episode's level and reason by its rows; what a participant chose after `until_ms` does not matter.
 

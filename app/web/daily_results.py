@@ -40,10 +40,7 @@ def people_on(
     `moves` is the distribution, [moves, how many people] of those who came to 99 %; `unfinished` counts the others. `you` is
     the player's own row, None where they have none.
     """
-    cells, ended = (
-        _cells(terrain),
-        results(reader, terrain.series.name, terrain.ends_ms),
-    )
+    cells, ended = (_cells(terrain), results(reader, terrain.series.name, terrain.ends_ms))
     found = [_row(each, cells, player_id) for each in ended]
     found.sort(key=_order)
     for number, row in enumerate(found):

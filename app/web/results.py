@@ -150,11 +150,7 @@ def _public_record(request: Request, episode_id: str) -> Record:
 
 
 @router.get("/export/{table}.csv", tags=["results"], summary="Everything finished, as CSV")
-async def export(
-    request: Request,
-    table: ExportTable,
-    who: Who = "all",
-) -> Response:
+async def export(request: Request, table: ExportTable, who: Who = "all") -> Response:
     """Export every finished episode under pseudonyms; `who=human` exports those that count.
 
     503 with Retry-After while another table of the same address, or two of others', are being written.

@@ -142,9 +142,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
                     running.append(asyncio.to_thread(services.health.check))
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
                 current_default_thread_limiter().total_tokens = READERS
-                t_quantile(
-                    1
-                )  # scipy loads its parts when they are needed: now, and not while somebody plays
+                # scipy loads its parts when they are needed: now, and not while somebody plays
+                t_quantile(1)
                 try:
                     yield
                 finally:
@@ -157,9 +156,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection)
     add_error_handlers(app)
-    app.mount(
-        "/static", pages.static_files, name="static"
-    )  # first what is asked for most: routes are tried in turn
+    # first what is asked for most: routes are tried in turn
+    app.mount("/static", pages.static_files, name="static")
     boards = api.board_router(rules_of(settings.task).messages)
     modules = (
         pages,
@@ -178,9 +176,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     )
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
-        app.router.routes.extend(
-            router.routes
-        )  # as they are: `include_router` would build each again for this app
+        # as they are: `include_router` would build each again for this app
+        app.router.routes.extend(router.routes)
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
@@ -240,20 +237,13 @@ def _services(
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
-    is_mars = (
-        task.name == MARS
-    )  # the daily terrain and the leaderboard's own boards are MarsExplorer's
+    # the daily terrain and the leaderboard's own boards are MarsExplorer's
+    is_mars = task.name == MARS
     offers = task.policies.offers() if is_mars else ()
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     lobby = Lobby(
-        store,
-        task,
-        sources,
-        settings.idle_s,
-        of_session,
-        settings.limits.decision_s,
-        stored,
+        store, task, sources, settings.idle_s, of_session, settings.limits.decision_s, stored
     )
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
@@ -373,9 +363,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
         password = AdminPassword.of(settings)
     except ValueError as error:
         raise ServerError(f"{error}; set another MARS_ADMIN_PASSWORD") from error
-    signal.signal(
-        signal.SIGTERM, signal.default_int_handler
-    )  # it ends as by Ctrl-C: the store is closed
+    # it ends as by Ctrl-C: the store is closed
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_file_limit()
     metrics = Metrics()
     with (
@@ -415,9 +404,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                     f"the operator's page is /admin, its password until the server stops: {password.drawn}",
                     flush=True,
                 )
-            sys.setswitchinterval(
-                0.001
-            )  # a policy that decides in a thread lets a move through within a millisecond
+            # a policy that decides in a thread lets a move through within a millisecond
+            sys.setswitchinterval(0.001)
             try:
                 logging.captureWarnings(True)
                 config = uvicorn_config(app, log_config=log_config(settings.log_format))

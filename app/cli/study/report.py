@@ -46,11 +46,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Do not play the policies: no comparisons, done in a second.",
 )
-@option(
-    "--no-moves",
-    is_flag=True,
-    help="Leave out the regret of each move: done sooner.",
-)
+@option("--no-moves", is_flag=True, help="Leave out the regret of each move: done sooner.")
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
     no_policies: bool, no_moves: bool,

@@ -73,11 +73,7 @@ class PolicyComparison:
 
 
 def compare_policy(
-    policy: str,
-    metric: str,
-    values: Floats,
-    table: Floats,
-    random: Floats | None = None,
+    policy: str, metric: str, values: Floats, table: Floats, random: Floats | None = None
 ) -> PolicyComparison:
     """Return the comparison of a policy's values float64[terrains] with the players' table float64[players, terrains].
 

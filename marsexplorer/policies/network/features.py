@@ -192,9 +192,8 @@ def extract_features(codes, cells, visited, headings, lidar, kept, scratch, pric
         # 2. How far is every cell, and which moves begin a shortest path to it? One search from the rover answers both.
         find_open_cells(board, False, is_open)
         reached = search_first_actions(is_open, rows, cols, cell, distance, first_actions, queue)
-        count = np.int64(
-            0
-        )  # a literal would have what it is handed on to compiled for itself as well
+        # a literal would have what it is handed on to compiled for itself as well
+        count = np.int64(0)
         for k in range(reached):
             there = queue[k]
             candidates[count] = there
