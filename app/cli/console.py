@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click import option
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -47,30 +48,18 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]
 def levels_option(*default: str) -> Callable[[F], F]:
     """Return the option --level, which the command is given as `levels`, a tuple of names."""
     text = "random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
-    return click.option(
-        "--level", "levels", multiple=True, default=default, show_default=True, help=text
-    )
+    return option("--level", "levels", multiple=True, default=default, help=text)
 
 
 def sizes_option(*default: str) -> Callable[[F], F]:
     """Return the option --size, which the command is given as `sizes`, a tuple of sides and of (rows, cols)."""
     text = "21 for a square, 42x84 for rows x columns; repeatable."
-    return click.option(
-        "--size",
-        "sizes",
-        type=SizeType(),
-        multiple=True,
-        default=default,
-        show_default=True,
-        help=text,
-    )
+    return option("--size", "sizes", type=SizeType(), multiple=True, default=default, help=text)
 
 
 def seed_option(what: str) -> Callable[[F], F]:
     """Return the option --seed of a run, 0..1000; `what` says what it fixes."""
-    return click.option(
-        "--seed", type=click.IntRange(0, 1000), default=0, show_default=True, help=what
-    )
+    return option("--seed", type=click.IntRange(0, 1000), default=0, help=what)
 
 
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
@@ -107,13 +96,13 @@ def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> 
 
 def database_option(text: str) -> Callable[[F], F]:
     """Return the option --database, which is that of the settings where it is not given; `text` says what it is for."""
-    return click.option("--database", type=PATH, callback=_database, help=text)
+    return option("--database", type=PATH, callback=_database, help=text)
 
 
 DATABASE = database_option(
     "The database the study was played in; a running server may go on writing."
 )
-STUDIES = click.option(
+STUDIES = option(
     "--studies",
     "folder",
     type=PATH,

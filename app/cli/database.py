@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click import argument, option
 
 from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
 
@@ -27,7 +28,7 @@ def database_option(what: str) -> Callable[[F], F]:
     def path(ctx: click.Context, param: click.Parameter, given: Path | None) -> Path:
         return given or settings_of().database
 
-    return click.option("--database", type=PATH, help=what, callback=path)
+    return option("--database", type=PATH, help=what, callback=path)
 
 
 SERVERS = "The database that the server records in, if it is not the default one."
@@ -35,14 +36,14 @@ SERVERS = "The database that the server records in, if it is not the default one
 
 @click.command(short_help="Write what was played as CSV.")
 @database_option("The database to read; a running server may go on writing.")
-@click.option(
+@option(
     "--out",
     type=PATH,
     required=True,
     help="Folder for episodes.csv and steps.csv; made when absent.",
 )
-@click.option(
-    "--who", type=click.Choice(["all", "human"]), default="all", show_default=True, help="human: the counted ones.",
+@option(
+    "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
 )  # fmt: skip
 def export(database: Path, out: Path, who: Who) -> None:
     """Write every finished episode, and every step of it, as two tables.
@@ -68,38 +69,36 @@ MAX_PRINTED = 200
 
 
 @click.command(short_help="Simulate every episode again and compare.")
-@click.option(
-    "--database", type=PATH, help="The database to verify; a running server may go on writing."
-)
-@click.option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
-@click.option(
+@option("--database", type=PATH, help="The database to verify; a running server may go on writing.")
+@option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
+@option(
     "--studies",
     type=PATH,
     help="The folder of studies, for the secrets of open ones.  [default: data/studies]",
 )
-@click.option(
+@option(
     "--key",
     "--signer",
     "key",
     metavar="FINGERPRINT|FILE",
     help="The key that must have signed the dataset.",
 )
-@click.option(
+@option(
     "--pin",
     "to_pin",
     is_flag=True,
     help="Remember the dataset's signing key as a known one, if all else is well.",
 )
-@click.option(
+@option(
     "--head",
     help="A head of the database's chain from before, or a release's folder, which holds one.",
 )
-@click.option(
+@option(
     "--stamp",
     type=PATH,
     help="A time stamp that `stamp` wrote; it stands for a head, as --head does.",
 )
-@click.option(
+@option(
     "--certificate",
     type=PATH,
     help="The root of the stamp's authority, PEM.  [default: those that this machine trusts]",
@@ -256,10 +255,8 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 
 @click.command(short_help="Have the end of the chain time-stamped.")
-@click.option(
-    "--authority", required=True, help="Address of the time-stamping authority (RFC 3161)."
-)
-@click.option(
+@option("--authority", required=True, help="Address of the time-stamping authority (RFC 3161).")
+@option(
     "--out",
     type=PATH,
     help="File for the stamp.  [default: the database's name, its number of entries and .tsr]",
@@ -289,7 +286,7 @@ def stamp(authority: str, out: Path | None, database: Path) -> None:
 
 
 @click.command(short_help="Copy the database while people play.")
-@click.argument("file", type=PATH)
+@argument("file", type=PATH)
 @database_option("The database to copy; a running server may go on writing.")
 def backup(file: Path, database: Path) -> None:
     """Write the database as it is now into FILE, a new file, and verify it: every page, every reference, the chain.
@@ -310,9 +307,9 @@ def backup(file: Path, database: Path) -> None:
 
 
 @click.command(short_help="Put a backup in the place of the database.")
-@click.argument("backup", type=PATH)
+@argument("backup", type=PATH)
 @database_option("The database whose place it takes.")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@option("--yes", is_flag=True, help="Do not ask.")
 def restore(backup: Path, database: Path, yes: bool) -> None:
     """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
 
@@ -335,8 +332,8 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
 
 
 @click.command(short_help="Join the databases of several servers.")
-@click.argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
-@click.option(
+@argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
+@option(
     "--out",
     type=PATH,
     required=True,
@@ -376,11 +373,11 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 
 
 @click.command(short_help="Erase a participant, or a player.")
-@click.argument("participant")
-@click.option("--study", help="The study, where an outside id took part in several.")
-@click.option("--player", is_flag=True, help="A player by the name that they chose.")
+@argument("participant")
+@option("--study", help="The study, where an outside id took part in several.")
+@option("--player", is_flag=True, help="A player by the name that they chose.")
 @database_option("The database to erase them from.")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@option("--yes", is_flag=True, help="Do not ask.")
 def forget(participant: str, study: str | None, player: bool, database: Path, yes: bool) -> None:
     """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
 
@@ -455,7 +452,7 @@ def operator() -> None:
 
 
 @operator.command(short_help="Add an operator.")
-@click.argument("name")
+@argument("name")
 @database_option(SERVERS)
 def add(name: str, database: Path) -> None:
     """Add an operator; the password is asked for twice, or is the first line of standard input where that is no terminal."""
@@ -485,7 +482,7 @@ def list_(database: Path) -> None:
 
 
 @operator.command(short_help="Remove an operator.")
-@click.argument("name")
+@argument("name")
 @database_option(SERVERS)
 def remove(name: str, database: Path) -> None:
     """Remove an operator; what they did stays in the log."""
@@ -497,9 +494,7 @@ def remove(name: str, database: Path) -> None:
 
 
 @operator.command(short_help="Print what operators did.")
-@click.option(
-    "--count", type=click.IntRange(1), default=100, show_default=True, help="Actions to print."
-)
+@option("--count", type=click.IntRange(1), default=100, help="Actions to print.")
 @database_option(SERVERS)
 def log(count: int, database: Path) -> None:
     """Print the newest actions of operators, with the status of the server's answer (200 to 299: done)."""

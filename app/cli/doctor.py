@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import click
+from click import argument, option
 
 from app.cli.console import progress, task_name
 
@@ -63,25 +64,23 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
 
 
 @click.command(short_help="Say whether an environment follows from seed and actions.")
-@click.argument("envs", nargs=-1, required=True, metavar="ENV...")
-@click.option(
-    "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="How many seeds."
-)
-@click.option(
-    "--steps", type=click.IntRange(1, 1_000_000), default=2000, show_default=True,
+@argument("envs", nargs=-1, required=True, metavar="ENV...")
+@option("--seeds", type=click.IntRange(1, 100), default=5, help="How many seeds.")
+@option(
+    "--steps", type=click.IntRange(1, 1_000_000), default=2000,
     help="Moves for each seed; where an episode ends, another begins.",
 )  # fmt: skip
-@click.option(
+@option(
     "--rule",
     metavar="MODULE:FUNCTION",
     help="Choose every third seed's actions by its observations.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-@click.option("--table", is_flag=True, help="Print a row of Markdown for each of several ENV.")
-@click.option(
+@option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@option("--table", is_flag=True, help="Print a row of Markdown for each of several ENV.")
+@option(
     "--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to be edited."
 )
-@click.option(
+@option(
     "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
     help="Print the JSON schema of that file.",
 )  # fmt: skip

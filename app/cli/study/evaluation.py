@@ -27,10 +27,7 @@ if TYPE_CHECKING:
     from app.series.folder import Folder
 
 
-@click.group(
-    short_help="Evaluate agents on terrains that stay sealed.",
-    context_settings={"show_default": True},
-)
+@click.group(short_help="Evaluate agents on terrains that stay sealed.")
 def evaluation() -> None:
     """Let agents play the terrains that people played, unseen, and sign what came of it.
 

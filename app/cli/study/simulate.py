@@ -24,26 +24,12 @@ SHARE = click.FloatRange(0, 1)
     type=click.IntRange(1, 1000),
     help="How many take part side by side.  [default: as many as the study plans]",
 )
-@option(
-    "--policy", default="frontier-cost", show_default=True, help="Name or path of what they follow."
-)
-@option("--noise", type=SHARE, default=0.1, show_default=True, help="Share of random valid moves.")
-@option(
-    "--leaving",
-    type=SHARE,
-    default=0.0,
-    show_default=True,
-    help="Share who leave in a ranked episode.",
-)
-@option(
-    "--speed",
-    type=click.FloatRange(0.1, 1e6),
-    default=20.0,
-    show_default=True,
-    help="Times faster than people.",
-)
-@option("--seed", default=0, show_default=True, help="Fixes moves, tempo and who leaves.")
-@option("--url", default="http://127.0.0.1:8000", show_default=True, help="Where the server is.")
+@option("--policy", default="frontier-cost", help="Name or path of what they follow.")
+@option("--noise", type=SHARE, default=0.1, help="Share of random valid moves.")
+@option("--leaving", type=SHARE, default=0.0, help="Share who leave in a ranked episode.")
+@option("--speed", type=click.FloatRange(0.1, 1e6), default=20.0, help="Times faster than people.")
+@option("--seed", default=0, help="Fixes moves, tempo and who leaves.")
+@option("--url", default="http://127.0.0.1:8000", help="Where the server is.")
 def simulate(study: str, participants: int | None, url: str, **options: Any) -> None:
     """Let synthetic participants take part in a study of a running server, from the link to the code.
 

@@ -48,10 +48,7 @@ BEACON_DELAY_MS = 600_000
 """How long after freezing the round comes out that --beacon names, in milliseconds."""
 
 
-@click.group(
-    short_help="Plan, freeze and close a study of how well people play.",
-    context_settings={"show_default": True},
-)
+@click.group(short_help="Plan, freeze and close a study of how well people play.")
 def study() -> None:
     """Plan a study, freeze its protocol, and close it when everybody has played.
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import option
 
 from app.cli.console import reason
 
@@ -21,7 +22,7 @@ HELD_OUT_TERRAINS = 200
 
 
 COUNT = click.IntRange(min=1)
-WORKERS = click.option(
+WORKERS = option(
     "--workers", type=COUNT, help="Processes that play episodes.  [default: one for each core]"
 )
 

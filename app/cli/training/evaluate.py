@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import click
+from click import argument, option
 
 from app.cli.console import (
     PATH,
@@ -34,7 +35,7 @@ FEW_EPISODES = 20
 
 
 @click.command(short_help="Score policies on the same terrains.")
-@click.option(
+@option(
     "--policy",
     "policies",
     multiple=True,
@@ -43,42 +44,30 @@ FEW_EPISODES = 20
 )
 @levels_option("random")
 @sizes_option("21")
-@click.option(
-    "--episodes",
-    type=click.IntRange(min=2),
-    default=100,
-    show_default=True,
-    help="Terrains of each level and size.",
+@option(
+    "--episodes", type=click.IntRange(min=2), default=100, help="Terrains of each level and size."
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="The first terrain's seed.",
-)
-@click.option(
+@option("--seed", type=click.IntRange(min=0), default=0, help="The first terrain's seed.")
+@option(
     "--json",
     "json_path",
     type=PATH,
     help="Also write everything, every episode included, to this file.",
 )
-@click.option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
-@click.option(
+@option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
+@option(
     "--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent."
 )
-@click.option(
+@option(
     "--map",
     "maps",
     type=PATH,
     multiple=True,
     help="Play on this map_server file (YAML) instead; repeatable.",
 )
-@click.option(
-    "--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]"
-)
-@click.option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
-@click.argument("more", nargs=-1, metavar="")
+@option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
+@option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
+@argument("more", nargs=-1, metavar="")
 def evaluate(
     policies: tuple[str, ...],
     more: tuple[str, ...],

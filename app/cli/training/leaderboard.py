@@ -5,37 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from click import option
 
 from app.cli.console import PATH, progress, write_file
 from app.cli.training.cards import COUNT, written
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
-@click.option(
+@option(
     "--board",
     "boards",
     multiple=True,
     help="A board such as random-21x21; repeatable.  [default: all on offer]",
 )
-@click.option(
+@option(
     "--policy",
     "again",
     multiple=True,
     help="Play this policy alone, and keep the others' figures in --out; repeatable.",
 )
-@click.option(
+@option(
     "--out",
     type=PATH,
     required=True,
     help="The folder for the figures, a file for each board; made when absent.",
 )
-@click.option(
-    "--workers",
-    type=COUNT,
-    default=1,
-    show_default=True,
-    help="Processes that play at the same time.",
-)
+@option("--workers", type=COUNT, default=1, help="Processes that play at the same time.")
 def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
     """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
 

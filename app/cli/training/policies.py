@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
+from click import argument, option
 
 from app.cli.console import PATH, print_table, progress
 
-TOKEN = click.option(
+TOKEN = option(
     "--token",
     envvar="HF_TOKEN",
     help="Of your account.  [default: HF_TOKEN, or that of `hf auth login`]",
@@ -42,7 +43,7 @@ def list_policies() -> None:
 
 
 @policies.command()
-@click.argument("policy")
+@argument("policy")
 def card(policy: str) -> None:
     """Print the card in a policy's file as JSON. POLICY is a name or a path."""
     import json
@@ -54,7 +55,7 @@ def card(policy: str) -> None:
 
 
 @policies.command()
-@click.argument("policy")
+@argument("policy")
 def measure(policy: str) -> None:
     """Play the terrains of a policy's card again, and write what they come to into its file.
 
@@ -83,9 +84,9 @@ def measure(policy: str) -> None:
 
 
 @policies.command()
-@click.argument("policy")
-@click.argument("repo", metavar="OWNER/NAME")
-@click.option(
+@argument("policy")
+@argument("repo", metavar="OWNER/NAME")
+@option(
     "--private", is_flag=True, help="Make the repository for you alone, if it is not there yet."
 )
 @TOKEN
@@ -104,11 +105,11 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
 
 @policies.command()
-@click.argument("repo", metavar="OWNER/NAME")
-@click.option(
+@argument("repo", metavar="OWNER/NAME")
+@option(
     "--out", type=PATH, default=Path(), help="The folder for the file.  [default: the current one]"
 )
-@click.option("--revision", help="A branch, tag or commit.  [default: the newest]")
+@option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
     """Download the policy of a repository of the hub and check its card. Nothing in the file is run."""

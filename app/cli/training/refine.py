@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import argument, option
 
 from app.cli.console import PATH, seed_option
 from app.cli.training.cards import (
@@ -26,25 +27,23 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Improve a trained policy by trying other moves.")
-@click.argument("policy", default="ppo")
-@click.option(
+@argument("policy", default="ppo")
+@option(
     "--rounds",
     type=COUNT,
     default=30,
-    show_default=True,
     help="Rounds of playing and learning; the first takes longest.",
 )
-@click.option(
+@option(
     "--size",
     "sizes",
     type=click.IntRange(21, 84),
     multiple=True,
     default=(21,),
-    show_default=True,
     help="Side of the square grids whose episodes are branched; repeatable.",
 )
 @seed_option("The same seed and rounds give the same weights.")
-@click.option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
+@option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
 @WORKERS
 def refine(
     policy: str,

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import option
 
 from app.cli.console import PATH, levels_option, print_table, progress, sizes_option
 from app.cli.training.cards import COUNT, written
@@ -67,7 +68,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 @click.command(short_help="Train on many levels and seeds.")
 @levels_option("random")
 @sizes_option("21")
-@click.option(
+@option(
     "--seed",
     "seeds",
     type=click.IntRange(0, 1000),
@@ -75,25 +76,16 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     default=[0],
     help="Training seed; repeatable.",
 )
-@click.option(
-    "--recipe",
-    type=click.Choice(["best", "priced"]),
-    default="best",
-    show_default=True,
-    help="As in train.",
-)
-@click.option(
-    "--steps", type=COUNT, default=4_000_000, show_default=True, help="Moves of each training."
-)
-@click.option(
+@option("--recipe", type=click.Choice(["best", "priced"]), default="best", help="As in train.")
+@option("--steps", type=COUNT, default=4_000_000, help="Moves of each training.")
+@option(
     "--episodes",
     type=click.IntRange(min=2),
     default=200,
-    show_default=True,
     help="Held-out terrains to measure each policy on.",
 )
-@click.option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
-@click.option(
+@option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
+@option(
     "--out",
     type=PATH,
     required=True,

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import option
 
 from app.cli.console import PATH, env_config_of, levels_option, seed_option, sizes_option
 from app.cli.training.cards import COUNT, commit, measure_policy, noted_progress, written
@@ -33,31 +34,30 @@ REFINE_CHECKPOINT = "refine.pt"
 
 
 @click.command(short_help="Train a policy on this machine.")
-@click.option(
+@option(
     "--recipe",
     type=click.Choice(["best", "priced"]),
     default="best",
-    show_default=True,
     help="best learns from nothing; priced begins as rules by the prices of unknown cells.",
 )
 @levels_option("random")
 @sizes_option("21")
-@click.option(
+@option(
     "--minutes",
     type=click.FloatRange(min=0, min_open=True),
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
-@click.option(
+@option(
     "--steps", type=COUNT, help="Train for this many moves instead, rounded up to whole updates."
 )
-@click.option(
+@option(
     "--refine",
     "rounds",
     type=COUNT,
     help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
 )
-@click.option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
-@click.option(
+@option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
+@option(
     "--set",
     "settings",
     multiple=True,
@@ -65,19 +65,16 @@ REFINE_CHECKPOINT = "refine.pt"
     help="Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
 )
 @seed_option("The same seed, steps and rounds give the same weights.")
-@click.option(
-    "--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]"
-)
-@click.option(
+@option("--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
+@option(
     "--resume",
     is_flag=True,
     help="Go on with the run in --out: the command that began it, with --resume.",
 )
-@click.option(
+@option(
     "--device",
     type=click.Choice(["cpu", "cuda"]),
     default="cpu",
-    show_default=True,
     help="Where the network computes.",
 )
 def train(
