@@ -324,10 +324,8 @@ class _Process:
 
     def __init__(self, nice: int) -> None:
         self._connection, others = Pipe()
-        search, number = (
-            os.pathsep.join(path or str(Path.cwd()) for path in sys.path),
-            others.fileno(),
-        )
+        search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+        number = others.fileno()
         command = (sys.executable, "-P", "-m", "app.jobs", str(number), str(nice))
         env = {**os.environ, **ONE_THREAD, "PYTHONPATH": search}
         self._process = subprocess.Popen(
@@ -404,9 +402,8 @@ class _Cluster:
         return not self._is_closed
 
     def run(self, job: _Job) -> Any:
-        arguments = (
-            self._send(each) if isinstance(each, bytes) else each for each in job.arguments
-        )
+        given = job.arguments
+        arguments = (self._send(each) if isinstance(each, bytes) else each for each in given)
         reference = self._perform.remote(CORE_VERSION, job.function, *arguments)
         until = time.monotonic() + (math.inf if job.limit_s is None else job.limit_s)
         while not self._ray.wait([reference], timeout=LOOK_S)[0]:

@@ -265,10 +265,8 @@ class Agent:
         session = self._session
         if session.shown.ended or session.fault:
             return False
-        return self._decided is None or self._decided[:2] != (
-            session.current.id,
-            session.shown.steps,
-        )
+        shown = (session.current.id, session.shown.steps)
+        return self._decided is None or self._decided[:2] != shown
 
     async def _decide(self) -> None:
         """Decide on the newest frame and publish the policy's thought about it; drop both if the episode has changed."""
@@ -288,9 +286,8 @@ class Agent:
         """Make the move that was decided on."""
         assert self._decided is not None
         episode, step, action = self._decided
-        await self._session.act(
-            Move(episode, step, action, f"policy:{self._session.row.driver_name}")
-        )
+        driver = f"policy:{self._session.row.driver_name}"
+        await self._session.act(Move(episode, step, action, driver))
         self._single_moves = max(0, self._single_moves - 1)
         self._schedule()
 
@@ -312,9 +309,8 @@ class Agent:
             actions = self._session.shown.actions if self._session.current.id == row.id else None
             if actions is None:
                 return None
-            await asyncio.to_thread(
-                replay_decisions, self._session.task, self._policy, row, actions
-            )
+            task = self._session.task
+            await asyncio.to_thread(replay_decisions, task, self._policy, row, actions)
             self._prepared_for = row
         return self._policy
 

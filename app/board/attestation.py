@@ -273,9 +273,8 @@ def _own_press(move: Row, presses: Sequence[Row], first: int, step: int) -> int:
     """Return the index of the first press from `first` on that is of a move's kind and time; _MismatchError without one."""
     for index in range(first, len(presses)):
         press = presses[index]
-        is_same = (
-            abs(press["client_ms"] - move["key_down_ms"]) <= SAME_TIME_MS and not press["repeat"]
-        )
+        apart_ms = abs(press["client_ms"] - move["key_down_ms"])
+        is_same = apart_ms <= SAME_TIME_MS and not press["repeat"]
         if is_same and press["kind"] == _KINDS[move["input"]]:
             if press["server_ms"] > move["server_ms"]:
                 raise _MismatchError("its press was received after the move", step)
@@ -367,9 +366,8 @@ class _Pages:
 
 def _rested(moves: Sequence[Row]) -> bool:
     """Return whether the server received nothing for REST_MS between two of the moves."""
-    return any(
-        after["server_ms"] - before["server_ms"] >= REST_MS for before, after in pairwise(moves)
-    )
+    times = [move["server_ms"] for move in moves]
+    return any(after - before >= REST_MS for before, after in pairwise(times))
 
 
 def _is_coarse(times: Sequence[float]) -> bool:

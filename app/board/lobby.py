@@ -122,9 +122,8 @@ class Lobby:
             else await self._ended_session(wanted.replays, wanted.player)
         )
         is_same = replayed is not None and wanted.leaves_terrain
-        terrain = (
-            self.task.again(replayed.current) if replayed and is_same else self.task.first(wanted)
-        )
+        again = self.task.again(replayed.current) if replayed and is_same else None
+        terrain = again or self.task.first(wanted)
         self.task.policies.check_size(drivers, terrain.config)
         seed, runs = await self._begin_episodes(terrain, len(drivers))
         rows = self._session_rows(drivers, player_id, control)
@@ -309,9 +308,7 @@ class Lobby:
                 for board, record in zip(boards, [each.record() for each in runs], strict=True)
             ]
             held.enter_context(self._reserving(boards, rows))
-            running = [
-                board for board in (*boards, *left) if board.number and not board.shown.ended
-            ]
+            running = [each for each in (*boards, *left) if each.number and not each.shown.ended]
             abandoned = [(board, board.current, await board.take_abandoned()) for board in running]
             endings = [await board.prepare_end(board.current) for board in running]
 
@@ -322,9 +319,7 @@ class Lobby:
                         for (board, current, run), ending in zip(abandoned, endings, strict=True)
                     ]
                     self.store.next_episode([closing for closing, _ in found], rows)
-                hidden = [
-                    board.hides_scores(row.id) for board, row in zip(boards, rows, strict=True)
-                ]
+                hidden = [each.hides_scores(row.id) for each, row in zip(boards, rows, strict=True)]
                 return [attested for _, attested in found], hidden
 
             def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
@@ -432,6 +427,5 @@ class Lobby:
 
 def _is_idle(board: Session, horizon: float) -> bool:
     """Return whether nobody subscribes to a board or has asked for it since a time, and nothing of it is being written."""
-    return (
-        board.channel.subscribers == 0 and board.touched < horizon and not board.changing.locked()
-    )
+    is_left = board.channel.subscribers == 0 and board.touched < horizon
+    return is_left and not board.changing.locked()

@@ -78,9 +78,8 @@ class Message(BaseModel):
             known = [info.alias or name for name, info in cls.model_fields.items()]
             unknown = [str(name) for name in data if name not in known]
             if unknown:
-                raise ValueError(
-                    f"unknown field {unknown[0]!r}; the fields are: {', '.join(known)}"
-                )
+                fields = ", ".join(known)
+                raise ValueError(f"unknown field {unknown[0]!r}; the fields are: {fields}")
         return data
 
 
@@ -157,9 +156,7 @@ class InputEvent(Message):
     repeat: bool | None = None
     trusted: bool | None = Field(default=None, description="`event.isTrusted`")
     client_ms: Milliseconds = Field(description="monotonic client clock")
-    step: int | None = Field(
-        default=None, ge=0, description="`step` of the frame that was on screen"
-    )
+    step: int | None = Field(default=None, ge=0, description="`step` of the frame on screen")
     round_trip_ms: Milliseconds | None = Field(
         default=None, description="from the last move to its frame"
     )
@@ -194,7 +191,7 @@ class ChangePace(Message):
     pause: Literal[True] | None = None
     step: Literal[True] | None = Field(default=None, description="pause and make one move")
     follow: Literal[True] | None = Field(
-        default=None, description="one move after each of the player's"
+        default=None, description="a move after each of a player's"
     )
 
     @model_validator(mode="after")

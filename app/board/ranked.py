@@ -73,9 +73,8 @@ class PageBoards:
             found = await self._open(player_id)
             terrain = self._lobby.task.next(session.current, wanted)
             if session in found and not session.shown.steps:
-                return await self._begin(
-                    self._lobby.task.wanted_again(terrain.config, wanted), player_id
-                )
+                again = self._lobby.task.wanted_again(terrain.config, wanted)
+                return await self._begin(again, player_id)
             others = [board for board in found if board is not session]
             waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
             left = [
@@ -122,10 +121,8 @@ class PageBoards:
             found = None if watchable is None else watchable[0]
         with suppress(UnknownSessionError):
             session = None if found is None else await self._lobby.get(found)
-            if session is not None and link in (
-                session.current.id,
-                self._lobby.watch_ids.of(session.id),
-            ):
+            watched = self._lobby.watch_ids.of
+            if session is not None and link in (session.current.id, watched(session.id)):
                 return await self.with_id(player_id, session.row.rival_of or session.id)
         return None
 

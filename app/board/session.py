@@ -364,9 +364,8 @@ class Session:
         row = self.current
         is_persons = self.is_human and self.takes_persons_moves and row.driver == HUMAN
         is_known = is_persons and not (row.assisted or row.seed_chosen or row.series)
-        return is_known and (
-            self.attested is None or level_reaches(self.attested.level, "attested")
-        )
+        level = None if self.attested is None else self.attested.level
+        return is_known and (level is None or level_reaches(level, "attested"))
 
     @property
     def takes_persons_moves(self) -> bool:
@@ -458,10 +457,8 @@ class Session:
         waits  whether the commit is due at once; else it may wait a moment for others
         """
         began = time.perf_counter()
-        current, is_deviation = (
-            self.current,
-            move.driver == SCRIPT and self.current.driver == HUMAN,
-        )
+        current = self.current
+        is_deviation = move.driver == SCRIPT and current.driver == HUMAN
         if is_deviation:
             current = dataclasses.replace(current, driver=SCRIPT)
         run = await self._take_run()
@@ -632,9 +629,7 @@ class Session:
         It is worked out for whoever asks, once for each frame.
         """
         if self.is_human or self.participation is not None:
-            raise PermissionError(
-                "what a look is expected to show is told of a policy's own board alone"
-            )
+            raise PermissionError("what a look should show is told of a policy's own board alone")
         self._expected = self._expected or self.shown.expected(self.current.id)
         return self._expected
 
@@ -661,11 +656,8 @@ class Session:
             self._event_ms = max(self._clock(), self._tick_ms)
             keep = partial(self._keep_events, events, self._event_ms)
             self._keeping = keeping = self._store.put_write(keep)
-            if (
-                self.clock is not None
-                and events.episode == self.current.id
-                and not self.shown.ended
-            ):
+            is_current = events.episode == self.current.id and not self.shown.ended
+            if self.clock is not None and is_current:
                 self.clock.take(events.events)
         try:
             await asyncio.shield(keeping)

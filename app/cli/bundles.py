@@ -186,7 +186,6 @@ def import_release(folder: Path, database: Path, key: str | None) -> None:
         else ""
     )
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    click.echo(
-        f"{database}: {people} participants and {episodes:,} episodes from {folder}{there}{left}"
-    )
+    brought = f"{people} participants and {episodes:,} episodes"
+    click.echo(f"{database}: {brought} from {folder}{there}{left}")
     click.echo(signer.sentence())

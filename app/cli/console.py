@@ -99,9 +99,7 @@ def database_option(text: str) -> Callable[[F], F]:
     return option("--database", type=PATH, callback=_database, help=text)
 
 
-DATABASE = database_option(
-    "The database the study was played in; a running server may go on writing."
-)
+DATABASE = database_option("The database it was played in; a running server may go on writing.")
 STUDIES = option(
     "--studies",
     "folder",

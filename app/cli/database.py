@@ -351,9 +351,8 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
       marsexplorer verify --database both.db
     """
     if len(databases) < 2:
-        raise click.UsageError(
-            "give two databases or more: marsexplorer merge A.db B.db --out C.db"
-        )
+        way_out = "marsexplorer merge A.db B.db --out C.db"
+        raise click.UsageError(f"give two databases or more: {way_out}")
     from app.db import merging
 
     with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:

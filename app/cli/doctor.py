@@ -77,9 +77,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
 )
 @option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @option("--table", is_flag=True, help="Print a row of Markdown for each of several ENV.")
-@option(
-    "--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to be edited."
-)
+@option("--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to edit.")
 @option(
     "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
     help="Print the JSON schema of that file.",

@@ -28,9 +28,7 @@ NO_GHOST = "none"
     help="FILE.html, .gif, .mp4 or .png: the ending decides.",
 )
 @database_option("The database to read; a running server may go on writing.")
-@option(
-    "--ghost", metavar="POLICY", help='A policy on the same terrain, or "none".  [default: ppo]'
-)
+@option("--ghost", metavar="POLICY", help="A policy on the same terrain, or none.  [default: ppo]")
 @option(
     "--speed",
     type=click.FloatRange(0.5, 1000),
@@ -64,9 +62,8 @@ def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: fl
         raise click.ClickException(str(error)) from error
     write_file(out, content, "--out")
     others = f", with {courses[1].name}" if len(courses) > 1 else ""
-    click.echo(
-        f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {len(content):,} bytes"
-    )
+    size = f"{len(content):,} bytes"
+    click.echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {size}")
 
 
 def _format_of(out: Path) -> Format:

@@ -16,19 +16,13 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Play and watch in a browser; record every move.")
-@option(
-    "--host", help="Address to listen on; 0.0.0.0 lets other machines in.  [default: 127.0.0.1]"
-)
+@option("--host", help="Address to listen on; 0.0.0.0 lets others in.  [default: 127.0.0.1]")
 @option(
     "--port",
     type=click.IntRange(0, 65535),
     help="Port to listen on; 0 takes a free one.  [default: 8000]",
 )
-@option(
-    "--database",
-    type=PATH,
-    help="SQLite file to record in; made when absent.  [default: see below]",
-)
+@option("--database", type=PATH, help="SQLite file to record in; made if absent.  [default: below]")
 @option(
     "--env",
     "task",
@@ -56,9 +50,7 @@ if TYPE_CHECKING:
     help="A map_server file (YAML) to play on; repeatable.",
 )
 @option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
-@option(
-    "--public-url", metavar="URL", help="Where browsers find the pages, like https://mars.example."
-)
+@option("--public-url", metavar="URL", help="Where browsers find the pages: https://mars.example.")
 @option(
     "--trusted-proxy",
     "trusted_proxies",
@@ -66,12 +58,7 @@ if TYPE_CHECKING:
     metavar="ADDRESS",
     help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
-@option(
-    "--durable",
-    is_flag=True,
-    default=None,
-    help="Survive a power cut, at some milliseconds a move.",
-)
+@option("--durable", is_flag=True, default=None, help="Survive a power cut; costs milliseconds.")
 @option(
     "--accept-loss",
     is_flag=True,

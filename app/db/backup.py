@@ -106,9 +106,8 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
 
 def _check_room(conn: sqlite3.Connection, target: Path) -> None:
     """Check that the disk has room for a copy of a database; StoreError otherwise."""
-    pages, page = (
-        conn.execute(f"PRAGMA {what}").fetchone()[0] for what in ("page_count", "page_size")
-    )
+    names = ("page_count", "page_size")
+    pages, page = (conn.execute(f"PRAGMA {each}").fetchone()[0] for each in names)
     needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(target.parent).free
     if free < needed:
         raise StoreError(

@@ -360,9 +360,8 @@ def _link(
     last = head(conn)
     now = time.time_ns() // 1_000_000
     entry = (last.entries + 1, now - now % DAY_MS, kind, int(is_sound), replaces, hash_, note)
-    conn.execute(
-        "INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*entry, link(last.head, entry))
-    )
+    values = (*entry, link(last.head, entry))
+    conn.execute("INSERT INTO chain VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
     return entry[0]
 
 
@@ -371,9 +370,8 @@ def _next_batch(conn: sqlite3.Connection, thing: Thing) -> int:
     if thing.kind not in ("episode", "events"):
         return _BEYOND
     sql = "SELECT min(first) FROM chain_salts WHERE kind = 'events' AND id = ? AND first > ?"
-    (found,) = select(
-        conn, sql, (thing.id, thing.first if thing.kind == "events" else -1)
-    ).fetchone()
+    after = thing.first if thing.kind == "events" else -1
+    (found,) = select(conn, sql, (thing.id, after)).fetchone()
     return _BEYOND if found is None else int(found)
 
 

@@ -49,9 +49,8 @@ def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
     """Return the rows of what a participant was given to play, by phase and trial, with their place in the study."""
-    return rows(
-        conn, f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial", participant
-    )
+    sql = f"{_PLACED} WHERE x.participant_id = ? ORDER BY x.phase, x.trial"
+    return rows(conn, sql, participant)
 
 
 def attempts_at(conn: sqlite3.Connection, day: str) -> list[dict[str, Any]]:
@@ -141,9 +140,8 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
     """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
     yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
-    without_owner = Counter(
-        table for table, *_ in conn.execute("PRAGMA foreign_key_check").fetchall()
-    )
+    found = conn.execute("PRAGMA foreign_key_check").fetchall()
+    without_owner = Counter(table for table, *_ in found)
     for table, count in sorted(without_owner.items()):
         found = "no episode, participant, session, player or series that they belong to"
         yield Finding(f"table {table}", "keys", count, found)
@@ -153,9 +151,7 @@ def _within(study: str | None, column: str = "id") -> str:
     """Return SQL that keeps a study's episodes; the name has been looked up, it cannot be anything else."""
     if study is None:
         return ""
-    inner = (
-        "SELECT s.episode_id FROM series_episodes s JOIN participants p ON p.id = s.participant_id"
-    )
+    inner = "SELECT episode_id FROM series_episodes JOIN participants p ON p.id = participant_id"
     return f" AND {column} IN ({inner} WHERE p.study = '{study.replace(chr(39), chr(39) * 2)}')"
 
 
@@ -261,9 +257,8 @@ _ENTRIES = (
 def chain_state(conn: sqlite3.Connection) -> ChainState:
     """Return what the chain is."""
     notes = select(conn, "SELECT note FROM chain WHERE kind = 'forgotten' AND json_valid(note)")
-    return ChainState(
-        *head(conn), sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes)
-    )
+    gone = sum(len(json.loads(note).get("forgotten", [])) for (note,) in notes)
+    return ChainState(*head(conn), gone)
 
 
 def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
@@ -389,9 +384,8 @@ def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
         replaced.add(replaces)
         if kind == "forgotten":
             forgotten |= set(json.loads(note).get("forgotten", []))
-    counts = [
-        Counter(kinds[each] for each in which & kinds.keys()) for which in (replaced, forgotten)
-    ]
+    both = (replaced, forgotten)
+    counts = [Counter(kinds[each] for each in which & kinds.keys()) for which in both]
     return EarlierHead(wanted, number, day_ms, added, *counts)
 
 

@@ -95,10 +95,8 @@ class Table:
         if not (found := [each.definition() for each in self.columns(place)]):
             return []
         options = "STRICT" if self.rowid else "STRICT, WITHOUT ROWID"
-        return [
-            f"CREATE TABLE {self.name} ({', '.join([*found, *self.rules])}) {options}",
-            *self.indexes,
-        ]
+        lines = ", ".join([*found, *self.rules])
+        return [f"CREATE TABLE {self.name} ({lines}) {options}", *self.indexes]
 
     def insert(self, place: Place = "database", how: str = "INSERT") -> str:
         """Return the SQL that adds a row, its values in the order of the columns."""

@@ -55,6 +55,7 @@ __all__ = [
 ]
 
 BUSY_MS = 5_000
+READ_ONLY = "the database {} is read-only: make it writable or give another --database"
 
 
 @contextmanager
@@ -131,9 +132,8 @@ def _stray(conn: sqlite3.Connection) -> str | None:
     cursor.row_factory = None
     for kind, name, table, sql in cursor.execute(_TABLES):
         lacking.discard(sql)
-        if kind in ("view", "trigger") or (
-            table in TABLES and sql is not None and sql not in _OURS
-        ):
+        is_changed = table in TABLES and sql is not None and sql not in _OURS
+        if kind in ("view", "trigger") or is_changed:
             return f"the {kind} {name}"
     return f"no {' '.join(min(lacking).split()[1:3]).lower()}" if lacking else None
 
@@ -180,9 +180,7 @@ def check_writable(path: Path) -> None:
     """Check that the file is absent, empty or ours, and not read-only; StoreError otherwise. Writes nothing."""
     recognise(path)
     if path.exists() and not os.access(path, os.W_OK):
-        raise StoreError(
-            f"the database {path} is read-only: make it writable or give another --database"
-        )
+        raise StoreError(READ_ONLY.format(path))
 
 
 def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
@@ -193,9 +191,8 @@ def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
     if expected is None or Path(f"{os.path.realpath(path)}-wal").exists():
         return
     try:
-        with closing(
-            sqlite3.connect(path.resolve().as_uri() + "?mode=ro&immutable=1", uri=True)
-        ) as conn:
+        uri = path.resolve().as_uri() + "?mode=ro&immutable=1"
+        with closing(sqlite3.connect(uri, uri=True)) as conn:
             if holds_step(conn, expected):
                 return
     except sqlite3.Error as error:
@@ -293,7 +290,7 @@ def _explain(path: Path, error: sqlite3.Error) -> str:
     """Return one sentence for an error of SQLite on opening."""
     text = str(error)
     if "readonly" in text:
-        return f"the database {path} is read-only: make it writable or give another --database"
+        return READ_ONLY.format(path)
     if "malformed" in text or "not a database" in text or "no such table" in text:
         return damaged(path, text)
     if "locked" in text:

@@ -261,9 +261,8 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
     for ident in episodes:
         sql = f"SELECT {TRAJECTORY} FROM episodes e WHERE e.id = ? AND e.ended_ms IS NOT NULL"
         for driven in conn.execute(sql, [ident]).fetchall():
-            conn.execute(
-                "INSERT OR IGNORE INTO forgotten VALUES (?, ?)", (trajectory_hash(*driven), now)
-            )
+            values = (trajectory_hash(*driven), now)
+            conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", values)
         for table in ("event_batches", "input_events", "steps", "series_episodes", "rated_games"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
@@ -282,17 +281,15 @@ def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
     if session:
         values = (new[session], new[player], new[player], session)
         conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)
-        conn.execute(
-            "UPDATE episodes SET session_id = ? WHERE session_id = ?", (new[session], session)
-        )
+        sql = "UPDATE episodes SET session_id = ? WHERE session_id = ?"
+        conn.execute(sql, (new[session], session))
     conn.execute(
         "UPDATE participants SET id = ?, player_id = ?, session_id = ?, completion_code = NULL, invitation = ? WHERE id = ?",
         (new[old], new[player], new.get(session), new.get(invitation), old),
     )
     for table in ("series_episodes", "stage_events"):
-        conn.execute(
-            f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?", (new[old], old)
-        )
+        sql = f"UPDATE {table} SET participant_id = ? WHERE participant_id = ?"
+        conn.execute(sql, (new[old], old))
     for was, now in new.items():
         conn.execute(
             "UPDATE stage_events SET detail = replace(detail, ?, ?) WHERE participant_id = ?",
@@ -371,9 +368,7 @@ def forgotten_people(
         WHERE e.ended_ms IS NOT NULL"""
     known = {row[0] for row in source.execute(played) if trajectory_hash(*row[1:]) in trajectories}
     found = rows(source, "SELECT * FROM participants")
-    return [
-        person for person in found if person["id"] in known or people & set(person_hashes(person))
-    ]
+    return [p for p in found if p["id"] in known or people & set(person_hashes(p))]
 
 
 def _hash(text: str) -> str:

@@ -189,11 +189,8 @@ def _rows_of(
     episode, findings = simulate(row, steps)
     trial = Trial.of(row)
     actions = trial.rules.actions
-    common = {
-        "episode": trial.id,
-        "player": _pseudonym(trial.owner_id, key),
-        "verified": not findings,
-    }
+    player = _pseudonym(trial.owner_id, key)
+    common = {"episode": trial.id, "player": player, "verified": not findings}
     if table == "episodes":
         return [
             {

@@ -74,9 +74,8 @@ def add_input_events(
 
 def input_events(reader: Reader, episode_id: str) -> list[dict[str, Any]]:
     """Return an episode's input events in order."""
-    return reader.query(
-        "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number", [episode_id]
-    )
+    sql = "SELECT * FROM input_events WHERE episode_id = ? ORDER BY number"
+    return reader.query(sql, [episode_id])
 
 
 def count_input_events(reader: Reader, episode_id: str) -> int:

@@ -101,9 +101,8 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     for table in MERGED:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
-    found = {
-        each for each in chain.things(source) if each.id not in hidden.get(f"{each.kind}s", ())
-    }
+    known_here = chain.things(source)
+    found = {each for each in known_here if each.id not in hidden.get(f"{each.kind}s", ())}
     _check_same_parts(counted, _parts_of(source, found & known), where)
     volunteers.renew(target)
     _extend_chain(target, source, chain.things(target) - known, found)

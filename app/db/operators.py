@@ -98,9 +98,7 @@ def remove_operator(database: Path, name: str) -> None:
     """Remove an operator; they are logged out at once. OperatorError when there is none of this name."""
     with _writing(database, f"remove_operator {name}") as conn:
         if conn.execute("DELETE FROM operators WHERE name = ?", [name]).rowcount != 1:
-            raise OperatorError(
-                f"there is no operator {name!r}; `marsexplorer operator list` names them"
-            )
+            raise OperatorError(f"there is no operator {name!r}; `operator list` names them")
 
 
 def list_operators(database: Path) -> list[Operator]:

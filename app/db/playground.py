@@ -146,18 +146,16 @@ def delete_unplayed(
     """
     with store.transaction():
         conn = store.connection
-        found = conn.execute(
-            _UNPLAYED, {"before": before_ms, "most": most, "after": after}
-        ).fetchall()
+        values = {"before": before_ms, "most": most, "after": after}
+        found = conn.execute(_UNPLAYED, values).fetchall()
         deleted, episodes, players = list[str](), list[str](), set[str]()
         for _, session_id, player_id, rival_id in found:
             ids = [each for each in (rival_id, session_id) if each is not None]
             if any(in_use(each) for each in ids):
                 continue
             for each in ids:
-                gone = conn.execute(
-                    "DELETE FROM episodes WHERE session_id = ? RETURNING id", [each]
-                )
+                sql = "DELETE FROM episodes WHERE session_id = ? RETURNING id"
+                gone = conn.execute(sql, [each])
                 episodes += [episode_id for (episode_id,) in gone]
                 conn.execute("DELETE FROM sessions WHERE id = ?", [each])
             deleted += ids

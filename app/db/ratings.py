@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, field
 from typing import Any, NamedTuple
 
@@ -226,9 +226,7 @@ class _Played:
             teams += [[MODEL.rating(mu=MEASURED[each], sigma=SURE)] for each in self.policies]
             if len(teams) < 2:
                 continue
-            ranks = [
-                float(place) for place in (*(place for _, place in heat), *self.policies.values())
-            ]
+            ranks = [float(place) for place in (*dict(heat).values(), *self.policies.values())]
             for (who, place), (after,) in zip(heat, MODEL.rate(teams, ranks=ranks), strict=False):
                 self._note(found[who], place, after.mu, after.sigma)
 
@@ -259,9 +257,8 @@ def _played(
     trial = Trial.of(row)
     ended = trial.forfeited() if trial.attestation == "spoilt" else trial
     mine = ended.steps if ended.outcome == "explored" else None
-    theirs = {
-        each: moves for each, moves in json.loads(policies or "{}").items() if each in MEASURED
-    }
+    told = json.loads(policies or "{}").items()
+    theirs = {each: moves for each, moves in told if each in MEASURED}
     order = sorted({math.inf if each is None else each for each in (mine, *theirs.values())})
     place = {
         each: order.index(math.inf if each is None else each) for each in (mine, *theirs.values())
@@ -283,9 +280,7 @@ def _from_games(conn: sqlite3.Connection) -> dict[str, Rating]:
 
 
 def _rating(conn: sqlite3.Connection, player_id: str) -> Rating:
-    kept: Sequence[dict[str, Any]] = rows(
-        conn, "SELECT * FROM ratings WHERE player_id = ?", player_id
-    )
+    kept = rows(conn, "SELECT * FROM ratings WHERE player_id = ?", player_id)
     return Rating.of(kept[0]) if kept else Rating()
 
 

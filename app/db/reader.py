@@ -160,15 +160,12 @@ class Reader:
         if after is not None:
             last = self.query(f"SELECT ended_ms FROM ({self._select} AND e.id = ?)", [after])
             if not last:
-                raise LookupError(
-                    f"no finished episode {after!r} to go on after; begin without one"
-                )
+                raise LookupError(f"no finished episode {after!r} to go on after; begin without")
             following = " AND e.ended_ms <= ?1 AND (e.ended_ms < ?1 OR e.id > ?2)"
             given = [last[0]["ended_ms"], after]
         sql = f"{self._select}{_FILTER[who]}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
-        return [
-            _described(Trial.of(row), self._actions(row["id"])) for row in self.query(sql, given)
-        ]
+        found = self.query(sql, given)
+        return [_described(Trial.of(row), self._actions(row["id"])) for row in found]
 
     def _actions(self, episode_id: str) -> list[dict[str, Any]]:
         sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
@@ -206,9 +203,7 @@ class Reader:
             )
         ):
             return Trial.of(row).record(self.steps(episode_id))
-        raise StoreError(
-            f"no finished episode {episode_id!r} in {self.path}; `episodes` lists them"
-        )
+        raise StoreError(f"no finished episode {episode_id!r} in {self.path}: see `episodes`")
 
 
 def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:

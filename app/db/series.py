@@ -47,9 +47,8 @@ def add_series(store: Store, series: SeriesRow) -> SeriesRow:
         if conn.execute(insert, series).rowcount:
             chain.append(conn, "series", series.name)
             chain.append_marks(conn)
-        return SeriesRow(
-            *conn.execute("SELECT * FROM series WHERE name = ?", [series.name]).fetchone()
-        )
+        sql = "SELECT * FROM series WHERE name = ?"
+        return SeriesRow(*conn.execute(sql, [series.name]).fetchone())
 
 
 class StudyStore:
@@ -127,9 +126,8 @@ class StudyStore:
 
     def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
         """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
-        return self._find(
-            "study = ? AND invitation = ? AND consent_ms IS NOT NULL", study, invitation
-        )
+        sql = "study = ? AND invitation = ? AND consent_ms IS NOT NULL"
+        return self._find(sql, study, invitation)
 
     def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
         """Return whether an invitation was used by somebody who was erased since."""
@@ -181,9 +179,8 @@ class StudyStore:
         """Withdraw a participant; one who never agreed leaves no outside id behind."""
         with self._changing(participant.id):
             if participant.consent_ms is None:
-                self._conn.execute(
-                    "DELETE FROM identities WHERE participant_id = ?", [participant.id]
-                )
+                sql = "DELETE FROM identities WHERE participant_id = ?"
+                self._conn.execute(sql, [participant.id])
             self._set(participant.id, {"stage": "withdrawn"})
             self._add(participant.id, at_ms, "withdrawn", {"from": participant.stage})
 
@@ -212,9 +209,8 @@ class StudyStore:
     def settings(self, participant_id: str) -> list[dict[str, Any]]:
         """Return what a participant has chosen, every version so far."""
         sql = "SELECT detail FROM stage_events WHERE participant_id = ? AND kind = 'settings' ORDER BY number"
-        return [
-            json.loads(detail) for (detail,) in self._conn.execute(sql, [participant_id]).fetchall()
-        ]
+        found = self._conn.execute(sql, [participant_id]).fetchall()
+        return [json.loads(detail) for (detail,) in found]
 
     def set_session(self, participant_id: str, session_id: str) -> None:
         """Set the session that is the participant's board."""
@@ -235,9 +231,8 @@ class StudyStore:
         It is kept as a stage event, so it outlives a restart, and no two participants of one database get the same.
         """
         with self._store.transaction():
-            if (
-                known := self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
-            ) is not None:
+            known = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
+            if known is not None:
                 return int(known[0])
             (number,) = self._conn.execute(
                 _NEXT_ORDER_NUMBER, (participant.study, participant.kind)
@@ -276,9 +271,8 @@ class StudyStore:
         )
 
     def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
-        self._conn.execute(
-            _ADD_EVENT, (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
-        )
+        values = (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
+        self._conn.execute(_ADD_EVENT, values)
 
     def _find(self, where: str, *values: str) -> Participant | None:
         row = self._conn.execute(f"SELECT * FROM participants WHERE {where}", values).fetchone()
@@ -324,9 +318,8 @@ def participants(reader: Reader, study: str) -> list[Participant]:
 
 def count_participants(reader: Reader, study: str) -> int:
     """Return how many people and scripts have joined a study."""
-    return int(
-        reader.query("SELECT count(*) AS n FROM participants WHERE study = ?", [study])[0]["n"]
-    )
+    sql = "SELECT count(*) AS n FROM participants WHERE study = ?"
+    return int(reader.query(sql, [study])[0]["n"])
 
 
 def count_finished(reader: Reader, study: str) -> int:
@@ -343,9 +336,8 @@ def count_freezings(reader: Reader, study: str) -> int:
 
 def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:
     """Return what is kept of everybody whose rows were erased from a study (`app.db.erasure.note_erased`)."""
-    found = reader.query(
-        "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'", [ERASED, study]
-    )
+    sql = "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'"
+    found = reader.query(sql, [ERASED, study])
     return [json.loads(row["value"]) for row in found]
 
 

@@ -78,9 +78,7 @@ SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 0.002, 0.05
 WAITS = "another program is writing the server's database: your move waits, and is made as soon as that program is done"
 SLOW = "the server's disk is slow to answer: your move waits, and is made as soon as it is recorded"
 LOCKED = "another program is writing the server's database and has not finished: nothing has changed; try again in a moment"
-NOT_BEGUN = (
-    "the server's disk has not answered for a while: nothing has changed; try again in a moment"
-)
+NOT_BEGUN = "the server's disk does not answer: nothing has changed; try again in a moment"
 FULL = "more waits to be recorded than the server's disk takes: nothing has changed; try again in a moment"
 ENDS = "the server is about to stop: nothing has changed; try again in a moment"
 BROKEN = (

@@ -43,9 +43,7 @@ def request_stamp(database: Path, authority: str) -> tuple[Head, bytes]:
     with reading(database) as conn:
         found = head(conn)
     if not found.entries:
-        raise StoreError(
-            f"{database} has no chain that could be stamped: nothing was recorded in it"
-        )
+        raise StoreError(f"{database} has no chain to be stamped: nothing was recorded in it")
     request = TimestampRequestBuilder(found.head.encode(), HashAlgorithm.SHA256).build()
     asked = urllib.request.Request(
         authority, request.as_bytes(), {"Content-Type": "application/timestamp-query"}
@@ -92,9 +90,8 @@ def read_stamp(path: Path, database: Path, certificates: Path | None) -> TimeSta
     imprint, at = made.tst_info.message_imprint.message, made.tst_info.gen_time
     with reading(database) as conn:
         heads = select(conn, "SELECT head FROM chain ORDER BY number DESC")
-        head = next(
-            (each for (each,) in heads if hashlib.sha256(each.encode()).digest() == imprint), ""
-        )
+        said = (each for (each,) in heads)
+        head = next((h for h in said if hashlib.sha256(h.encode()).digest() == imprint), "")
     fault = None
     if not head:
         missing = (
@@ -104,9 +101,8 @@ def read_stamp(path: Path, database: Path, certificates: Path | None) -> TimeSta
     try:
         VerifierBuilder(roots=roots).build().verify(made, imprint)
     except (VerificationError, ValueError) as error:  # ValueError: no root at all
-        fault = Finding(
-            where, "signature", "of the authority", f"{error} (--certificate names its root)"
-        )
+        why = f"{error} (--certificate names its root)"
+        fault = Finding(where, "signature", "of the authority", why)
     return TimeStamp(head, at, fault)
 
 
@@ -116,7 +112,6 @@ def _parse(stamp: bytes) -> TimeStampResponse:
 
     made = decode_timestamp_response(stamp)
     if PKIStatus(made.status) != PKIStatus.GRANTED:
-        raise ValueError(
-            f"it refused: {', '.join(made.status_string) or PKIStatus(made.status).name}"
-        )
+        why = ", ".join(made.status_string) or PKIStatus(made.status).name
+        raise ValueError(f"it refused: {why}")
     return made

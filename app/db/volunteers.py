@@ -53,9 +53,8 @@ _ADD = f"""{TABLES["volunteers"].insert()} ON CONFLICT (config_hash, player_id) 
     {", ".join(f"{each} = {each} + excluded.{each}" for each in Sums._fields)}"""
 _CHANGE = """INSERT INTO volunteer_figures VALUES (?, ?, ?, lower(hex(randomblob(8))))
     ON CONFLICT (config_hash) DO UPDATE SET state = excluded.state"""
-_PLAYERS = (
-    f"SELECT {', '.join(Sums._fields)} FROM volunteers WHERE config_hash = ? ORDER BY player_id"
-)
+_SUMS = ", ".join(Sums._fields)
+_PLAYERS = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? ORDER BY player_id"
 
 
 def add_episode(conn: sqlite3.Connection, episode_id: str) -> None:

@@ -194,9 +194,8 @@ def _new_header(
     if not found:
         names = [row["name"] for row in rows(conn, "SELECT name FROM series ORDER BY name")]
         known = f"studies in it: {', '.join(names) or 'none'}"
-        raise ReleaseError(
-            f"nobody has joined a study {request.study!r} in {request.database}; {known}"
-        )
+        where = f"{request.study!r} in {request.database}"
+        raise ReleaseError(f"nobody has joined a study {where}; {known}")
     row = found[0]
     if _protocol(row).agents is not None:
         raise ReleaseError(

@@ -93,10 +93,8 @@ class ReleaseHeader:
             *("protocol_hash", "commitment", "secret", "data_licence", "authors", "supersedes"),
             *("rows", "left_out", "chain_head", "chain_entries", "without_policies"),
         )
-        own = {
-            "core_version": self.protocol.core_version,
-            "data_licence": self.protocol.data_licence,
-        }
+        protocol = self.protocol
+        own = {"core_version": protocol.core_version, "data_licence": protocol.data_licence}
         return {
             "format": RELEASE_FORMAT,
             **{name: own[name] if name in own else getattr(self, name) for name in names},

@@ -25,9 +25,8 @@ from app.series.invitations import Invitation
 
 PREFIXES = {"participants": "P", "players": "B", "sessions": "S"}
 KEPT_SETTINGS = ("modality", "palette", "keys")
-_PEOPLE = (
-    "SELECT * FROM participants WHERE study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
-)
+_AGREED = "study = ? AND consent_ms IS NOT NULL ORDER BY joined_ms, id"
+_PEOPLE = f"SELECT * FROM participants WHERE {_AGREED}"
 _OF = "participant_id IN (SELECT id FROM participants WHERE study = ? AND consent_ms IS NOT NULL)"
 _EPISODE_IDS = (
     f"SELECT episode_id FROM series_episodes WHERE {_OF}"
@@ -222,7 +221,5 @@ def count_arrivals(
 
 def _arrivals_row(study: str, arrivals: Arrivals) -> dict[str, str]:
     """Return the row of the table `meta` that holds a study's arrivals; the erased have rows of their own there."""
-    counts = {
-        name: count for name, count in asdict(arrivals).items() if not name.startswith("erased")
-    }
+    counts = {name: n for name, n in asdict(arrivals).items() if not name.startswith("erased")}
     return {"name": f"{ARRIVALS}|{study}", "value": json.dumps(counts, sort_keys=True)}

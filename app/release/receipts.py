@@ -118,9 +118,8 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
                 own = [each for each in trials if each.participant == person.id]
                 card = issued.get(person.invitation or "")
                 if card is not None and own:
-                    others = {
-                        each.participant for each in trials if each.started_ms < own[0].started_ms
-                    }
+                    began = own[0].started_ms
+                    others = {each.participant for each in trials if each.started_ms < began}
                     content = _receipt(reader, study, card, person, own)
                     content["seen_by"] = {**seen, "other_cards_before": len(others - {person.id})}
                     made.append(sign(content, key))
@@ -320,9 +319,8 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
         return
     for each in receipt["episodes"]:
         try:
-            made = _simulated(
-                protocol, seed_of(opening, each["index"]), bytes.fromhex(each["actions"])
-            )
+            seed = seed_of(opening, each["index"])
+            made = _simulated(protocol, seed, bytes.fromhex(each["actions"]))
         except (ValueError, RuntimeError, IndexError) as error:
             yield Finding(f"instance {each['index']}", "actions", "unplayable", str(error))
             continue

@@ -235,10 +235,8 @@ class _Derivation:
         for path in sorted((self._bundle.folder / EVALUATIONS).glob("*")):
             found = Published.read(path)
             for receipt in found.receipts:
-                wrong = [
-                    *check_receipt(receipt, of=path.name),
-                    *check_opened(receipt, found.opening),
-                ]
+                wrong = list(check_receipt(receipt, of=path.name))
+                wrong += check_opened(receipt, found.opening)
                 where = f"{path.name}, card {receipt['card']['id']}"
                 self._made.compare(
                     "receipts of agents",
@@ -250,22 +248,18 @@ class _Derivation:
                 run = each.replay(found.protocol.rules, found.protocol.env_config)
                 made = (run.record().trajectory_hash, seed_of(found.opening, each.terrain))
                 where = f"{path.name}, {each.policy}, instance {each.terrain}"
-                self._made.compare(
-                    "receipts of agents", where, (each.trajectory_hash, each.seed), made
-                )
+                stored = (each.trajectory_hash, each.seed)
+                self._made.compare("receipts of agents", where, stored, made)
             recorded = json.loads((path / COMPARISON).read_bytes())
-            sections = compare_reports(
-                recorded, json.loads(json.dumps(found.comparison(self._data)))
-            )
+            again = json.loads(json.dumps(found.comparison(self._data)))
+            sections = compare_reports(recorded, again)
             for name, section in sections.items():
                 self._made.sections[f"{path.name}: agents and people, {name}"] = section
 
     def _play_again(self) -> None:
         """Play each policy again whose file is at hand and the same, and compare the moves."""
         recorded = {(each.policy, each.terrain): each for each in self._episodes}
-        names = [
-            each for each in dict.fromkeys(name for name, _ in recorded) if self._is_at_hand(each)
-        ]
+        names = [each for each in dict(recorded.keys()) if self._is_at_hand(each)]
         if not names or self._data.protocol.core_version != self._data.protocol.rules.version:
             return
         seeds = {each.terrain: each.seed for each in self._episodes}

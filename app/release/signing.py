@@ -37,9 +37,8 @@ def signing_key(database: Path) -> Any:
         key = ed25519.Ed25519PrivateKey.generate()
         drawn = key.private_bytes(*form, serialization.NoEncryption())
         try:
-            with os.fdopen(
-                os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb"
-            ) as file:
+            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(handle, "wb") as file:
                 file.write(drawn)
         except FileExistsError:
             pass  # another release drew it a moment ago

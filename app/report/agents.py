@@ -53,9 +53,8 @@ def compare_agents(
         begun = sum(each["begun"] for each in receipt["episodes"])
         name = receipt["agent"].get("agent") or f"card {receipt['card']['id']}"
         figures = _figures(run, tables, random)
-        rows.append(
-            {"kind": "agent", "name": name, "rank": None, "attempts": begun, **about, **figures}
-        )
+        row = {"kind": "agent", "name": name, "rank": None, "attempts": begun}
+        rows.append({**row, **about, **figures})
     better, words = protocol.rules.metrics[0].is_better, protocol.rules.words
     sign = 1 if better == "higher" else -1
     ranked = [row for row in rows if row["kind"] == "agent" and row["card"]["ranks"]]
@@ -103,9 +102,8 @@ def _figures(
         if metric in tables:
             shared = ~np.isnan(tables[metric]).all(axis=0)
             zero = None if random is None else random.values(metric)[shared]
-            compared = compare_policy(
-                run.name, metric, values[shared], tables[metric][:, shared], zero
-            )
+            people = tables[metric][:, shared]
+            compared = compare_policy(run.name, metric, values[shared], people, zero)
             names = ("terrains", "difference", "these", "new", "p_value", "normalized")
             row |= {name: getattr(compared, name) for name in names}
         found[metric] = row
@@ -118,9 +116,8 @@ def _instances(data: StudyData, tables: Mapping[str, Floats]) -> list[dict[str, 
     own = [trial for person in members(cohort, {}) for trial in cohort.ranked[person]]
     found = []
     for attempts in first_attempts(cohort).terrains:
-        moves = [
-            each.steps for each in own if each.succeeded and each.terrain_index == attempts.terrain
-        ]
+        here = [each for each in own if each.terrain_index == attempts.terrain]
+        moves = [each.steps for each in here if each.succeeded]
         row: dict[str, Any] = {
             "index": attempts.terrain, "players": attempts.played, "completed": attempts.completed,
             "upper_median": attempts.upper_median, "best": min(filter(None, moves), default=None),

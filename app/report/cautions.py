@@ -54,16 +54,14 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             f"too. {group.no_p}"
         )
     found.append(_about_failures(group))
-    covered = [
-        f"{share:.1f} % of samples of {n}" for n, share in measured_coverage.two_kinds().items()
-    ]
+    shares = measured_coverage.two_kinds().items()
+    covered = [f"{share:.1f} % of samples of {n}" for n, share in shares]
     found.append(
         "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
         f"kind that is far worse, the printed interval covered the truth in {', '.join(covered)} players in simulation."
     )
-    effect = max(
-        (each.variance.design_effect for each in group.metrics if each.variance), default=0
-    )
+    known = [each.variance for each in group.metrics if each.variance]
+    effect = max((each.design_effect for each in known), default=0)
     if effect > 1.5:
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
@@ -169,9 +167,7 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     nothing = "A deviation was recorded without words."
     for person in cohort.people:
         details = [detail for _, kind, detail in person.events if kind == "deviation"]
-        found += [
-            str(each.get("sentence") or each.get("reason") or each or nothing) for each in details
-        ]
+        found += [str(d.get("sentence") or d.get("reason") or d or nothing) for d in details]
     return tuple(found)
 
 
@@ -182,9 +178,8 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The protocol in the database is not the one whose hash was frozen.")
     if data.secret and commitment(bytes.fromhex(data.secret)) != data.commitment:
         found.append("The revealed secret is not the one that was committed to.")
-    if data.beacon and not (
-        data.beacon_signature and data.beacon.has_signed(data.beacon_signature)
-    ):
+    signature = data.beacon_signature
+    if data.beacon and not (signature and data.beacon.has_signed(signature)):
         found.append(
             "The beacon's signature is not of the round that was named when the study was frozen."
         )

@@ -99,11 +99,8 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     if group.comparisons:
         rows = len({each.policy for each in group.comparisons})
         alt = "Policies over people: ratio of scores, human-normalized score, difference in steps"
-        found["forest"] = (
-            1.6 + 0.32 * rows,
-            partial(_forest, group=group, called=report.called),
-            alt,
-        )
+        forest = partial(_forest, group=group, called=report.called)
+        found["forest"] = (1.6 + 0.32 * rows, forest, alt)
     policies = [(report.called(policy.name), policy.pictures) for policy in report.policies]
     shown = [(group.name, group.pictures), *policies]
     if group.pictures.get("curve") or any(pictures for _, pictures in policies):
@@ -180,9 +177,8 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
         rows = [(number, *means) for number, (players, *means) in numbered if players]
         banded = np.array([row for row in rows if row[2] is not None], np.float64).T
         if banded.size:
-            band = np.clip(
-                banded[2:], *((-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf))
-            )
+            bounds = (-np.inf, 1.0) if metric.name == "score" else (0.0, np.inf)
+            band = np.clip(banded[2:], *bounds)
             axes.fill_between(banded[0], *band, color=POLICY_COLOURS[0], alpha=0.18, linewidth=0)
         means = [row[0] for row in rows], [row[1] for row in rows]
         axes.plot(*means, color=POLICY_COLOURS[0], linewidth=1.2, **line)

@@ -57,9 +57,8 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     protocol, words, players = data.protocol, people.words, people.figure.players
     ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
     minutes = [((each.ended_ms or 0) - each.started_ms) / 60_000 for each in ranked]
-    sets = [
-        f"{each.name}: {figure_sentence(each, words)}" for each in people.figures if each.players
-    ]
+    played = [each for each in people.figures if each.players]
+    sets = [f"{each.name}: {figure_sentence(each, words)}" for each in played]
     erased, finishers = data.arrivals.erased_after_closing, data.arrivals.erased_finishers
     lost = f" {erased} more were erased after closing, {finishers} of them finishers."
     is_compared, nobody = bool(policies and players), "Nobody has played."

@@ -98,9 +98,7 @@ def report_files(report: Report) -> dict[str, bytes]:
 
 def has_played(data: StudyData, synthetic: bool) -> bool:
     """Return whether a person (or a script, when synthetic) has finished a ranked episode."""
-    ended = {
-        each.kind for each in data.trials if each.phase == "ranked" and each.ended_ms is not None
-    }
+    ended = {t.kind for t in data.trials if t.phase == "ranked" and t.ended_ms is not None}
     return ("script" if synthetic else "human") in ended
 
 
@@ -178,9 +176,7 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
             f"the study {name!r} in {reader.path} has another protocol than the one in {folder.root}: give the right --studies"
         )
     if study.protocol.recruitment == "invitation":
-        opened = [
-            each.invitation for each in participants(reader, name) if each.invitation is not None
-        ]
+        opened = [p.invitation for p in participants(reader, name) if p.invitation is not None]
         arrivals = with_invitations(data.arrivals, Invitations(folder).of(name), opened)
         data = replace(data, arrivals=arrivals)
     if study.closed_ms is not None:

@@ -411,10 +411,7 @@ def _first_attempts(group: GroupReport) -> PageTable | None:
         NONE if each is None else _with_interval(each.mean, each.interval, 1)
         for each in (found.upper_median, found.second_best)
     ]
-    total = (
-        sum(each.completed for each in found.terrains),
-        sum(each.played for each in found.terrains),
-    )
+    total = [sum(getattr(t, name) for t in found.terrains) for name in ("completed", "played")]
     mean = f"mean of {found.counted}", f"{total[0]} of {total[1]}", *means, NONE, NONE
     caption = "Moves of those who completed a terrain, and scores of all; first attempts only"
     of_score = f"{group.words.score}, upper median", f"{group.words.score}, best"

@@ -213,20 +213,16 @@ class Cards:
             if not (
                 isinstance(value, str) and len(value) <= MOST_CHARACTERS and value.isprintable()
             ):
-                raise CardError(
-                    422, f"{name}: expected a text of at most {MOST_CHARACTERS} characters"
-                )
+                what = f"a text of at most {MOST_CHARACTERS} characters"
+                raise CardError(422, f"{name}: expected {what}")
         async with held.changing:
             if held.attempts and set(given) - {"cost"}:
-                raise CardError(
-                    409, "an attempt was begun: of the card only its cost can be changed"
-                )
+                raise CardError(409, "an attempt was begun: only the cost can be changed")
             participant = await self._participant(held)
             settings = {**json.loads(participant.settings), **given}
             now = self._lobby.sources.clock_ms()
-            await self._store.write(
-                partial(self._known.set_settings, participant.id, now, settings)
-            )
+            note = partial(self._known.set_settings, participant.id, now, settings)
+            await self._store.write(note)
             await self._read_again(held, participant.id)
         return self._card(held)
 
@@ -332,9 +328,7 @@ class Cards:
         except StageError as error:
             raise CardError(409, str(error)) from error
         except (TaskFullError, ValueError) as error:
-            raise CardError(
-                503, f"the attempt could not be begun: {error}; try again later"
-            ) from error
+            raise CardError(503, f"it could not be begun: {error}; try again later") from error
         held.attempts[index] = _Attempt(board.id, board.current.started_ms, False)
 
     async def _participant(self, held: _Held) -> Participant:
@@ -349,9 +343,8 @@ class Cards:
                 invitation=issued.id,
             )  # fmt: skip
             try:
-                await self._store.write(
-                    partial(self._add, held.participant, self._study(held), issued)
-                )
+                add = partial(self._add, held.participant, self._study(held), issued)
+                await self._store.write(add)
             except BaseException as error:
                 held.participant = None
                 if isinstance(error, StageError):

@@ -40,9 +40,7 @@ class Debriefs:
     ) -> dict[str, Any]:
         """Return the participant's figures as the page gets them under `debrief`."""
         runs = await self._policy_runs(study, "warm_up")
-        ranked = [
-            trial for trial in trials if trial.phase == "ranked" and trial.ended_ms is not None
-        ]
+        ranked = [each for each in trials if each.phase == "ranked" and each.ended_ms is not None]
         own = [trial.steps_to_target or 0 for trial in trials if trial.phase == "warm_up"]
         successes = study.protocol.rules.successes
         its = [run.steps if run.outcome in successes else run.config.limit for run in runs]
@@ -85,9 +83,8 @@ class Debriefs:
         record = await self._store.read(lambda: self._store.load_record(own.id))
         frames = study.protocol.rules.frames
         mine = await asyncio.to_thread(frames, record, own.id)
-        its = await asyncio.to_thread(
-            frames, runs[own.terrain_index], f"policy-{own.terrain_index}"
-        )
+        index = own.terrain_index
+        its = await asyncio.to_thread(frames, runs[index], f"policy-{index}")
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
     async def _policy_runs(self, study: Study, phase: Shown) -> list[Record]:

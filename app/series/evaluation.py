@@ -22,12 +22,8 @@ from app.series.protocol import Agents, PairedStudy, Protocol, StudyError, defau
 from app.task import Configuration
 
 UNPAIRED = "the study {!r} was closed without --sealed, so that its terrains are known: these are others like them"
-OPENING, RECEIPTS, POLICIES, COMPARISON = (
-    "opening.json",
-    "receipts",
-    "policies.json",
-    "comparison.json",
-)
+OPENING, RECEIPTS, POLICIES = "opening.json", "receipts", "policies.json"
+COMPARISON = "comparison.json"
 """What a closed evaluation publishes, in its folder (`app.release.receipts`)."""
 SEEN_BEFORE = "has seen these instances"
 _ID_LENGTH, _SIGNATURE_LENGTH = 4, 20  # 100 bits that nobody can guess
@@ -50,9 +46,7 @@ def evaluation_of_study(folder: Folder, name: str, study: str, agents: Agents) -
     """Return the protocol of an evaluation on a study's ranked terrains, or on others like them where these are known."""
     of = folder.study(study)
     if of.protocol.agents is not None:
-        raise StudyError(
-            f"{study!r} is an evaluation itself: name the study whose terrains it plays"
-        )
+        raise StudyError(f"{study!r} is an evaluation: name the study whose terrains it plays")
     paired = PairedStudy(name=of.name, protocol_hash=of.protocol_hash, commitment=of.commitment)
     unpaired = "" if of.is_open else UNPAIRED.format(study)
     agents = agents.model_copy(update={"study": paired, "unpaired": unpaired})
@@ -89,9 +83,7 @@ class CardList:
                 rows = [] if stamp is None else read_object(path)["cards"]
                 found = {row["id"]: IssuedCard(**row) for row in rows}
             except (KeyError, TypeError) as error:
-                raise StudyError(
-                    f"{path} is damaged: {error!r}; restore it from a backup"
-                ) from error
+                raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
             known = self._known[name] = (stamp, found)
         return known[1]
 
@@ -120,9 +112,8 @@ class CardList:
                 raise StudyError(
                     f"the evaluation {name!r} has no card {ident!r}; it has {', '.join(found) or 'none'}"
                 )
-            found[ident] = replace(
-                found[ident], revoked_at=found[ident].revoked_at or iso(now_ms())
-            )
+            at = found[ident].revoked_at or iso(now_ms())
+            found[ident] = replace(found[ident], revoked_at=at)
             self._write(name, found)
         return found[ident]
 

@@ -107,9 +107,8 @@ def arrivals_of(declined: int, undecided: int, erased: Sequence[Mapping[str, Any
 def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
     """Return the arrivals with the counts that a release kept of those whom it left out; none noted: as they are."""
     changed: dict[str, Any] = {name: noted.get(name) for name in ("issued", "revoked", "unopened")}
-    changed |= {
-        name: getattr(arrivals, name) + noted.get(name, 0) for name in ("declined", "undecided")
-    }
+    for name in ("declined", "undecided"):
+        changed[name] = getattr(arrivals, name) + noted.get(name, 0)
     return replace(arrivals, **changed)
 
 

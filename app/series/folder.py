@@ -395,9 +395,8 @@ class Folder:
     def evaluation_of(self, name: str) -> str | None:
         """Return the evaluation that plays the terrains of a study and is not closed; None for none."""
         open_ones = (each for each in self.evaluations() if each.is_open)
-        return next(
-            (each.name for each in open_ones if each.paired and each.paired.name == name), None
-        )
+        found = (each.name for each in open_ones if each.paired and each.paired.name == name)
+        return next(found, None)
 
     def known_secrets(self) -> dict[str, tuple[int | None, bytes]]:
         """Return (closed_ms or None while open, secret) by study; drafts and damaged studies are left out."""
@@ -443,9 +442,8 @@ class Folder:
         opened = read_object(path / "opened.json") if (path / "opened.json").exists() else {}
         sealed = read_object(path / "sealed.json") if (path / "sealed.json").exists() else None
         try:
-            secret = bytes.fromhex(
-                closed["secret"] if closed else (path / "secret").read_text().strip()
-            )
+            told = closed["secret"] if closed else (path / "secret").read_text().strip()
+            secret = bytes.fromhex(told)
             closed_ms = ms_of(closed["closed_at"]) if closed else None
             frozen_ms = ms_of(frozen["frozen_at"])
             fixed = {
@@ -497,9 +495,7 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
         try:
             players.load(policy, protocol.env_config)
         except PolicyError as error:
-            raise StudyError(
-                f"the protocol's policy {policy!r} cannot be loaded: {error}"
-            ) from error
+            raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
     kept = {*named, REGRET_POLICY} if players.has_regret(protocol.env_config) else named
     found = record_files(kept, folder, players)
     for policy, given in protocol.policy_hashes.items():

@@ -100,9 +100,8 @@ class Invitations:
         wanted = [read_code(ident)[:_ID_LENGTH] for ident in idents]
         with locked(self._folder.path(name)):
             found = dict(self.of(name))
-            unknown = [
-                typed for typed, ident in zip(idents, wanted, strict=True) if ident not in found
-            ]
+            pairs = zip(idents, wanted, strict=True)
+            unknown = [typed for typed, ident in pairs if ident not in found]
             if unknown:
                 raise StudyError(
                     f"the study {name!r} has no invitation {unknown[0]!r}: `marsexplorer study invite {name} --list` shows all"
@@ -207,9 +206,8 @@ def read_code(typed: str) -> str:
 
 
 def _signed(study: Study, ident: str) -> str:
-    return ident + signature(
-        study.secret, f"{study.protocol_hash}|invitation|{ident}", _SIGNATURE_LENGTH
-    )
+    text = f"{study.protocol_hash}|invitation|{ident}"
+    return ident + signature(study.secret, text, _SIGNATURE_LENGTH)
 
 
 def _read(path: Path) -> dict[str, Invitation]:

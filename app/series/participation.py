@@ -32,9 +32,8 @@ class StudyParticipation:
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether the episode is ranked and the participant has not come to the debrief."""
         found = self._study_store.phase_and_stage(episode_id)
-        return (
-            found is not None and found[0] == "ranked" and found[1] not in ("debrief", "complete")
-        )
+        phase, stage = found or ("", "")
+        return phase == "ranked" and stage not in ("debrief", "complete")
 
     def hides_figures(self) -> bool:
         """Return whether the participant is a person in an open study, whose figures nobody sees."""

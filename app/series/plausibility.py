@@ -93,9 +93,8 @@ def _is_steady(presses: Rows) -> bool:
 
 def _is_fast(presses: Rows) -> bool:
     gaps = intervals(presses)
-    return len(gaps) >= FEWEST_PRESSES and sum(gap < FASTEST_MS for gap in gaps) > FAST_SHARE * len(
-        gaps
-    )
+    fast = sum(gap < FASTEST_MS for gap in gaps)
+    return len(gaps) >= FEWEST_PRESSES and fast > FAST_SHARE * len(gaps)
 
 
 def _lacks_releases(presses: Rows, inputs: Rows) -> bool:

@@ -90,9 +90,8 @@ def play_policies(
     for source, number, moves, trajectory in players.play_all(chosen, config, list(seeds.values())):
         terrain = index_of[number]
         for name in (name for name, own in sources.items() if own == source):
-            found[name, terrain] = PolicyEpisode(
-                name, hashes[source], terrain, number, moves, trajectory
-            )
+            played = (name, hashes[source], terrain, number, moves, trajectory)
+            found[name, terrain] = PolicyEpisode(*played)
         if progress:
             progress(len(found), len(sources) * len(seeds))
     return tuple(found[name, index] for name in sources for index in sorted(seeds))

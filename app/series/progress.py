@@ -148,9 +148,8 @@ class ParticipantProgress:
 
     def participant(self, name: str, player_id: str | None) -> Participant:
         """Return who asks; NotJoinedError before joining."""
-        found = (
-            None if player_id is None else self.study_store.participant_of_player(name, player_id)
-        )
+        find = self.study_store.participant_of_player
+        found = None if player_id is None else find(name, player_id)
         if found is None:
             raise NotJoinedError(
                 f"you have not joined the study {name!r} in this browser; POST /api/studies/{name}/join does"
@@ -237,9 +236,8 @@ class ParticipantProgress:
                 raise ValueError(
                     f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}"
                 )
-        right = [
-            choice == question.answer for choice, question in zip(answers, questions, strict=True)
-        ]
+        pairs = zip(answers, questions, strict=True)
+        right = [choice == question.answer for choice, question in pairs]
         with self.lobby.store.transaction():
             self.study_store.add_stage_event(
                 participant.id, self._now(), "answers", {"answers": list(answers), "right": right}
@@ -310,9 +308,8 @@ class ParticipantProgress:
 
     async def session(self, participant: Participant) -> Session | None:
         """Return the participant's board; None before the first episode."""
-        return (
-            None if participant.session_id is None else await self.lobby.get(participant.session_id)
-        )
+        ident = participant.session_id
+        return None if ident is None else await self.lobby.get(ident)
 
     def _plan(
         self, name: str, player_id: str | None
@@ -365,9 +362,8 @@ class ParticipantProgress:
         with self.lobby.store.transaction():
             if id_is == "repeated":
                 self.recruitment.note_repeated_id(study, kept, new.joined_ms)
-            self.study_store.add_participant(
-                new, kept, {} if id_is is None else {"outside_id": id_is}
-            )
+            joined = {} if id_is is None else {"outside_id": id_is}
+            self.study_store.add_participant(new, kept, joined)
 
     def add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
@@ -384,9 +380,8 @@ class ParticipantProgress:
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)
-        return found or self.lobby.new_board(
-            participant.player_id, self._participations.of(participant)
-        )
+        own = self._participations.of(participant)
+        return found or self.lobby.new_board(participant.player_id, own)
 
     def _note_break(self, study: Study, participant: Participant, trials: Sequence[Trial]) -> None:
         if break_due(study, participant, trials):
@@ -422,11 +417,8 @@ def break_due(study: Study, participant: Participant, trials: Sequence[Trial]) -
     """Return whether a break is offered now: after every `break_every` ranked episodes, until the next one begins."""
     ranked = [trial for trial in trials if trial.phase == "ranked"]
     has_ended = bool(ranked) and ranked[-1].ended_ms is not None
-    return (
-        participant.stage == "ranked"
-        and has_ended
-        and len(ranked) % study.protocol.break_every == 0
-    )
+    is_due = has_ended and len(ranked) % study.protocol.break_every == 0
+    return is_due and participant.stage == "ranked"
 
 
 def _describe(stage: str) -> str:

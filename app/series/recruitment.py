@@ -125,9 +125,8 @@ class Recruitment:
             value = self._store.identity(participant.id, name)
             if value is None:
                 raise StageError(NO_ID)
-            if (
-                other := self._consented_with(study, name, value, participant.player_id)
-            ) is not None:
+            other = self._consented_with(study, name, value, participant.player_id)
+            if other is not None:
                 raise _taken_id(name, other)
 
     def obstacle(self, study: Study, participant: Participant) -> str | None:
@@ -290,17 +289,14 @@ def code_of(study: Study, now_ms: int) -> str:
 
 def valid_until_ms(now_ms: int) -> int:
     """Return when the code of this day ends to be valid: at the end of the following UTC day."""
-    day = datetime.fromtimestamp(now_ms / 1000, UTC).replace(
-        hour=0, minute=0, second=0, microsecond=0
-    )
+    day = datetime.combine(datetime.fromtimestamp(now_ms / 1000, UTC), datetime.min.time(), UTC)
     return int((day + timedelta(days=2)).timestamp() * 1000)
 
 
 def supervised_until_ms(participant: Participant) -> int | None:
     """Return when the participant's supervision lapses or lapsed; None when the operator's code was never typed."""
-    return (
-        None if participant.supervised_ms is None else participant.supervised_ms + SUPERVISED_FOR_MS
-    )
+    typed_ms = participant.supervised_ms
+    return None if typed_ms is None else typed_ms + SUPERVISED_FOR_MS
 
 
 def is_code(study: Study, typed: str, now_ms: int) -> bool:

@@ -137,9 +137,8 @@ def verify_moment(
     findings.sort(key=lambda each: each.what == "core_version")
     still_open = checks.count_unfinished(conn, study)
     seconds = time.monotonic() - began
-    return Verification(
-        len(episodes), moves, still_open, tuple(findings), seconds, chain_state(conn)
-    )
+    state = chain_state(conn)
+    return Verification(len(episodes), moves, still_open, tuple(findings), seconds, state)
 
 
 def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding]:
@@ -346,9 +345,8 @@ def _check_order(
         if numbers != list(range(len(numbers))):
             yield Finding(where, f"{phase} trials", numbers, "0, 1, 2, ... without a gap")
         if len(set(terrains)) < len(terrains) or not set(terrains) <= set(range(count)):
-            yield Finding(
-                where, f"{phase} terrains", terrains, f"each of 0..{count - 1} at most once"
-            )
+            wanted = f"each of 0..{count - 1} at most once"
+            yield Finding(where, f"{phase} terrains", terrains, wanted)
         order = list(range(count)) if phase == "warm_up" else ranked
         if order is not None and terrains != order[: len(terrains)]:
             yield Finding(where, f"order of {phase} terrains", terrains, order[: len(terrains)])

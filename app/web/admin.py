@@ -301,9 +301,7 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
     """Send a file that was made."""
     path = admin.exports.file(name, file)
     if path is None:
-        raise HTTPException(
-            404, f"no file {file!r} has been made; make the report or the release first"
-        )
+        raise HTTPException(404, f"no file {file!r} was made; make report or release first")
     return FileResponse(path, filename=file, headers={"Cache-Control": "no-store"})
 
 

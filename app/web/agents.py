@@ -49,9 +49,7 @@ class Step(Message):
     """A move."""
 
     action: str | int = Field(description="the name of an action, or its code")
-    step: int | None = Field(
-        default=None, description="moves made before it, lest it be made twice"
-    )
+    step: int | None = Field(default=None, description="moves made before it, lest it be repeated")
     metadata: dict[str, Any] | None = Field(default=None, description="OpenEnv's; it is not read")
 
 

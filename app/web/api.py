@@ -34,9 +34,8 @@ def _lobby(request: Request) -> Lobby:
 
 
 def _json(text: str, status: int = 200) -> Response:
-    return Response(
-        text, status, media_type="application/json", headers={"Cache-Control": "no-store"}
-    )
+    headers = {"Cache-Control": "no-store"}
+    return Response(text, status, media_type="application/json", headers=headers)
 
 
 def _check_no_study(session: Session, what: str, instead: str) -> None:

@@ -70,9 +70,8 @@ def _tables(call: dict[str, Any], models: dict[str, Any]) -> list[list[tuple[str
     body = content.get("application/json", {}).get("schema", {})
     named = [each["$ref"] for each in [body, *body.get("anyOf", [])] if "$ref" in each]
     fields = _fields(models[named[0].rsplit("/", 1)[1]]) if named else []
-    return [
-        table for table in ([(each["name"], each["schema"]) for each in given], fields) if table
-    ]
+    asked = [(each["name"], each["schema"]) for each in given]
+    return [table for table in (asked, fields) if table]
 
 
 def _fields(model: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:

@@ -80,9 +80,8 @@ def describe_attempt(attempt: Trial | None, terrain: DailyTerrain) -> dict[str, 
 
 def streak(attempts: Sequence[Trial], today: str) -> int:
     """Return on how many days in a row a player came to the end of the daily terrain, up to today or to yesterday."""
-    played = {
-        each.day for each in attempts if each.ended_ms is not None and each.outcome != "abandoned"
-    }
+    ended = (each for each in attempts if each.ended_ms is not None)
+    played = {each.day for each in ended if each.outcome != "abandoned"}
     day = today if today in played else day_before(today)
     count = 0
     while day in played:
@@ -149,9 +148,8 @@ class DailyPolicies:
 
     def __init__(self, path: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
         self._offers = [offer for offer in offers if offer.is_shipped]
-        self._offers.sort(
-            key=lambda offer: _SLOW.index(offer.name) + 1 if offer.name in _SLOW else 0
-        )
+        slow = {name: at for at, name in enumerate(_SLOW, 1)}
+        self._offers.sort(key=lambda offer: slow.get(offer.name, 0))
         self._evaluations = PolicyEvaluations(path, jobs)
         self._soon: asyncio.Task[None] | None = None
 

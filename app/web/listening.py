@@ -202,7 +202,6 @@ class AnnouncingServer(uvicorn.Server):
         gc.collect()
         gc.freeze()  # what is there now stays for ever, and is not looked at again while people play
         if self.started:
-            print(
-                f"MarsExplorer Playground is open at {self._address} (Ctrl-C closes it)", flush=True
-            )
+            where = f"MarsExplorer Playground is open at {self._address}"
+            print(f"{where} (Ctrl-C closes it)", flush=True)
             self._opened(self._address)

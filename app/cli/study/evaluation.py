@@ -115,9 +115,8 @@ def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
     found = studies.frozen(name, beacon, folder, database)
     click.echo(f"The evaluation {name!r} is frozen.\n{studies.hashes(found)}")
     if (paired := found.paired) is not None:
-        click.echo(
-            f"Its instances are the ranked terrains of {paired.name!r}:\n{studies.hashes(paired)}"
-        )
+        of = f"Its instances are the ranked terrains of {paired.name!r}"
+        click.echo(f"{of}:\n{studies.hashes(paired)}")
     if found.waits_for_beacon:
         click.echo(f"Then `marsexplorer evaluation open {name}`")
     click.echo(
@@ -148,9 +147,8 @@ def card(name: str, author: str, base: str, folder: Folder) -> None:
         issued = CardList(folder).issue(name, author)
         link = card_link(folder.study(name), issued.id, base)
     if issued.number > 1:
-        click.echo(
-            f"Card {issued.number} of {author}: it {SEEN_BEFORE}, and does not rank", err=True
-        )
+        what = f"Card {issued.number} of {author}: it {SEEN_BEFORE}, and does not rank"
+        click.echo(what, err=True)
     click.echo(link)
 
 
@@ -168,9 +166,7 @@ def list_(folder: Folder) -> None:
                 (name, folder.status(name), str(protocol.ranked), of.name if of else protocol.task)
             )
     if not rows:
-        click.echo(
-            f"no evaluations in {folder.root}; `marsexplorer evaluation new NAME` begins one"
-        )
+        click.echo(f"no evaluations in {folder.root}; `marsexplorer evaluation new NAME` makes one")
         return
     print_table("Evaluations", ("name", "status", "instances", "of"), rows)
 
@@ -192,9 +188,7 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     with study_errors():
         status = folder.status(name)
         if folder.draft(name).agents is None:
-            raise click.UsageError(
-                f"{name!r} is a study of people: `marsexplorer study close {name}`"
-            )
+            raise click.UsageError(f"{name!r} is of people: `marsexplorer study close {name}`")
     if status != "closed":
         question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
         studies.closed(name, None if yes else question, now, False, folder, database)
@@ -252,9 +246,7 @@ def verify(
         click.echo(str(each))
     if not found:
         _show_receipt(content, signing.SignerCheck(signer, "key" if wanted else None).sentence())
-    what = (
-        "every episode simulated again" if opening else "no episode simulated: give the --opening"
-    )
+    what = "every episode simulated again" if opening else "no episode simulated without --opening"
     click.echo(f"{len(found) or 'nothing'} wrong; {what}")
     return 1 if found else 0
 
@@ -263,15 +255,13 @@ def _show_receipt(content: dict[str, Any], signer: str) -> None:
     """Print whose receipt it is, and who could have seen its instances."""
     card, seen = content["card"], content["seen_by"]
     agent = content["agent"].get("agent", "an agent without a name")
-    click.echo(
-        f"{agent}, card {card['id']} of {card['author']}, evaluation {content['evaluation']}"
-    )
+    evaluation = content["evaluation"]
+    click.echo(f"{agent}, card {card['id']} of {card['author']}, evaluation {evaluation}")
     if card["note"]:
         click.echo(card["note"])
     people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
-    others = (
-        f"{seen['other_cards_before']} other cards, operators (since {seen['operators_since']})"
-    )
+    cards, since = seen["other_cards_before"], seen["operators_since"]
+    others = f"{cards} other cards, operators (since {since})"
     click.echo(f"who could have seen the instances before: {people}, {others}\n{signer}")
 
 

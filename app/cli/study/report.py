@@ -41,11 +41,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Report over the scripts instead of the people, marked SYNTHETIC throughout.",
 )
-@option(
-    "--no-policies",
-    is_flag=True,
-    help="Do not play the policies: no comparisons, done in a second.",
-)
+@option("--no-policies", is_flag=True, help="Play no policies: no comparisons, done in a second.")
 @option("--no-moves", is_flag=True, help="Leave out the regret of each move: done sooner.")
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,

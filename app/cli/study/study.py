@@ -95,9 +95,7 @@ def study() -> None:
     "--outside-id", "outside_ids", multiple=True,
     help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
 )  # fmt: skip
-@option(
-    "--return-url", help="Where participants go at the end; {code} becomes their completion code."
-)
+@option("--return-url", help="Where participants go at the end; {code} is their completion code.")
 @option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
 @option(
     "--policy",
@@ -156,9 +154,8 @@ def new(
         protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
         if declared is None and sys.stdin.isatty():
             answers = {"declarations": _asked()}
-            protocol = parse_protocol(
-                {**protocol.model_dump(mode="json", exclude_unset=True), **answers}
-            )
+            set_so_far = protocol.model_dump(mode="json", exclude_unset=True)
+            protocol = parse_protocol({**set_so_far, **answers})
         path = folder.create(protocol)
     for file, text in (("recruitment.txt", texts.RECRUITMENT), ("checklist.md", texts.CHECKLIST)):
         write_file(path.with_name(file), filled(text, protocol).encode())
@@ -166,9 +163,7 @@ def new(
     write_file(path.with_name("rehearsal.json"), json.dumps(rehearsed, indent=1).encode())
     _echo_reachable_effects(protocol)
     if unanswered := protocol.declarations.unanswered():
-        click.echo(
-            f"Freezing needs what only you know, under declarations: {', '.join(unanswered)}"
-        )
+        click.echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
     click.echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
     click.echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
     click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
@@ -243,9 +238,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         invite = f"marsexplorer study invite {name} {found.protocol.players}"
         click.echo(f"It is by invitation: `{invite}` makes the links")
     if found.protocol.panel_links == "signed":
-        click.echo(
-            f"Its links are signed: `marsexplorer study invite {name} --ids FILE` makes them"
-        )
+        click.echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
 
 
 def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
@@ -299,9 +292,7 @@ def _note_freezing(found: Study, database: Path) -> bool:
 
 @study.command("open", short_help="Enter the beacon's round, so that people can take part.")
 @argument("name")
-@option(
-    "--signature", help="The round's signature, 96 hexadecimal digits.  [default: asked of --relay]"
-)
+@option("--signature", help="The round's signature, 96 hexadecimal digits.  [default: by --relay]")
 @option("--relay", default=RELAY, help="Where the beacon's rounds can be fetched.")
 @DATABASE
 @STUDIES
@@ -472,9 +463,7 @@ def list_(folder: Folder) -> None:
     type=float,
     help="Standard deviation between players' true means, in the metric's unit.",
 )
-@option(
-    "--episode-sd", type=float, help="Standard deviation of an episode around its player's mean."
-)
+@option("--episode-sd", type=float, help="Standard deviation of episodes around a player's mean.")
 @option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
 @option("--metric", type=click.Choice(["score", "steps"]), default="score", help="With --study.")
 @option("--ranked", default=30, help="Episodes each player plays.")
@@ -512,9 +501,7 @@ def power(
     click.echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
     found = f"{_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
     click.echo(f"half-width {half_width:g} on average: {found}")
-    rows = [
-        (str(each.players), f"{each.expected:.4g}", f"{each.assured:.4g}") for each in plan.table
-    ]
+    rows = [(str(w.players), f"{w.expected:.4g}", f"{w.assured:.4g}") for w in plan.table]
     heads = ("players", "on average", f"in {assurance:.0%} of studies")
     print_table("Half-width of the 95 % interval", heads, rows)
 
@@ -579,9 +566,7 @@ def invite(
     from app.series.recruitment import panel_link
 
     if [count > 0, lists, panel is not None].count(True) != 1:
-        given = (
-            "the number of links to make, such as 10, --list to see those there are, or --ids FILE"
-        )
+        given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
         raise click.UsageError(f"expected {given}")
     settings = settings_of()
     known = url or settings.public_url
@@ -605,9 +590,7 @@ def invite(
     if table is not None:
         _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
     if known is None and (table is not None or not lists):
-        way_out = (
-            "give --url, or MARS_PUBLIC_URL as the server has it, if people reach it elsewhere"
-        )
+        way_out = "give --url, or MARS_PUBLIC_URL as for the server, if people reach it elsewhere"
         click.echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
         click.echo("\n".join(links))
@@ -617,9 +600,8 @@ def invite(
     else:
         issued = [_day(each.issued_ms) for each in found]
         printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
-        print_table(
-            f"Invitations to {name}", ("id", "state", "participant", "issued (UTC)"), printed
-        )
+        heads = ("id", "state", "participant", "issued (UTC)")
+        print_table(f"Invitations to {name}", heads, printed)
 
 
 @study.command(short_help="Take invitations back.")

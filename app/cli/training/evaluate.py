@@ -44,9 +44,7 @@ FEW_EPISODES = 20
 )
 @levels_option("random")
 @sizes_option("21")
-@option(
-    "--episodes", type=click.IntRange(min=2), default=100, help="Terrains of each level and size."
-)
+@option("--episodes", type=click.IntRange(min=2), default=100, help="Terrains of a level and size.")
 @option("--seed", type=click.IntRange(min=0), default=0, help="The first terrain's seed.")
 @option(
     "--json",
@@ -55,9 +53,7 @@ FEW_EPISODES = 20
     help="Also write everything, every episode included, to this file.",
 )
 @option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
-@option(
-    "--plots", type=PATH, help="Folder for coverage curves and heat maps (PNG); made when absent."
-)
+@option("--plots", type=PATH, help="Folder for coverage curves and heat maps; made when absent.")
 @option(
     "--map",
     "maps",

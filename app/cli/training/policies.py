@@ -69,26 +69,21 @@ def measure(policy: str) -> None:
         file = _file_of(policy)
         found = read_card(file)
         if not found.get("results"):
-            raise click.UsageError(
-                f"the card of {file} has no results; `marsexplorer train` writes some"
-            )
+            raise click.UsageError(f"the card of {file} has no results; `train` writes some")
         results = {}
         for where, each in found["results"].items():
             with progress(where) as advance:
                 config, terrains, first = config_of(where), each["terrains"], each["first_seed"]
                 results[where] = result_for_card(file, config, terrains, first, advance)
-            click.echo(
-                f"{where}: {results[where]['steps']} moves to 99 %, the card said {each['steps']}"
-            )
+            moves = results[where]["steps"]
+            click.echo(f"{where}: {moves} moves to 99 %, the card said {each['steps']}")
         write_card(file, {**found, "results": results})
 
 
 @policies.command()
 @argument("policy")
 @argument("repo", metavar="OWNER/NAME")
-@option(
-    "--private", is_flag=True, help="Make the repository for you alone, if it is not there yet."
-)
+@option("--private", is_flag=True, help="Make the repository for you alone, if it is not there.")
 @TOKEN
 def push(policy: str, repo: str, private: bool, token: str | None) -> None:
     """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
@@ -106,9 +101,7 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
 @policies.command()
 @argument("repo", metavar="OWNER/NAME")
-@option(
-    "--out", type=PATH, default=Path(), help="The folder for the file.  [default: the current one]"
-)
+@option("--out", type=PATH, default=Path(), help="Folder for the file.  [default: the current one]")
 @option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:

@@ -47,9 +47,7 @@ REFINE_CHECKPOINT = "refine.pt"
     type=click.FloatRange(min=0, min_open=True),
     help="Train for about this long; a short measurement sets the steps.  [default: 30]",
 )
-@option(
-    "--steps", type=COUNT, help="Train for this many moves instead, rounded up to whole updates."
-)
+@option("--steps", type=COUNT, help="Train for this many moves, rounded up to whole updates.")
 @option(
     "--refine",
     "rounds",
@@ -71,12 +69,7 @@ REFINE_CHECKPOINT = "refine.pt"
     is_flag=True,
     help="Go on with the run in --out: the command that began it, with --resume.",
 )
-@option(
-    "--device",
-    type=click.Choice(["cpu", "cuda"]),
-    default="cpu",
-    help="Where the network computes.",
-)
+@option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="What computes.")
 def train(
     recipe: str,
     levels: tuple[str, ...],
@@ -161,9 +154,7 @@ def _check_rounds(rounds: int | None, workers: int | None, sizes: tuple[Any, ...
     """Raise UsageError where a policy cannot be refined as it was asked for."""
     if rounds is None:
         if workers is not None:
-            raise click.UsageError(
-                "--workers are the processes of --refine; add it, or leave them out"
-            )
+            raise click.UsageError("--workers are the processes of --refine; add it, or leave it")
         return
     if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
         raise click.UsageError(
@@ -216,9 +207,8 @@ def _refine(
     try:
         refine_policy(output, processes)
     except KeyboardInterrupt:
-        click.echo(
-            f"stopped after {refine_run.rounds_done} of {rounds} rounds of refining", err=True
-        )
+        done = f"{refine_run.rounds_done} of {rounds} rounds of refining"
+        click.echo(f"stopped after {done}", err=True)
         raise
     click.echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
 

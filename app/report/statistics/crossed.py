@@ -65,10 +65,8 @@ def crossed_components(table: Floats) -> CrossedComponents:
     # E over_all = player (N - sum n_p^2 / N) + terrain (N - sum n_t^2 / N) + rest (N - 1)
     of_player, of_terrain = total - (rows**2).sum(-1) / total, total - (columns**2).sum(-1) / total
     players, terrains = table.shape[-2:]
-    without_player, without_terrain = (
-        in_players / (total - players),
-        in_terrains / (total - terrains),
-    )
+    without_player = in_players / (total - players)
+    without_terrain = in_terrains / (total - terrains)
     left = of_player * without_terrain + of_terrain * without_player - over_all
     share = of_player + of_terrain - (total - 1)
     rest = np.divide(left, share, out=np.full_like(left, np.nan), where=share > 1e-9 * total)

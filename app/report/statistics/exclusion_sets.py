@@ -54,9 +54,8 @@ class Cohort:
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
         """Return float64[players, warm-up trials], NaN where not finished."""
         own = [self.warm_up[person] for person in ids]
-        return _filled(
-            own, self.practice, attrgetter("trial"), partial(metric_value, metric=metric)
-        )
+        value = partial(metric_value, metric=metric)
+        return _filled(own, self.practice, attrgetter("trial"), value)
 
 
 def _filled(
@@ -111,9 +110,8 @@ def _cohort(
     data: StudyData, name: str, kind: str, people: list[Person], as_played: bool = False
 ) -> Cohort:
     protocol = data.protocol
-    ranked, warm_up = (
-        _finished(data, people, kind, phase, as_played) for phase in ("ranked", "warm_up")
-    )
+    played = partial(_finished, data, people, kind, as_played=as_played)
+    ranked, warm_up = played("ranked"), played("warm_up")
     return Cohort(name, kind, tuple(people), ranked, warm_up, protocol.ranked, protocol.warm_up)
 
 

@@ -125,9 +125,7 @@ def _sentence(figure: dict[str, Any]) -> str:
     who = f"{counted(figure['players'], 'player')}, {counted(figure['episodes'], 'episode')}"
     abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
     if found := figure["as_played"]:
-        abandoned += (
-            f", among these {figure['spoilt']} spoilt, as played {found['steps']:.1f} steps"
-        )
+        abandoned += f", of these {figure['spoilt']} spoilt, as played {found['steps']:.1f} steps"
     where = figure["where"]
     score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
     steps = f"{figure['steps']['mean']:.1f} {rules_of(figure['task']).words.steps}{_interval(figure, 'steps', '.1f')}"

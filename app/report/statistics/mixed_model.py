@@ -116,9 +116,8 @@ class _Design:
         trial = trials[known]
         spread = float(trial.std())
         fixed = np.column_stack([np.ones(len(trial)), (trial - trial.mean()) / (spread or 1.0)])
-        return cls(
-            known, fixed, np.eye(known.shape[0])[player], np.eye(known.shape[1])[terrain], spread
-        )
+        each = (np.eye(count)[at] for count, at in zip(known.shape, (player, terrain), strict=True))
+        return cls(known, fixed, *each, spread)
 
 
 @dataclass(frozen=True)
@@ -144,9 +143,8 @@ def _fit(values: Floats, design: _Design, start: tuple[float, float]) -> Varianc
         values, design.fixed, groups=np.zeros(len(values), np.int64), exog_vc=effects, use_sqrt=True
     )
     ratios = np.clip(np.nan_to_num(np.array(start)), SMALLEST_START, LARGEST_START)
-    first = MixedLMParams.from_components(
-        fe_params=np.zeros(2), cov_re=np.zeros((0, 0)), vcomp=ratios
-    )
+    none = {"fe_params": np.zeros(2), "cov_re": np.zeros((0, 0))}
+    first = MixedLMParams.from_components(**none, vcomp=ratios)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a variance may be 0, which it may
         fitted = model.fit(start_params=first, reml=True, method=["lbfgs", "nm"])
@@ -196,9 +194,8 @@ def _solve(values: Floats, design: _Design, variances: Variances) -> tuple[Float
     effects hold those of the fixed ones.
     """
     scales = np.repeat([variances.player, variances.terrain], design.known.shape) ** 0.5
-    whole = np.column_stack(
-        [design.fixed, np.column_stack([design.players, design.terrains]) * scales]
-    )
+    random = np.column_stack([design.players, design.terrains]) * scales
+    whole = np.column_stack([design.fixed, random])
     prior = np.diag(np.concatenate([np.zeros(2), np.full(len(scales), variances.rest)]))
     if not design.trial_sd > 0:
         prior[1, 1] = 1.0  # the trial never changes: its slope is 0

@@ -47,9 +47,7 @@ class LeakTrend:
         p = "" if self.p_value is None else f", p = {self.p_value:.3f}"
         verdict = "No sign that ranked terrains leaked between participants"
         if self.p_value is None:
-            verdict = (
-                "Whether ranked terrains leaked is not tested, since failures are a few players'"
-            )
+            verdict = "Whether ranked terrains leaked is not tested: failures are a few players'"
         elif high < 0:
             verdict = "People did better on terrains that others had finished before, as they would if terrains had leaked"
         return (

@@ -80,9 +80,8 @@ class MarsRules:
 
     def environment(self, config: EnvConfig) -> Any:
         """Return the environment whose observations are uint8[rows, cols]."""
-        given = {
-            name: getattr(config, name) for name in ("level", "sensor_radius", "beta", "max_steps")
-        }
+        names = ("level", "sensor_radius", "beta", "max_steps")
+        given = {name: getattr(config, name) for name in names}
         given |= {"size": (config.rows, config.cols), "observation": "uint8"}
         return gymnasium.make("MarsExplorer-v0", **given, disable_env_checker=True)
 

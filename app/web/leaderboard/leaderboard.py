@@ -152,9 +152,8 @@ class HumanSummaries:
         figures  (hash of the configuration, figure or None) of every board
         """
         states = {config: json.dumps(human) for config, human in figures if human is not None}
-        self._made = {
-            each: made for each, made in self._made.items() if states.get(each) == made[0]
-        }
+        made = self._made.items()
+        self._made = {each: figure for each, figure in made if states.get(each) == figure[0]}
         self._replays = {each: kept for each, kept in self._replays.items() if each in states}
 
     def _keep(self, config: str, replays: Replays) -> None:
