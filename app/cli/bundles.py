@@ -14,9 +14,12 @@ from app.cli.console import (
     STUDIES,
     database_option,
     failures,
+    flag,
+    path_option,
     pins_file,
     print_table,
     progress,
+    several,
 )
 from app.cli.study.report import show
 
@@ -30,22 +33,16 @@ MAX_PRINTED = 20
 
 @click.command(short_help="Write a study as a citable, signed bundle.")
 @option("--study", required=True, help="The study's name.")
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    help="A new folder for the bundle; it appears whole or not at all.",
-)
+@path_option("--out", "A new folder for the bundle; it appears whole or not at all.", required=True)
 @DATABASE
 @STUDIES
-@option("--author", "authors", multiple=True, help="Who is to be cited; repeatable.")
+@several("--author", "authors", "Who is to be cited; repeatable.")
 @option("--url", help="Where the bundle will be found, a DOI's address say.")
-@option(
+@several(
     "--without-policy",
     "without",
-    multiple=True,
+    "Leave a policy out of the report: its file is not at hand.",
     metavar="NAME",
-    help="Leave a policy out of the report: its file is not at hand.",
 )
 def release(
     study: str,
@@ -101,11 +98,7 @@ def release(
 @click.command(short_help="Derive a bundle's figures again and compare.")
 @argument("folder", type=PATH)
 @option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
-@option(
-    "--recorded",
-    is_flag=True,
-    help="Do not play the policies again: replay their recorded moves only.",
-)
+@flag("--recorded", "Do not play the policies again: replay their recorded moves only.")
 def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
     """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
 

@@ -28,6 +28,21 @@ PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
 
 
+def flag(*given: str, default: bool | None = False) -> Callable[[F], F]:
+    """Return an option without a value: its names, then what it does."""
+    return option(*given[:-1], is_flag=True, default=default, help=given[-1])
+
+
+def path_option(*given: str, **more: Any) -> Callable[[F], F]:
+    """Return an option that takes a path: its names, then what it is for."""
+    return option(*given[:-1], type=PATH, help=given[-1], **more)
+
+
+def several(*given: str, **more: Any) -> Callable[[F], F]:
+    """Return an option that may be repeated: its names, then what it is for."""
+    return option(*given[:-1], multiple=True, help=given[-1], **more)
+
+
 class SizeType(click.ParamType):  # type: ignore[type-arg]
     """`21` for a square, `42x84` for rows x columns."""
 

@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click import argument, option
 
-from app.cli.console import PATH, failures, pins_file, print_table, progress, settings_of
+from app.cli.console import (
+    PATH,
+    failures,
+    flag,
+    path_option,
+    pins_file,
+    print_table,
+    progress,
+    settings_of,
+)
 
 if TYPE_CHECKING:
     from app.db.reader import Who
@@ -36,12 +45,7 @@ SERVERS = "The database that the server records in, if it is not the default one
 
 @click.command(short_help="Write what was played as CSV.")
 @database_option("The database to read; a running server may go on writing.")
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    help="Folder for episodes.csv and steps.csv; made when absent.",
-)
+@path_option("--out", "Folder for episodes.csv and steps.csv; made when absent.", required=True)
 @option(
     "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
 )  # fmt: skip
@@ -69,12 +73,10 @@ MAX_PRINTED = 200
 
 
 @click.command(short_help="Simulate every episode again and compare.")
-@option("--database", type=PATH, help="The database to verify; a running server may go on writing.")
-@option("--dataset", type=PATH, help="A folder that `release` wrote, instead of a database.")
-@option(
-    "--studies",
-    type=PATH,
-    help="The folder of studies, for the secrets of open ones.  [default: data/studies]",
+@path_option("--database", "The database to verify; a running server may go on writing.")
+@path_option("--dataset", "A folder that `release` wrote, instead of a database.")
+@path_option(
+    "--studies", "The folder of studies, for the secrets of open ones.  [default: data/studies]"
 )
 @option(
     "--key",
@@ -83,25 +85,15 @@ MAX_PRINTED = 200
     metavar="FINGERPRINT|FILE",
     help="The key that must have signed the dataset.",
 )
-@option(
-    "--pin",
-    "to_pin",
-    is_flag=True,
-    help="Remember the dataset's signing key as a known one, if all else is well.",
-)
+@flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
 @option(
     "--head",
     help="A head of the database's chain from before, or a release's folder, which holds one.",
 )
-@option(
-    "--stamp",
-    type=PATH,
-    help="A time stamp that `stamp` wrote; it stands for a head, as --head does.",
-)
-@option(
+@path_option("--stamp", "A time stamp that `stamp` wrote; it stands for a head, as --head does.")
+@path_option(
     "--certificate",
-    type=PATH,
-    help="The root of the stamp's authority, PEM.  [default: those that this machine trusts]",
+    "The root of the stamp's authority, PEM.  [default: those that this machine trusts]",
 )
 def verify(
     database: Path | None,
@@ -256,10 +248,8 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 @click.command(short_help="Have the end of the chain time-stamped.")
 @option("--authority", required=True, help="Address of the time-stamping authority (RFC 3161).")
-@option(
-    "--out",
-    type=PATH,
-    help="File for the stamp.  [default: the database's name, its number of entries and .tsr]",
+@path_option(
+    "--out", "File for the stamp.  [default: the database's name, its number of entries and .tsr]"
 )
 @database_option(SERVERS)
 def stamp(authority: str, out: Path | None, database: Path) -> None:
@@ -309,7 +299,7 @@ def backup(file: Path, database: Path) -> None:
 @click.command(short_help="Put a backup in the place of the database.")
 @argument("backup", type=PATH)
 @database_option("The database whose place it takes.")
-@option("--yes", is_flag=True, help="Do not ask.")
+@flag("--yes", "Do not ask.")
 def restore(backup: Path, database: Path, yes: bool) -> None:
     """Put a copy of BACKUP in the place of the database, once every page, every reference and the chain were verified.
 
@@ -333,12 +323,7 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
 
 @click.command(short_help="Join the databases of several servers.")
 @argument("databases", type=PATH, nargs=-1, required=True, metavar="A.db B.db ...")
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    help="A new file for all of it; it appears whole or not at all.",
-)
+@path_option("--out", "A new file for all of it; it appears whole or not at all.", required=True)
 def merge(databases: tuple[Path, ...], out: Path) -> None:
     """Join databases in which the same study, or different ones, were played; the sources stay as they are.
 
@@ -374,9 +359,9 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 @click.command(short_help="Erase a participant, or a player.")
 @argument("participant")
 @option("--study", help="The study, where an outside id took part in several.")
-@option("--player", is_flag=True, help="A player by the name that they chose.")
+@flag("--player", "A player by the name that they chose.")
 @database_option("The database to erase them from.")
-@option("--yes", is_flag=True, help="Do not ask.")
+@flag("--yes", "Do not ask.")
 def forget(participant: str, study: str | None, player: bool, database: Path, yes: bool) -> None:
     """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
 

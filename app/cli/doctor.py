@@ -7,7 +7,7 @@ import json
 import click
 from click import argument, option
 
-from app.cli.console import progress, task_name
+from app.cli.console import flag, progress, task_name
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -75,9 +75,9 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     metavar="MODULE:FUNCTION",
     help="Choose every third seed's actions by its observations.",
 )
-@option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-@option("--table", is_flag=True, help="Print a row of Markdown for each of several ENV.")
-@option("--toml", is_flag=True, help="Play nothing; print what is known of ENV as a file to edit.")
+@flag("--json", "as_json", "Print everything as JSON.")
+@flag("--table", "Print a row of Markdown for each of several ENV.")
+@flag("--toml", "Play nothing; print what is known of ENV as a file to edit.")
 @option(
     "--schema", is_flag=True, is_eager=True, expose_value=False, callback=_print_schema,
     help="Print the JSON schema of that file.",

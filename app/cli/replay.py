@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from click import argument, option
 
-from app.cli.console import PATH, database_option, progress, write_file
+from app.cli.console import database_option, path_option, progress, write_file
 
 if TYPE_CHECKING:
     from app.task import Course
@@ -20,12 +20,8 @@ NO_GHOST = "none"
 
 @click.command(short_help="Write an episode as a page in one file, a GIF or an MP4.")
 @argument("episode")
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    metavar="FILE",
-    help="FILE.html, .gif, .mp4 or .png: the ending decides.",
+@path_option(
+    "--out", "FILE.html, .gif, .mp4 or .png: the ending decides.", required=True, metavar="FILE"
 )
 @database_option("The database to read; a running server may go on writing.")
 @option("--ghost", metavar="POLICY", help="A policy on the same terrain, or none.  [default: ppo]")

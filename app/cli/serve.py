@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import argument, option
 
-from app.cli.console import PATH, check_more, settings_of, task_name
+from app.cli.console import PATH, check_more, flag, path_option, settings_of, several, task_name
 
 if TYPE_CHECKING:
     from app.web.settings import Settings
@@ -22,67 +22,44 @@ if TYPE_CHECKING:
     type=click.IntRange(0, 65535),
     help="Port to listen on; 0 takes a free one.  [default: 8000]",
 )
-@option("--database", type=PATH, help="SQLite file to record in; made if absent.  [default: below]")
+@path_option("--database", "SQLite file to record in; made if absent.  [default: below]")
 @option(
     "--env",
     "task",
     metavar="ENV",
     help="Play another environment: Gymnasium's id, or a TOML file.  [default: MarsExplorer]",
 )
-@option(
-    "--studies",
-    type=PATH,
-    help="Folder of studies to offer.  [default: studies, beside the default database]",
+@path_option(
+    "--studies", "Folder of studies to offer.  [default: studies, beside the default database]"
 )
-@option(
+@several(
     "--policy",
     "policies",
+    "A trained policy's file to offer; with --env also a function, MODULE:NAME. Repeatable.",
     type=PATH,
-    multiple=True,
-    help="A trained policy's file to offer; with --env also a function, MODULE:NAME. Repeatable.",
 )
-@option("--paper", is_flag=True, help="Offer what the paper's four algorithms trained as well.")
-@option(
-    "--map",
-    "maps",
-    type=PATH,
-    multiple=True,
-    help="A map_server file (YAML) to play on; repeatable.",
-)
+@flag("--paper", "Offer what the paper's four algorithms trained as well.")
+@several("--map", "maps", "A map_server file (YAML) to play on; repeatable.", type=PATH)
 @option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @option("--public-url", metavar="URL", help="Where browsers find the pages: https://mars.example.")
-@option(
+@several(
     "--trusted-proxy",
     "trusted_proxies",
-    multiple=True,
+    "A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
     metavar="ADDRESS",
-    help="A proxy whose X-Forwarded headers count, or a network of proxies; repeatable.",
 )
-@option("--durable", is_flag=True, default=None, help="Survive a power cut; costs milliseconds.")
-@option(
-    "--accept-loss",
-    is_flag=True,
-    default=None,
-    help="Start although the log of a killed server is gone.",
-)
+@flag("--durable", "Survive a power cut; costs milliseconds.", default=None)
+@flag("--accept-loss", "Start although the log of a killed server is gone.", default=None)
 @option(
     "--backup-every",
     type=float,
     metavar="MINUTES",
     help="Make a verified backup every so many minutes.",
 )
-@option(
-    "--backup-to",
-    type=PATH,
-    metavar="DIR",
-    help="Keep them there.  [default: backups, beside the database]",
+@path_option(
+    "--backup-to", "Keep them there.  [default: backups, beside the database]", metavar="DIR"
 )
-@option(
-    "--admin",
-    is_flag=True,
-    default=None,
-    help="Open the operator's page /admin; its password is printed.",
-)
+@flag("--admin", "Open the operator's page /admin; its password is printed.", default=None)
 @option(
     "--metrics-port",
     type=click.IntRange(0, 65535),
@@ -169,12 +146,8 @@ def serve(
     default=0,
     help="Port to listen on.  [default: a free one]",
 )
-@option(
-    "--database",
-    type=PATH,
-    help="SQLite file to record in; made when absent.  [default: as for serve]",
-)
-@option("--no-browser", is_flag=True, help="Print the address and open nothing.")
+@path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
+@flag("--no-browser", "Print the address and open nothing.")
 def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
     """Play ENV in a browser: an id of Gymnasium's, a package's MODULE:ID, a TOML file, or MarsExplorer without one.
 

@@ -16,6 +16,8 @@ from app.cli.console import (
     default_config,
     env_config_of,
     failures,
+    flag,
+    path_option,
     print_table,
     progress,
     study_errors,
@@ -107,7 +109,7 @@ def new(
 
 @evaluation.command(short_help="Fix the protocol and draw the secret.")
 @argument("name")
-@option("--beacon", is_flag=True, help="As of `study freeze`, for instances of its own.")
+@flag("--beacon", "As of `study freeze`, for instances of its own.")
 @DATABASE
 @STUDIES
 def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
@@ -173,8 +175,8 @@ def list_(folder: Folder) -> None:
 
 @evaluation.command(short_help="End an evaluation, reveal its terrains, and sign the receipts.")
 @argument("name")
-@option("--yes", is_flag=True, help="Do not ask.")
-@option("--now", is_flag=True, help="Close it also while an agent is at it.")
+@flag("--yes", "Do not ask.")
+@flag("--now", "Close it also while an agent is at it.")
 @DATABASE
 @STUDIES
 def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
@@ -207,12 +209,7 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
 
 @evaluation.command(short_help="Check a receipt, without the server.")
 @argument("receipt", type=PATH)
-@option(
-    "--opening",
-    type=PATH,
-    metavar="FILE",
-    help="The evaluation's opening: simulate every episode again.",
-)
+@path_option("--opening", "The evaluation's opening: simulate every episode again.", metavar="FILE")
 @option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
 @option("--card", "ident", metavar="ID", help="The card that it must be of.")
 @option("--evaluation", "of", metavar="NAME|HASH", help="The evaluation that it must be of.")

@@ -14,9 +14,10 @@ from click import option
 
 from app.cli.console import (
     DATABASE,
-    PATH,
     STUDIES,
     failures,
+    flag,
+    path_option,
     print_table,
     progress,
     study_errors,
@@ -33,16 +34,12 @@ if TYPE_CHECKING:
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
-@option("--html", type=PATH, help="Write the report to this file: one page, nothing outside it.")
-@option("--json", "json_path", type=PATH, help="Write every number to this file.")
+@path_option("--html", "Write the report to this file: one page, nothing outside it.")
+@path_option("--json", "json_path", "Write every number to this file.")
 @STUDIES
-@option(
-    "--synthetic",
-    is_flag=True,
-    help="Report over the scripts instead of the people, marked SYNTHETIC throughout.",
-)
-@option("--no-policies", is_flag=True, help="Play no policies: no comparisons, done in a second.")
-@option("--no-moves", is_flag=True, help="Leave out the regret of each move: done sooner.")
+@flag("--synthetic", "Report over the scripts instead of the people, marked SYNTHETIC throughout.")
+@flag("--no-policies", "Play no policies: no comparisons, done in a second.")
+@flag("--no-moves", "Leave out the regret of each move: done sooner.")
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
     no_policies: bool, no_moves: bool,
@@ -185,11 +182,8 @@ def _print_second_analysis(mark: str, group: GroupReport) -> None:
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
 @STUDIES
-@option(
-    "--json",
-    "json_path",
-    type=PATH,
-    help="Write the summary and every move with its regret to this file.",
+@path_option(
+    "--json", "json_path", "Write the summary and every move with its regret to this file."
 )
 def regret(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
     """Print the mean regret per episode of each player, and in which moves it lies.

@@ -18,15 +18,17 @@ from click import argument, option
 
 from app.cli.console import (
     DATABASE,
-    PATH,
     STUDIES,
     SizeType,
     default_config,
     env_config_of,
     failures,
+    flag,
+    path_option,
     print_table,
     progress,
     settings_of,
+    several,
     study_errors,
     task_name,
     write_file,
@@ -91,22 +93,20 @@ def study() -> None:
     help="Of a panel: signed lets in only whom `study invite --ids` made a link for.",
 )  # fmt: skip
 @option("--break-every", default=10, help="Ranked episodes after which a break is offered.")
-@option(
-    "--outside-id", "outside_ids", multiple=True,
-    help="A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
-)  # fmt: skip
+@several(
+    "--outside-id",
+    "outside_ids",
+    "A parameter of the link to keep; the first names the person. Repeatable.  [default: Prolific's three]",
+)
 @option("--return-url", help="Where participants go at the end; {code} is their completion code.")
 @option("--completion-code", help="One code for everybody.  [default: one drawn for each]")
-@option(
-    "--policy",
-    "policies",
-    multiple=True,
-    help="To compare with people; repeatable.  [default: the shipped ones]",
+@several("--policy", "policies", "To compare with people; repeatable.  [default: the shipped ones]")
+@path_option(
+    "--declarations",
+    "declared",
+    "JSON object of what only you know, as examples/declarations.json.  [default: asks on a terminal]",
+    metavar="FILE",
 )
-@option(
-    "--declarations", "declared", type=PATH, metavar="FILE",
-    help="JSON object of what only you know, as examples/declarations.json.  [default: asks on a terminal]",
-)  # fmt: skip
 @STUDIES
 def new(
     name: str,
@@ -186,15 +186,11 @@ def _asked() -> dict[str, str]:
 
 @study.command(short_help="Fix the protocol and draw the secret.")
 @argument("name")
-@option(
-    "--underpowered",
-    is_flag=True,
-    help="Freeze although a planned comparison has less than 50 % power.",
+@flag("--underpowered", "Freeze although a planned comparison has less than 50 % power.")
+@flag(
+    "--beacon",
+    "Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
 )
-@option(
-    "--beacon", is_flag=True,
-    help="Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
-)  # fmt: skip
 @DATABASE
 @STUDIES
 def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
@@ -319,13 +315,9 @@ def open_(name: str, signature: str | None, relay: str, folder: Folder, database
 
 @study.command(short_help="End the study and reveal its secret.")
 @argument("name")
-@option("--yes", is_flag=True, help="Do not ask.")
-@option("--now", is_flag=True, help="Close it also while somebody is at it.")
-@option(
-    "--sealed",
-    is_flag=True,
-    help="Keep the secret, so that agents can be evaluated on the same terrains.",
-)
+@flag("--yes", "Do not ask.")
+@flag("--now", "Close it also while somebody is at it.")
+@flag("--sealed", "Keep the secret, so that agents can be evaluated on the same terrains.")
 @DATABASE
 @STUDIES
 def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, database: Path) -> None:
@@ -526,17 +518,18 @@ def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     "--url",
     help="The address at which participants reach the server.  [default: MARS_PUBLIC_URL, else a guess that says so]",
 )
-@option("--list", "lists", is_flag=True, help="List all invitations with their state instead.")
-@option(
-    "--ids", "panel", type=PATH, metavar="FILE",
-    help="A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
-)  # fmt: skip
-@option(
+@flag("--list", "lists", "List all invitations with their state instead.")
+@path_option(
+    "--ids",
+    "panel",
+    "A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
+    metavar="FILE",
+)
+@path_option(
     "--csv",
     "table",
-    type=PATH,
+    "Write them to a file as well, with their links: id, state, link.",
     metavar="FILE",
-    help="Write them to a file as well, with their links: id, state, link.",
 )
 @DATABASE
 @STUDIES
@@ -739,7 +732,7 @@ def _comparison(each: Any) -> str:
 
 @study.command(short_help="Write the preregistration, ready for OSF.")
 @argument("name")
-@option("--out", type=PATH, metavar="FILE", help="Write it to this file.  [default: print it]")
+@path_option("--out", "Write it to this file.  [default: print it]", metavar="FILE")
 @STUDIES
 def preregister(name: str, out: Path | None, folder: Folder) -> None:
     """Write a study's preregistration as Markdown, to be uploaded to OSF or elsewhere before anybody plays.

@@ -16,9 +16,11 @@ from app.cli.console import (
     check_more,
     env_config_of,
     levels_option,
+    path_option,
     print_table,
     progress,
     reason,
+    several,
     sizes_option,
 )
 from app.cli.training.cards import written
@@ -35,32 +37,15 @@ FEW_EPISODES = 20
 
 
 @click.command(short_help="Score policies on the same terrains.")
-@option(
-    "--policy",
-    "policies",
-    multiple=True,
-    required=True,
-    help="A policy's name or file; repeatable.",
-)
+@several("--policy", "policies", "A policy's name or file; repeatable.", required=True)
 @levels_option("random")
 @sizes_option("21")
 @option("--episodes", type=click.IntRange(min=2), default=100, help="Terrains of a level and size.")
 @option("--seed", type=click.IntRange(min=0), default=0, help="The first terrain's seed.")
-@option(
-    "--json",
-    "json_path",
-    type=PATH,
-    help="Also write everything, every episode included, to this file.",
-)
-@option("--csv", "csv_path", type=PATH, help="Also write the table to this file.")
-@option("--plots", type=PATH, help="Folder for coverage curves and heat maps; made when absent.")
-@option(
-    "--map",
-    "maps",
-    type=PATH,
-    multiple=True,
-    help="Play on this map_server file (YAML) instead; repeatable.",
-)
+@path_option("--json", "json_path", "Also write everything, every episode included, to this file.")
+@path_option("--csv", "csv_path", "Also write the table to this file.")
+@path_option("--plots", "Folder for coverage curves and heat maps; made when absent.")
+@several("--map", "maps", "Play on this map_server file (YAML) instead; repeatable.", type=PATH)
 @option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @option("--ray", metavar="ADDRESS", help="Play on a Ray cluster: HOST:PORT, auto, or local.")
 @argument("more", nargs=-1, metavar="")

@@ -7,28 +7,19 @@ from pathlib import Path
 import click
 from click import option
 
-from app.cli.console import PATH, progress, write_file
+from app.cli.console import path_option, progress, several, write_file
 from app.cli.training.cards import COUNT, written
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
-@option(
-    "--board",
-    "boards",
-    multiple=True,
-    help="A board such as random-21x21; repeatable.  [default: all on offer]",
-)
-@option(
+@several("--board", "boards", "A board such as random-21x21; repeatable.  [default: all on offer]")
+@several(
     "--policy",
     "again",
-    multiple=True,
-    help="Play this policy alone, and keep the others' figures in --out; repeatable.",
+    "Play this policy alone, and keep the others' figures in --out; repeatable.",
 )
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    help="The folder for the figures, a file for each board; made when absent.",
+@path_option(
+    "--out", "The folder for the figures, a file for each board; made when absent.", required=True
 )
 @option("--workers", type=COUNT, default=1, help="Processes that play at the same time.")
 def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click import argument, option
 
-from app.cli.console import PATH, print_table, progress
+from app.cli.console import flag, path_option, print_table, progress
 
 TOKEN = option(
     "--token",
@@ -83,7 +83,7 @@ def measure(policy: str) -> None:
 @policies.command()
 @argument("policy")
 @argument("repo", metavar="OWNER/NAME")
-@option("--private", is_flag=True, help="Make the repository for you alone, if it is not there.")
+@flag("--private", "Make the repository for you alone, if it is not there.")
 @TOKEN
 def push(policy: str, repo: str, private: bool, token: str | None) -> None:
     """Write a policy into a repository of the hub, with its card in words and as JSON, in one commit.
@@ -101,7 +101,7 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
 @policies.command()
 @argument("repo", metavar="OWNER/NAME")
-@option("--out", type=PATH, default=Path(), help="Folder for the file.  [default: the current one]")
+@path_option("--out", "Folder for the file.  [default: the current one]", default=Path())
 @option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:

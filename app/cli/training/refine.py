@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import argument, option
 
-from app.cli.console import PATH, seed_option
+from app.cli.console import path_option, seed_option, several
 from app.cli.training.cards import (
     COUNT,
     WORKERS,
@@ -34,16 +34,15 @@ if TYPE_CHECKING:
     default=30,
     help="Rounds of playing and learning; the first takes longest.",
 )
-@option(
+@several(
     "--size",
     "sizes",
+    "Side of the square grids whose episodes are branched; repeatable.",
     type=click.IntRange(21, 84),
-    multiple=True,
     default=(21,),
-    help="Side of the square grids whose episodes are branched; repeatable.",
 )
 @seed_option("The same seed and rounds give the same weights.")
-@option("--out", type=PATH, help="Folder of the run.  [default: runs/POLICY-refined-sSEED]")
+@path_option("--out", "Folder of the run.  [default: runs/POLICY-refined-sSEED]")
 @WORKERS
 def refine(
     policy: str,

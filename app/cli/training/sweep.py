@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from app.cli.console import PATH, levels_option, print_table, progress, sizes_option
+from app.cli.console import (
+    levels_option,
+    path_option,
+    print_table,
+    progress,
+    several,
+    sizes_option,
+)
 from app.cli.training.cards import COUNT, written
 from app.cli.training.train import configs_of
 
@@ -68,14 +75,7 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 @click.command(short_help="Train on many levels and seeds.")
 @levels_option("random")
 @sizes_option("21")
-@option(
-    "--seed",
-    "seeds",
-    type=click.IntRange(0, 1000),
-    multiple=True,
-    default=[0],
-    help="Training seed; repeatable.",
-)
+@several("--seed", "seeds", "Training seed; repeatable.", type=click.IntRange(0, 1000), default=[0])
 @option("--recipe", type=click.Choice(["best", "priced"]), default="best", help="As in train.")
 @option("--steps", type=COUNT, default=4_000_000, help="Moves of each training.")
 @option(
@@ -85,11 +85,8 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
     help="Held-out terrains to measure each policy on.",
 )
 @option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
-@option(
-    "--out",
-    type=PATH,
-    required=True,
-    help="Folder that all machines can reach: policies, logs and sweep.csv.",
+@path_option(
+    "--out", "Folder that all machines can reach: policies, logs and sweep.csv.", required=True
 )
 def sweep(
     levels: tuple[str, ...],

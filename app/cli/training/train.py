@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from app.cli.console import PATH, env_config_of, levels_option, seed_option, sizes_option
+from app.cli.console import (
+    env_config_of,
+    flag,
+    levels_option,
+    path_option,
+    seed_option,
+    several,
+    sizes_option,
+)
 from app.cli.training.cards import COUNT, commit, measure_policy, noted_progress, written
 from app.cli.training.refine import RefineOutput, own_card_of, refine_policy
 
@@ -55,20 +63,15 @@ REFINE_CHECKPOINT = "refine.pt"
     help="Then refine the policy on grids of these sizes for so many rounds, as `marsexplorer refine` does.",
 )
 @option("--workers", type=COUNT, help="Processes of --refine.  [default: one for each core]")
-@option(
+@several(
     "--set",
     "settings",
-    multiple=True,
+    "Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
     metavar="FIELD=VALUE",
-    help="Change a field of the recipe, such as gamma=0.99; repeatable. A wrong one lists all.",
 )
 @seed_option("The same seed, steps and rounds give the same weights.")
-@option("--out", type=PATH, help="Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
-@option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the run in --out: the command that began it, with --resume.",
-)
+@path_option("--out", "Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
+@flag("--resume", "Go on with the run in --out: the command that began it, with --resume.")
 @option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="What computes.")
 def train(
     recipe: str,
