@@ -47,9 +47,8 @@ CONNECT_TIMEOUT_S = 10.0
 """Seconds to wait for a cluster's machine to accept a connection."""
 LOOK_S = 0.5
 """Seconds between two looks at whether a job on a cluster has ended."""
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
+_LIBRARIES = ("OMP", "MKL", "OPENBLAS", "NUMBA")
+ONE_THREAD = dict.fromkeys((f"{each}_NUM_THREADS" for each in _LIBRARIES), "1")
 """The libraries of a worker compute in one thread: the workers share the cores already."""
 
 CLOSED = "the server was closed before this was done"
@@ -436,16 +435,14 @@ class _Cluster:
 def _perform_there(core_version: str, function: Callable[..., T], *arguments: Any) -> T:
     """Call a function on a machine of the cluster; ClusterError where its rules are of another version."""
     if core_version != CORE_VERSION:
-        raise ClusterError(
-            f"a machine of the cluster has core version {CORE_VERSION}, this one has {core_version}"
-        )
+        other = f"core version {CORE_VERSION}, this one has {core_version}"
+        raise ClusterError(f"a machine of the cluster has {other}")
     return function(*arguments)
 
 
 def _no_cluster(address: str) -> ClusterError:
-    return ClusterError(
-        f"no Ray cluster answers at {address}; start one with `ray start --head`, or say {LOCAL}"
-    )
+    way_out = f"start one with `ray start --head`, or say {LOCAL}"
+    return ClusterError(f"no Ray cluster answers at {address}; {way_out}")
 
 
 def _check_reachable(address: str) -> None:
@@ -454,9 +451,8 @@ def _check_reachable(address: str) -> None:
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not colon or not port.isdigit():
-        raise ClusterError(
-            f"expected a Ray address like HOST:PORT, ray://HOST:PORT, auto or {LOCAL}, got {address!r}"
-        )
+        known = f"HOST:PORT, ray://HOST:PORT, auto or {LOCAL}"
+        raise ClusterError(f"expected a Ray address like {known}, got {address!r}")
     try:
         socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:

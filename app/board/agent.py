@@ -88,9 +88,8 @@ class DecisionQueue:
             self._serving = None
             # who has had no more than the others is as new
             least = min(self._used_s.values(), default=0.0)
-            self._used_s = defaultdict(
-                float, {owner: s for owner, s in self._used_s.items() if s > least}
-            )
+            kept = {owner: s for owner, s in self._used_s.items() if s > least}
+            self._used_s = defaultdict(float, kept)
 
     def _next_batch(self) -> list[_Request]:
         """Take the request of the owner who has had the least time, and every one that can be decided together with it."""
@@ -111,10 +110,8 @@ class DecisionQueue:
         return chosen
 
     async def _answer(self, batch: list[_Request]) -> None:
-        policies, observations = (
-            [request.policy for request in batch],
-            [request.observation for request in batch],
-        )
+        policies = [request.policy for request in batch]
+        observations = [request.observation for request in batch]
         began = time.monotonic()
         answers: list[int | Exception]
         try:
@@ -228,13 +225,11 @@ class Agent:
         self._policy, self._single_moves, self._prepared_for, self._decided = None, 0, None, None
         if session.pace is not None:
             with suppress(StoreError):
-                await session.set_pace(
-                    Pace(mode="paused", moves_per_second=session.pace.moves_per_second)
-                )
+                speed = session.pace.moves_per_second
+                await session.set_pace(Pace(mode="paused", moves_per_second=speed))
         name = session.row.driver_name
-        session.fail(
-            f"{error}, so the policy {name!r} is paused on this board; change its pace to let it try again"
-        )
+        paused = f"so the policy {name!r} is paused on this board"
+        session.fail(f"{error}, {paused}; change its pace to let it try again")
 
     def _delay(self) -> float | None:
         """Return seconds until the next move, 0 or less for now, None for not before something changes."""
@@ -294,11 +289,8 @@ class Agent:
     def _schedule(self) -> None:
         """Set when the next timed move is due; a late move does not make the following ones faster."""
         pace, now = self._session.pace, asyncio.get_running_loop().time()
-        rate = (
-            pace.moves_per_second
-            if pace is not None and pace.mode == "timed"
-            else DEFAULT_MOVES_PER_SECOND
-        )
+        is_timed = pace is not None and pace.mode == "timed"
+        rate = pace.moves_per_second if pace and is_timed else DEFAULT_MOVES_PER_SECOND
         self._due = max(now, self._due + 1 / rate) if now - self._due < 1 / rate else now + 1 / rate
 
     async def _prepared_policy(self, row: Trial) -> Policy | None:

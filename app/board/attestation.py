@@ -141,10 +141,8 @@ def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) 
     except _MismatchError as mismatch:
         is_persons = len(moves) > 1 and attest(moves[:1], events, conditions).reason is None
         return Attested("spoilt" if is_persons else "unattested", str(mismatch), mismatch.step)
-    is_supervised = any(
-        0 <= conditions.started_ms - at_ms <= SUPERVISED_FOR_MS
-        for at_ms in conditions.supervised_ms
-    )
+    ages_ms = (conditions.started_ms - at_ms for at_ms in conditions.supervised_ms)
+    is_supervised = any(0 <= each <= SUPERVISED_FOR_MS for each in ages_ms)
     return Attested("supervised" if is_supervised else "attested")
 
 
@@ -181,9 +179,8 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
                 if not 0 <= (event["step"] or 0) <= step:
                     raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
                 shown = (event["step"] or 0) - 1
-                shown_ms.append(
-                    conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
-                )
+                at_ms = conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
+                shown_ms.append(at_ms)
         if move["driver"] != "human" or not held.is_trusted:
             raise _MismatchError("what is held is no person's", step)
         if runs_from_ms is None or move["server_ms"] < runs_from_ms:
@@ -262,9 +259,8 @@ def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> li
         if not press["trusted"]:
             raise _MismatchError("the browser does not vouch for the press", step)
         if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
-            raise _MismatchError(
-                f"the press {press['code']!r} does not drive where the move went", step
-            )
+            what = f"the press {press['code']!r} does not drive where the move went"
+            raise _MismatchError(what, step)
         found.append(press)
     return found
 

@@ -138,9 +138,8 @@ class Controls:
 
 def controls_of(rules: Rules, settings: Iterable[Mapping[str, Any]] = ()) -> tuple[Controls, ...]:
     """Return the controls of a task's own keys, and those of each version of a participant's settings, the newest last."""
-    return tuple(
-        Controls({**rules.keys, **(each.get("keys") or {})}, rules.noop) for each in ({}, *settings)
-    )
+    keys = ({**rules.keys, **(each.get("keys") or {})} for each in ({}, *settings))
+    return tuple(Controls(each, rules.noop) for each in keys)
 
 
 def pauses_of(times_ms: Iterable[float]) -> list[float]:

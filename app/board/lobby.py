@@ -111,11 +111,8 @@ class Lobby:
         """
         if wanted.player != HUMAN:
             self.task.policies.check(wanted.player, HUMAN)
-        drivers = (
-            [wanted.player]
-            if wanted.rival is None
-            else [wanted.player, self.task.policies.check(wanted.rival)]
-        )
+        rival = [] if wanted.rival is None else [self.task.policies.check(wanted.rival)]
+        drivers = [wanted.player, *rival]
         replayed = (
             None
             if wanted.replays is None
@@ -163,14 +160,12 @@ class Lobby:
         """Abandon the running episodes, also those on `left`, and begin the next ones, the rival's on the same terrain."""
         group = self._groups.get(session.id) or await self._resume(session.id)
         if session is group.rival:
-            raise ValueError(
-                "a rival plays its player's terrain; begin the next episode in the player's session"
-            )
+            instead = "begin the next episode in the player's session"
+            raise ValueError(f"a rival plays its player's terrain; {instead}")
         async with group.lock:
             terrain = self.task.next(session.current, wanted)
-            self.task.policies.check_size(
-                (board.row.driver_name for board in group.boards), terrain.config
-            )
+            drivers = (board.row.driver_name for board in group.boards)
+            self.task.policies.check_size(drivers, terrain.config)
             seed, runs = await self._begin_episodes(terrain, len(group.boards))
             await self._open_episodes(group.boards, runs, seed, terrain.is_chosen, left=left)
             self._pair(group)  # a replay belonged to the episode before
@@ -197,9 +192,8 @@ class Lobby:
     async def change_pace(self, session: Session, change: ChangePace) -> Pace:
         """Change the pace and return it; ValueError when the session has none or cannot follow."""
         if session.pace is None:
-            raise ValueError(
-                "this session is driven by a person; only a policy's session (a rival's, say) has a pace"
-            )
+            whose = "only a policy's session (a rival's, say) has a pace"
+            raise ValueError(f"this session is driven by a person; {whose}")
         if change.follow and session.row.rival_of is None:
             raise ValueError("only a rival can follow; give moves_per_second, pause or step")
         rate = change.moves_per_second or session.pace.moves_per_second
@@ -242,11 +236,8 @@ class Lobby:
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
             mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
             id_ = self.sources.session_id()
-            rows.append(
-                SessionRow(
-                    id_, owner, driver, rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control
-                )
-            )
+            kept = (rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control)
+            rows.append(SessionRow(id_, owner, driver, *kept))
         return rows
 
     def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
@@ -377,9 +368,8 @@ class Lobby:
             try:
                 boards = [await self._resumed(*each) for each in found]
             except ValueError as error:
-                raise UnknownSessionError(
-                    session_id, f"session {session_id!r} cannot be resumed: {error}"
-                ) from error
+                what = f"session {session_id!r} cannot be resumed: {error}"
+                raise UnknownSessionError(session_id, what) from error
             return self._add_group(boards)
 
     def _stored(self, session_id: str) -> list[tuple[Resumable, Participation | None, bool]]:
@@ -390,11 +380,8 @@ class Lobby:
         found = self.store.resume_session(session_id, self.sources.clock_ms())
         player_id = session_id if found is None else found.session.rival_of or session_id
         ids = [player_id, self.store.rival_of(player_id)]
-        rows = [
-            self.store.resume_session(each, self.sources.clock_ms())
-            for each in ids
-            if each is not None
-        ]
+        now, known = self.sources.clock_ms(), [each for each in ids if each is not None]
+        rows = [self.store.resume_session(each, now) for each in known]
         if found is None or rows[0] is None:
             raise UnknownSessionError(session_id)
         stored = [(row, self._participation_of(row.session.id)) for row in rows if row is not None]

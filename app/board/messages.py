@@ -303,16 +303,10 @@ def _clause(error: dict[str, Any]) -> str:
     loc = error["loc"][1:] if error["loc"] and error["loc"][0] in _TAGS else error["loc"]
     names = [str(part) for part in loc]
     name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
-    bounds = {
-        "ge": "at least",
-        "gt": "more than",
-        "le": "at most",
-        "lt": "less than",
-        "max_length": "at most",
-    }
-    bound = next(
-        (f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context), None
-    )
+    bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+    bounds["max_length"] = "at most"
+    known = [f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context]
+    bound = next(iter(known), None)
     if kind == "value_error":
         return str(context["error"])
     if kind == "json_invalid":
@@ -331,14 +325,10 @@ def _clause(error: dict[str, Any]) -> str:
         return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
     if bound is not None:
         return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
-    expected = _TYPES.get(
-        kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
-    )
-    return (
-        f"{name} must be {expected}, got {came}"
-        if expected
-        else f"{name}: {error['msg']}, got {came}"
-    )
+    plain = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
+    expected = _TYPES.get(plain)
+    wrong = f"{name} must be {expected}" if expected else f"{name}: {error['msg']}"
+    return f"{wrong}, got {came}"
 
 
 def _plain(bound: float) -> str:

@@ -77,11 +77,8 @@ class PageBoards:
                 return await self._begin(again, player_id)
             others = [board for board in found if board is not session]
             waiting = None if terrain.is_chosen else _waiting(others, terrain.config)
-            left = [
-                board
-                for board in others
-                if board.shown.steps and board is not waiting and not terrain.is_chosen
-            ]
+            played = [board for board in others if board.shown.steps and board is not waiting]
+            left = [] if terrain.is_chosen else played
             if waiting is None:
                 await self._lobby.restart(session, wanted, left)
                 return session, False
@@ -176,11 +173,8 @@ class PageBoards:
         is_ranked = wanted.player == HUMAN and wanted.rival is None
         terrain = self._lobby.task.first(wanted)
         waiting = _waiting(found, terrain.config) if is_ranked and not terrain.is_chosen else None
-        left = [
-            board
-            for board in found
-            if board.shown.steps and board is not waiting and wanted.replays is None
-        ]
+        played = [board for board in found if board.shown.steps and board is not waiting]
+        left = played if wanted.replays is None else []
         if waiting is None:
             return await self._lobby.create(wanted, player_id, "cookie", left), False
         await _abandon(left)
@@ -208,10 +202,8 @@ class PageBoards:
 
 def _waiting(boards: Sequence[Session], config: Configuration) -> Session | None:
     """Return the board whose open episode is of a configuration."""
-    return next(
-        (board for board in boards if board.current.config == config and not board.shown.ended),
-        None,
-    )
+    alike = (board for board in boards if board.current.config == config)
+    return next((board for board in alike if not board.shown.ended), None)
 
 
 async def _abandon(boards: Sequence[Session]) -> None:

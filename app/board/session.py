@@ -304,11 +304,8 @@ class Session:
         self.participation = participation
         self.row = row
         self.channel = Channel(store.metrics.dropped_frames.inc)
-        self.pace = (
-            None
-            if self.is_human
-            else Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
-        )
+        pace = Pace(mode=row.pace_mode, moves_per_second=row.moves_per_second)
+        self.pace = None if self.is_human else pace
         self.number = 0
         self.fault: str | None = None
         self.remade: Remade | None = None
@@ -697,17 +694,15 @@ class Session:
         if self.participation is not None:
             self.participation.check_events(events.episode)
         elif not self.is_human:
-            raise RefusedError(
-                "input events are kept of a board that a person drives; a policy drives this one"
-            )
+            which = "a board that a person drives; a policy drives this one"
+            raise RefusedError(f"input events are kept of {which}")
         elif not self.takes_persons_moves:
             raise RefusedError(
                 "input events are kept of a board that the page has begun; on this one every move is a script's"
             )
         elif not self._store.is_episode_of(self.id, events.episode):
-            raise RefusedError(
-                f"episode {events.episode!r} is none of this board's: no input events were kept"
-            )
+            what = f"episode {events.episode!r} is none of this board's"
+            raise RefusedError(f"{what}: no input events were kept")
         unknown = self._unknown_codes(events)
         rows = [
             InputEventRow(**{**event.model_dump(), "code": UNIDENTIFIED})
@@ -755,9 +750,8 @@ class Session:
             self.fault, self.pace = None, pace
             self.channel.notify()
 
-        await self._store.write(
-            partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second), then=change
-        )
+        set_pace = partial(self._store.set_pace, self.id, pace.mode, pace.moves_per_second)
+        await self._store.write(set_pace, then=change)
 
     def fail(self, fault: str) -> None:
         """Keep the policy's failure, one sentence, and notify subscribers."""
@@ -800,9 +794,7 @@ class Session:
         if self.participation is not None:
             self.participation.check_open()
         if episode != self.current.id:
-            raise RefusedError(
-                f"episode {episode!r} is not the current one, which is {self.current.id!r}"
-            )
+            raise RefusedError(f"episode {episode!r} is not the current one, {self.current.id!r}")
         if self.shown.ended:
             raise RefusedError(f"the episode has ended ({self.shown.outcome}); begin the next one")
         if step != self.shown.steps:

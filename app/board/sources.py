@@ -58,9 +58,8 @@ class WatchIds:
 
     def of(self, session_id: str) -> str:
         """Return the id by which a session's board is watched: 24 hexadecimal digits."""
-        return hmac.digest(self._key, b"watch:" + session_id.encode(), hashlib.sha256).hex()[
-            :WATCH_ID_DIGITS
-        ]
+        digest = hmac.digest(self._key, b"watch:" + session_id.encode(), hashlib.sha256)
+        return digest.hex()[:WATCH_ID_DIGITS]
 
     async def session(self, watch_id: str) -> str | None:
         """Return the id of the session whose board an id shows; None where it shows none."""
@@ -85,9 +84,8 @@ class WatchIds:
 
         def read() -> tuple[array[int], array[int]]:
             found = sessions_after(self._store, last, SESSIONS_A_LOOK)
-            return array("Q", [_prefix(self.of(each)) for _, each in found]), array(
-                "Q", [row for row, _ in found]
-            )
+            prefixes = array("Q", [_prefix(self.of(each)) for _, each in found])
+            return prefixes, array("Q", [row for row, _ in found])
 
         prefixes, rows = await self._store.read(read)
         if last == (self._rows[-1] if self._rows else 0):  # nobody else took them in meanwhile

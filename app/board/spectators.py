@@ -57,9 +57,8 @@ class Spectators:
 
         def read() -> Shown:
             episode_id = link if board is None else newest_episode(store, board)
-            found = episode_id and watchable_session(
-                store, episode_id, self._lobby.sources.clock_ms(), viewer
-            )
+            now = self._lobby.sources.clock_ms()
+            found = episode_id and watchable_session(store, episode_id, now, viewer)
             if not episode_id or not found:
                 raise UnwatchableError(link)
             return Shown(found[0], episode_id, board is not None)

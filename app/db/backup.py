@@ -78,9 +78,8 @@ def check_whole(database: Path, advance: Advance | None = None) -> None:
                     f"{database} is damaged ({found}): use another backup, or `sqlite3 {database} .recover | sqlite3 NEW`"
                 )
             if stray := conn.execute("PRAGMA foreign_key_check").fetchone():
-                raise StoreError(
-                    f"{database} is not whole: a row of {stray[0]} belongs to nothing; use another backup"
-                )
+                why = f"a row of {stray[0]} belongs to nothing"
+                raise StoreError(f"{database} is not whole: {why}; use another backup")
             for finding in check_chain(conn):
                 raise StoreError(f"{database} was changed: {finding}; use another backup")
     except sqlite3.Error as error:
@@ -140,9 +139,7 @@ def restore(
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
     if not backup.is_file():
-        raise StoreError(
-            f"no backup at {backup}: give the path of a file that `marsexplorer backup` wrote"
-        )
+        raise StoreError(f"no backup at {backup}: give a file that `marsexplorer backup` wrote")
     if database.exists() and backup.samefile(database):
         raise StoreError(f"{backup} is the database itself: give the path of a backup")
     lock = DatabaseLock(database)

@@ -79,9 +79,8 @@ class _Part(NamedTuple):
         return ", ".join(TABLES[self.table].names("chain"))
 
 
-_EVENTS = _Part(
-    "input_events", "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
-)
+_BETWEEN = "episode_id = :id AND number >= :first AND number < :until ORDER BY number"
+_EVENTS = _Part("input_events", _BETWEEN)
 _STEPS = _Part("steps", "episode_id = :id AND step >= :first_move ORDER BY step")
 _PARTS: dict[Kind, tuple[_Part, ...]] = {
     "series": (_Part("series", "name = :id"),),
@@ -218,9 +217,8 @@ def changing(conn: sqlite3.Connection, kind: Kind, ident: str) -> Iterator[None]
 
 def append_late_events(conn: sqlite3.Connection, episode_id: str, first: int) -> None:
     """Append an entry of the input events from number `first` on if their episode has ended; its end covers the others."""
-    if select(
-        conn, "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL", [episode_id]
-    ).fetchone():
+    sql = "SELECT 1 FROM episodes WHERE id = ? AND ended_ms IS NOT NULL"
+    if select(conn, sql, [episode_id]).fetchone():
         append(conn, "events", episode_id, first)
 
 

@@ -39,12 +39,8 @@ def series(conn: sqlite3.Connection, only: str | None = None) -> list[SeriesRow]
 
 def participants_of(conn: sqlite3.Connection, study: str) -> list[str]:
     """Return the ids of a study's participants in the order in which they joined."""
-    return [
-        row[0]
-        for row in conn.execute(
-            "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms", [study]
-        )
-    ]
+    sql = "SELECT id FROM participants WHERE study = ? ORDER BY joined_ms"
+    return [row[0] for row in conn.execute(sql, [study])]
 
 
 def episodes_of(conn: sqlite3.Connection, participant: str) -> list[dict[str, Any]]:
@@ -78,9 +74,8 @@ def finished_episodes(conn: sqlite3.Connection, study: str | None) -> list[str]:
 
 def count_unfinished(conn: sqlite3.Connection, study: str | None) -> int:
     """Return how many episodes have not ended, of one study or (None) of all."""
-    (count,) = conn.execute(
-        f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}"
-    ).fetchone()
+    sql = f"SELECT count(*) FROM episodes WHERE ended_ms IS NULL{_within(study)}"
+    (count,) = conn.execute(sql).fetchone()
     return int(count)
 
 
@@ -131,9 +126,8 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
         yield from check_thing(conn, "series", row.name)
     for (ident,) in conn.execute(_MOVED_SESSIONS.format(within=_within(study, "e.id"))).fetchall():
         yield from check_thing(conn, "session", ident)
-    for (ident,) in conn.execute(
-        "SELECT id FROM participants WHERE ? IS NULL OR study = ?", (study, study)
-    ).fetchall():
+    people = "SELECT id FROM participants WHERE ? IS NULL OR study = ?"
+    for (ident,) in conn.execute(people, (study, study)).fetchall():
         yield from check_thing(conn, "participant", ident)
 
 
@@ -249,9 +243,8 @@ class _Walk:
             self.live[number] = kind
 
 
-_ENTRIES = (
-    "SELECT number, day_ms, kind, is_sound, replaces, hash, note, head FROM chain ORDER BY number"
-)
+_COLUMNS = "number, day_ms, kind, is_sound, replaces, hash, note, head"
+_ENTRIES = f"SELECT {_COLUMNS} FROM chain ORDER BY number"
 
 
 def chain_state(conn: sqlite3.Connection) -> ChainState:
@@ -274,10 +267,8 @@ def check_chain(conn: sqlite3.Connection) -> Iterator[Finding]:
             yield Finding(where, "its head", row[-1], made)
         number, before = row[0], row[-1]
         try:
-            yield from (
-                Finding(where, "it", what, "what the entries before it allow")
-                for what in walk.take(row)
-            )
+            allowed = "what the entries before it allow"
+            yield from (Finding(where, "it", what, allowed) for what in walk.take(row))
         except (ValueError, TypeError, AttributeError) as error:
             yield Finding(where, "its note", row[6], f"JSON: {error}")
     yield from _check_salts(conn, walk.live)
@@ -377,9 +368,8 @@ def find_head(conn: sqlite3.Connection, wanted: str) -> EarlierHead | None:
     kinds = dict(select(conn, "SELECT number, kind FROM chain WHERE number <= ?", [number]))
     added: Counter[str] = Counter()
     replaced, forgotten = set(), set()
-    for kind, replaces, note in select(
-        conn, "SELECT kind, replaces, note FROM chain WHERE number > ?", [number]
-    ):
+    sql = "SELECT kind, replaces, note FROM chain WHERE number > ?"
+    for kind, replaces, note in select(conn, sql, [number]):
         added[kind] += 1
         replaced.add(replaces)
         if kind == "forgotten":

@@ -55,6 +55,7 @@ __all__ = [
 ]
 
 BUSY_MS = 5_000
+_CONNECTION: Any = {"timeout": BUSY_MS / 1000, "isolation_level": None, "check_same_thread": False}
 READ_ONLY = "the database {} is read-only: make it writable or give another --database"
 
 
@@ -148,9 +149,8 @@ def recognise(path: Path) -> None:
     try:
         if path.exists() and not path.is_file():
             what = "a folder" if path.is_dir() else "none that holds data (a pipe, a device)"
-            raise StoreError(
-                f"the database must be a file, {path} is {what}: give a file's path with --database"
-            )
+            way_out = "give a file's path with --database"
+            raise StoreError(f"the database must be a file, {path} is {what}: {way_out}")
         if not path.parent.is_dir():
             raise StoreError(
                 f"there is no folder {path.parent} for the database {path.name}: make it, or give another --database"
@@ -206,10 +206,8 @@ def check_last_step(path: Path, expected: tuple[str, int] | None) -> None:
 
 def holds_step(conn: sqlite3.Connection, step: tuple[str, int]) -> bool:
     """Return whether a database holds a step, given as episode and number."""
-    return (
-        conn.execute("SELECT 1 FROM steps WHERE episode_id = ? AND step = ?", step).fetchone()
-        is not None
-    )
+    sql = "SELECT 1 FROM steps WHERE episode_id = ? AND step = ?"
+    return conn.execute(sql, step).fetchone() is not None
 
 
 def lost_steps(path: Path, step: tuple[str, int]) -> str:
@@ -225,9 +223,7 @@ def open_database(path: Path, durable: bool = False) -> Database:
     """Open the database for writing, recognised and in WAL mode; it is made when absent."""
     check_writable(path)
     try:
-        conn = sqlite3.connect(
-            path, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False
-        )
+        conn = sqlite3.connect(path, **_CONNECTION)
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
@@ -256,16 +252,11 @@ def open_read_only(path: Path) -> Database:
     if not path.exists():
         raise StoreError(f"no database at {path}: play first, or give the path with --database")
     recognise(path)
-    still = (
-        ""
-        if path.with_name(path.name + "-wal").exists() or os.access(path.parent, os.W_OK)
-        else "&immutable=1"
-    )
+    has_log = path.with_name(path.name + "-wal").exists()
+    still = "" if has_log or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
-        conn = sqlite3.connect(
-            uri, uri=True, timeout=BUSY_MS / 1000, isolation_level=None, check_same_thread=False
-        )
+        conn = sqlite3.connect(uri, uri=True, **_CONNECTION)
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     try:

@@ -134,9 +134,8 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     used = person["consent_ms"] is not None or person["kind"] == "script"  # a card has no consent
     if person["invitation"] is not None and used:
         hashes = (*hashes, invitation_hash(person["study"], person["invitation"]))
-    conn.executemany(
-        "INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", [(each, now) for each in hashes]
-    )
+    values = [(each, now) for each in hashes]
+    conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
     if not keeps and person["kind"] == "human":
         note_erased(conn, person, now, closed_ms is not None)
     elsewhere = conn.execute(
@@ -145,11 +144,8 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     ).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     entries = _entries_of(conn, person, sessions)
-    unsound = {
-        each: stored
-        for each in entries
-        if keeps and (stored := chain.unsound_hash(conn, each.kind, each.id))
-    }
+    stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}
+    unsound = {each: hash_ for each, hash_ in stored.items() if hash_}
     conn.execute("DELETE FROM identities WHERE participant_id = ?", [person["id"]])
     new = _rename(conn, person) if keeps else {}
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
@@ -270,14 +266,12 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
 
 def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:
     """Give participant, player and session new ids, delete what else there is of the person, and return the new ids by old."""
-    old, player, session, invitation = (
-        person[name] for name in ("id", "player_id", "session_id", "invitation")
-    )
+    names = ("id", "player_id", "session_id", "invitation")
+    old, player, session, invitation = (person[name] for name in names)
     prefixes = ((old, "P"), (player, "B"), (session, "S"), (invitation, "I"))
     new = {each: prefix + secrets.token_hex(6) for each, prefix in prefixes if each}
-    conn.execute(
-        "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?", (new[player], player)
-    )
+    sql = "INSERT INTO players SELECT ?, created_ms FROM players WHERE id = ?"
+    conn.execute(sql, (new[player], player))
     if session:
         values = (new[session], new[player], new[player], session)
         conn.execute("UPDATE sessions SET id = ?, player_id = ?, owner_id = ? WHERE id = ?", values)

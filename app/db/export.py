@@ -100,9 +100,8 @@ def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
     day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
     tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
     counts = {"episodes": lines["episodes"], "moves": lines["steps"], "day": day}
-    return DATASHEET.format(
-        **counts, version=version("marsexplorer-playground"), tables="\n".join(tables)
-    )
+    counts["version"] = version("marsexplorer-playground")
+    return DATASHEET.format(**counts, tables="\n".join(tables))
 
 
 DATASHEET = """\
@@ -145,15 +144,10 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
                 unverified += number == 0 and piece.endswith(b",false\n")
                 advance(min(done, total), total)
     count, moves = (n - 1 for n in lines)
-    warning = (
-        f"; {unverified} of them did not replay as recorded: see the column verified"
-        if unverified
-        else ""
-    )
+    why = "did not replay as recorded: see the column verified"
+    warning = f"; {unverified} of them {why}" if unverified else ""
     if sealed:
-        warning += (
-            f"; left out: {sealed}, whose terrains are sealed until the evaluation of agents closes"
-        )
+        warning += f"; left out: {sealed}, which are sealed until the evaluation of agents closes"
     return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
 
 

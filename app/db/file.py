@@ -103,10 +103,8 @@ class FilePlace:
         # SQLite keeps it beside the file that a link leads to
         log = f"{os.path.realpath(path)}-wal"
         self._name = path.name
-        self._files: list[tuple[str, Identity]] = [
-            (str(path), identity_of(path)),
-            (log, identity_of(log)),
-        ]
+        paths = (str(path), log)
+        self._files: list[tuple[str, Identity]] = [(p, identity_of(p)) for p in paths]
 
     def fault(self) -> str | None:
         """Return one sentence when a file is no longer where it was, else None; takes about 3 microseconds."""
@@ -213,9 +211,8 @@ def in_use_error(path: Path) -> StoreError:
 def _lock_file_of(path: Path) -> int:
     """Return the handle of NAME-lock, locked."""
     try:
-        handle = os.open(
-            path.with_name(path.name + "-lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644
-        )
+        name = path.with_name(path.name + "-lock")
+        handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise StoreError(
             f"cannot write the database {path}: {error.strerror}; give another --database"

@@ -99,8 +99,5 @@ def has_copied_timing(reader: Reader, episode_id: str) -> bool:
         for step, gap in enumerate(gaps)
     ]
     same = " AND ".join(alike)
-    return bool(
-        reader.query(
-            f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1", [episode_id, COMPARED_EPISODES]
-        )
-    )
+    sql = f"SELECT 1 FROM {_COMPARED} WHERE {same} LIMIT 1"
+    return bool(reader.query(sql, [episode_id, COMPARED_EPISODES]))

@@ -67,9 +67,7 @@ def merge(
     MergeError when there is a file at `out` already, or two contents under one id; then nothing is written.
     """
     if out.exists():
-        raise MergeError(
-            f"{out} is there already: a merge is written into a new file; choose another --out"
-        )
+        raise MergeError(f"{out} exists: a merge is written into a new file; choose another --out")
     total = MergeCounts()
     with _new_database(out) as conn, transaction(conn):
         for path in sources:
@@ -127,9 +125,8 @@ def _extend_chain(
 
 def _parts_of(conn: sqlite3.Connection, wanted: set[Thing]) -> dict[Thing, dict[str, int]]:
     """Return the number of rows that finished episodes and participants have in each of the tables of their parts."""
-    parts: dict[Thing, dict[str, int]] = {
-        each: {} for each in wanted if each.kind in ("episode", "participant")
-    }
+    wholes = [each for each in wanted if each.kind in ("episode", "participant")]
+    parts: dict[Thing, dict[str, int]] = {each: {} for each in wholes}
     for table in MERGED.values() if parts else ():
         column, (of, _) = next(iter(table.references().items()), ("", ("", "")))
         if of in _OWNED:
@@ -155,16 +152,12 @@ def _check_same_parts(
 def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str, set[Any]]:
     """Return the source's ids that are not to be merged, by table."""
     people = forgotten_people(target, source)
-    hidden: dict[str, set[Any]] = {
-        "participants": {each["id"] for each in people},
-        "players": set(),
-        "sessions": set(),
-    }
+    hidden: dict[str, set[Any]] = {"players": set(), "sessions": set()}
+    hidden["participants"] = {each["id"] for each in people}
     for person in people:
         sessions = "SELECT id FROM sessions WHERE ? IN (player_id, owner_id) OR id = ?"
-        hidden["sessions"] |= {
-            row[0] for row in source.execute(sessions, (person["player_id"], person["session_id"]))
-        }
+        found = source.execute(sessions, (person["player_id"], person["session_id"]))
+        hidden["sessions"] |= {row[0] for row in found}
         elsewhere = [
             row
             for row in source.execute(
@@ -219,9 +212,8 @@ def _check_equal(
     keys = [row[1] for row in target.execute(f"PRAGMA table_info({table})") if row[5]]
     for row in chunk:
         if target.execute(f"SELECT 1 FROM {table} WHERE {match}", row).fetchone() is None:
-            named = ", ".join(
-                f"{name} {value}" for name, value in zip(columns, row, strict=True) if name in keys
-            )
+            pairs = zip(columns, row, strict=True)
+            named = ", ".join(f"{name} {value}" for name, value in pairs if name in keys)
             raise MergeError(
                 f"the table {table} has {named} with another content in {where} than before: nothing was joined; one of the "
                 "two was changed, or they are a copy and its original under other names"
@@ -264,9 +256,8 @@ def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> 
                 "nothing was joined"
             )
     if old["secret"] is not None and row["secret"] not in (None, old["secret"]):
-        raise MergeError(
-            f"the study {row['name']!r} in {where} has another secret than before: nothing was joined"
-        )
+        what = f"the study {row['name']!r} in {where} has another secret than before"
+        raise MergeError(f"{what}: nothing was joined")
 
 
 @contextmanager
@@ -298,9 +289,8 @@ def kept_or_new_database(database: Path) -> Iterator[sqlite3.Connection]:
         if not was_there:
             _remove(database)
         if isinstance(error, sqlite3.Error):
-            raise StoreError(
-                f"the database {database} did not take the release, nothing changed: {error}"
-            ) from error
+            why = f"did not take the release, nothing changed: {error}"
+            raise StoreError(f"the database {database} {why}") from error
         raise
 
 

@@ -32,9 +32,8 @@ _NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}")
 _HASHER = PasswordHasher()
 _NOBODYS_HASH = "$argon2id$v=19$m=65536,t=3,p=4$hj4/Ja4HvCL4qlWZD8r+KQ$fpPwtuBjR0wFAXWHQTZR1bntV0LUVyrRUNcOLykKB5k"
 """Checked where no operator has the name, so that the answer takes as long as for one who is there."""
-_ADD_ACTION = (
-    "INSERT INTO operator_actions (at_ms, operator, action, study, status) VALUES (?, ?, ?, ?, ?)"
-)
+_COLUMNS = "at_ms, operator, action, study, status"
+_ADD_ACTION = f"INSERT INTO operator_actions ({_COLUMNS}) VALUES (?, ?, ?, ?, ?)"
 _NEWEST = "SELECT at_ms, operator, action, study, status FROM operator_actions ORDER BY number DESC LIMIT ?"
 
 
@@ -71,9 +70,8 @@ def is_password_of(operator: Operator | None, password: str) -> bool:
 def check_password(password: str) -> None:
     """Raise OperatorError where a password is too short."""
     if len(password) < MIN_PASSWORD:
-        raise OperatorError(
-            f"the operator's password must have at least {MIN_PASSWORD} characters, got {len(password)}"
-        )
+        least = f"at least {MIN_PASSWORD} characters"
+        raise OperatorError(f"the operator's password must have {least}, got {len(password)}")
 
 
 def add_operator(database: Path, name: str, password: str) -> None:
@@ -89,9 +87,8 @@ def add_operator(database: Path, name: str, password: str) -> None:
     row = (name, _HASHER.hash(password.encode("utf-8", "surrogatepass")), now_ms())
     with _writing(database, f"add_operator {name}") as conn:
         if conn.execute("INSERT OR IGNORE INTO operators VALUES (?, ?, ?)", row).rowcount != 1:
-            raise OperatorError(
-                f"there is an operator {name!r} already: remove them first, or choose another name"
-            )
+            way_out = "remove them first, or choose another name"
+            raise OperatorError(f"there is an operator {name!r} already: {way_out}")
 
 
 def remove_operator(database: Path, name: str) -> None:
@@ -120,9 +117,8 @@ def _writing(database: Path, action: str) -> Iterator[sqlite3.Connection]:
             yield conn
             conn.execute(_ADD_ACTION, (now_ms(), "command line", action, None, 200))
     except sqlite3.Error as error:
-        raise StoreError(
-            f"the database {database} did not take the write, nothing changed: {error}"
-        ) from error
+        why = f"did not take the write, nothing changed: {error}"
+        raise StoreError(f"the database {database} {why}") from error
 
 
 class ActionLog:

@@ -120,9 +120,8 @@ def rate(conn: sqlite3.Connection, game: Game, policies: Mapping[str, int | None
     played = _played(conn, game.episode_id, game.day, told)
     found = {each: _rating(conn, each) for each in played.people}
     played.rate(found)
-    conn.executemany(
-        TABLES["ratings"].insert(how="INSERT OR REPLACE"), [r.row(p) for p, r in found.items()]
-    )
+    insert = TABLES["ratings"].insert(how="INSERT OR REPLACE")
+    conn.executemany(insert, [r.row(p) for p, r in found.items()])
 
 
 def renew(conn: sqlite3.Connection) -> None:
@@ -161,11 +160,8 @@ def standing(reader: Reader, player_id: str, episode_id: str = "") -> dict[str, 
     `rated` says whether an episode is in it.
     """
     (row,) = reader.query(_STANDING, [player_id, episode_id])
-    rated = (
-        _told(row)
-        if row["mu"] is not None
-        else {"rating": None, "games": 0, "days": 0, "beaten": {}}
-    )
+    none = {"rating": None, "games": 0, "days": 0, "beaten": {}}
+    rated = none if row["mu"] is None else _told(row)
     before = None if row["before"] is None else round(row["before"])
     is_so = {each: bool(row[each]) for each in ("hidden", "rated")}
     return {**rated, "before": before, "name": row["name"], **is_so}
@@ -183,9 +179,8 @@ def set_name(
     try:
         return conn.execute(sql, (player_id, name, likeness, at_ms)).rowcount > 0
     except sqlite3.IntegrityError as error:
-        raise NameTakenError(
-            "somebody has this name, or one that looks like it: choose another"
-        ) from error
+        why = "somebody has this name, or one that looks like it"
+        raise NameTakenError(f"{why}: choose another") from error
 
 
 def remove_name(conn: sqlite3.Connection, player_id: str) -> None:
@@ -250,9 +245,8 @@ def _played(
             for each in attempts
         ]
         places = {key: place for place, key in enumerate(sorted(set(keys)))}
-        return _Played(
-            {each["player_id"]: places[key] for each, key in zip(attempts, keys, strict=True)}, {}
-        )
+        pairs = zip(attempts, keys, strict=True)
+        return _Played({each["player_id"]: places[key] for each, key in pairs}, {})
     (row,) = rows(conn, _EPISODE, episode_id)
     trial = Trial.of(row)
     ended = trial.forfeited() if trial.attestation == "spoilt" else trial
@@ -263,9 +257,8 @@ def _played(
     place = {
         each: order.index(math.inf if each is None else each) for each in (mine, *theirs.values())
     }
-    return _Played(
-        {str(trial.owner_id): place[mine]}, {each: place[moves] for each, moves in theirs.items()}
-    )
+    people = {str(trial.owner_id): place[mine]}
+    return _Played(people, {each: place[moves] for each, moves in theirs.items()})
 
 
 def _from_games(conn: sqlite3.Connection) -> dict[str, Rating]:

@@ -207,17 +207,8 @@ class Reader:
 
 
 def _move(step: dict[str, Any], actions: Sequence[str]) -> dict[str, Any]:
-    names = (
-        "step",
-        "reward",
-        "discovered",
-        "server_ms",
-        "client_ms",
-        "key_down_ms",
-        "key_up_ms",
-        "input",
-        "driver",
-    )
+    names = ["step", "reward", "discovered", "server_ms", "client_ms", "key_down_ms", "key_up_ms"]
+    names += ["input", "driver"]
     return {"action": actions[step["action"]], **{name: step[name] for name in names}}
 
 

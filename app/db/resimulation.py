@@ -82,11 +82,8 @@ def _simulated(row: dict[str, Any], steps: list[dict[str, Any]], found: list[Fou
 
 
 def _of_config(row: dict[str, Any], trial: Trial) -> Iterator[Found]:
-    expected = {
-        "config_hash": trial.config_hash,
-        "level": trial.config.level,
-        "terrain_hash": trial.terrain_hash,
-    }
+    expected = {"config_hash": trial.config_hash, "level": trial.config.level}
+    expected["terrain_hash"] = trial.terrain_hash
     for name, value in expected.items():
         if row[name] != value:
             yield name, row[name], value

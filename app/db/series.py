@@ -119,10 +119,8 @@ class StudyStore:
         """Return everybody in a study who came with an outside id of this name, and the id."""
         sql = """SELECT i.value, p.* FROM identities i JOIN participants p ON p.id = i.participant_id
             WHERE i.name = ? AND p.study = ? ORDER BY p.joined_ms, p.id"""
-        return [
-            (Participant(*row[1:]), str(row[0]))
-            for row in self._conn.execute(sql, (name, study)).fetchall()
-        ]
+        found = self._conn.execute(sql, (name, study)).fetchall()
+        return [(Participant(*row[1:]), str(row[0])) for row in found]
 
     def consented_with_invitation(self, study: str, invitation: str) -> Participant | None:
         """Return who has used an invitation up by agreeing to the consent text; None while nobody has."""
@@ -234,9 +232,8 @@ class StudyStore:
             known = self._conn.execute(_ORDER_NUMBER, [participant.id]).fetchone()
             if known is not None:
                 return int(known[0])
-            (number,) = self._conn.execute(
-                _NEXT_ORDER_NUMBER, (participant.study, participant.kind)
-            ).fetchone()
+            kind = (participant.study, participant.kind)
+            (number,) = self._conn.execute(_NEXT_ORDER_NUMBER, kind).fetchone()
             self.add_stage_event(participant.id, at_ms, ORDER_EVENT, {"number": number})
         return int(number)
 
@@ -266,9 +263,8 @@ class StudyStore:
 
     def _set(self, participant_id: str, columns: Mapping[str, Any]) -> None:
         names = ", ".join(f"{name} = ?" for name in columns)
-        self._conn.execute(
-            f"UPDATE participants SET {names} WHERE id = ?", (*columns.values(), participant_id)
-        )
+        sql = f"UPDATE participants SET {names} WHERE id = ?"
+        self._conn.execute(sql, (*columns.values(), participant_id))
 
     def _add(self, participant_id: str, at_ms: int, kind: str, detail: Mapping[str, Any]) -> None:
         values = (participant_id, at_ms, kind, json.dumps(detail, sort_keys=True))
@@ -299,10 +295,8 @@ def find_study(reader: Reader, name: str) -> SeriesRow | None:
 
 def study_names(reader: Reader) -> list[str]:
     """Return the names of all studies that somebody has joined, sorted."""
-    return [
-        row["name"]
-        for row in reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
-    ]
+    found = reader.query("SELECT name FROM series WHERE kind = 'study' ORDER BY name")
+    return [row["name"] for row in found]
 
 
 def closed_studies(reader: Reader) -> list[SeriesRow]:
@@ -351,10 +345,8 @@ def stage_events(reader: Reader, study: str, kinds: Sequence[str] = ()) -> list[
     """Return the stage events of all participants of a study, each participant's in order; those of some kinds, or all."""
     sql = "SELECT v.* FROM stage_events v JOIN participants p ON p.id = v.participant_id WHERE p.study = ?"
     wanted = f" AND v.kind IN ({', '.join('?' * len(kinds))})" if kinds else ""
-    return [
-        StageEventRow(**row)
-        for row in reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
-    ]
+    found = reader.query(f"{sql}{wanted} ORDER BY v.number", [study, *kinds])
+    return [StageEventRow(**row) for row in found]
 
 
 def study_trials(reader: Reader, study: str) -> list[Trial]:
@@ -365,10 +357,8 @@ def study_trials(reader: Reader, study: str) -> list[Trial]:
 
 def move_inputs(reader: Reader, episode_id: str) -> list[Row]:
     """Return `input`, `server_ms` and `discovered` (cells known after it) of an episode's moves in order."""
-    return reader.query(
-        "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step",
-        [episode_id],
-    )
+    sql = "SELECT input, server_ms, discovered FROM steps WHERE episode_id = ? ORDER BY step"
+    return reader.query(sql, [episode_id])
 
 
 def trial_activity(reader: Reader, study: str) -> list[Trial]:
@@ -416,9 +406,8 @@ def add_attempt(store: Store, series: str, player_id: str, episode_id: str) -> N
     """Add an episode, in the transaction that opens it, as a player's attempt at a day's terrain; StoreError for a second."""
     with store.transaction():
         values = (episode_id, series, player_id)
-        store.connection.execute(
-            "INSERT INTO series_episodes VALUES (?, ?, NULL, ?, 'ranked', 0, 0)", values
-        )
+        sql = "INSERT INTO series_episodes VALUES (?, ?, NULL, ?, 'ranked', 0, 0)"
+        store.connection.execute(sql, values)
 
 
 def attempts_of(reader: Reader, player_id: str) -> list[Trial]:

@@ -399,9 +399,8 @@ class WriteQueue:
 
     def _set_timer(self) -> None:
         """Let the oldest write that waits be looked at when it has waited for NOTICE_S: one timer serves all of them."""
-        self._timer = self._loop.call_at(
-            self._unanswered[0].deadline - PATIENCE_S + NOTICE_S, self._look_at_waiting
-        )
+        due = self._unanswered[0].deadline - PATIENCE_S + NOTICE_S
+        self._timer = self._loop.call_at(due, self._look_at_waiting)
 
     def _look_at_waiting(self) -> None:
         self._timer = None
@@ -570,9 +569,8 @@ class Store(Reader):
         WriteRefusedError while another program holds the lock for writing.
         """
         if self.writes.is_started and not self.writes.is_own_thread:
-            raise RuntimeError(
-                "while a server runs, its store is written on one thread alone: await Store.write"
-            )
+            what = "its store is written on one thread alone: await Store.write"
+            raise RuntimeError(f"while a server runs, {what}")
         if self._is_within:
             yield
             return
@@ -663,9 +661,8 @@ class Store(Reader):
         sql = "SELECT value FROM meta WHERE name = 'secret'"
         if self.connection.execute(sql).fetchone() is None:
             with self.transaction():
-                self._conn.execute(
-                    "INSERT OR IGNORE INTO meta VALUES ('secret', ?)", [secrets.token_urlsafe(32)]
-                )
+                sql = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
+                self._conn.execute(sql, [secrets.token_urlsafe(32)])
         return str(self.connection.execute(sql).fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
@@ -791,9 +788,8 @@ class Store(Reader):
             record.trajectory_hash, record.core_version, attestation, reason,
         )  # fmt: skip
         if self._conn.execute(_CLOSE, values).rowcount != 1:
-            raise StoreError(
-                f"episode {episode_id!r} is not open with {record.steps} steps: nothing changed"
-            )
+            what = f"episode {episode_id!r} is not open with {record.steps} steps"
+            raise StoreError(f"{what}: nothing changed")
         volunteers.add_episode(self._conn, episode_id)
         chain.append(self._conn, "episode", episode_id, begun=events)
 

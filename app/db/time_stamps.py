@@ -45,9 +45,8 @@ def request_stamp(database: Path, authority: str) -> tuple[Head, bytes]:
     if not found.entries:
         raise StoreError(f"{database} has no chain to be stamped: nothing was recorded in it")
     request = TimestampRequestBuilder(found.head.encode(), HashAlgorithm.SHA256).build()
-    asked = urllib.request.Request(
-        authority, request.as_bytes(), {"Content-Type": "application/timestamp-query"}
-    )
+    headers = {"Content-Type": "application/timestamp-query"}
+    asked = urllib.request.Request(authority, request.as_bytes(), headers)
     try:
         with urllib.request.urlopen(asked, timeout=30) as answer:
             stamp: bytes = answer.read(100_000)
@@ -94,9 +93,7 @@ def read_stamp(path: Path, database: Path, certificates: Path | None) -> TimeSta
         head = next((h for h in said if hashlib.sha256(h.encode()).digest() == imprint), "")
     fault = None
     if not head:
-        missing = (
-            "no entry with the head that was stamped: taken away, made anew, or of another database"
-        )
+        missing = "no entry with the head that was stamped: gone, made anew, or of another database"
         fault = Finding(where, DIGEST, imprint.hex(), missing)
     try:
         VerifierBuilder(roots=roots).build().verify(made, imprint)

@@ -165,15 +165,8 @@ class Trial:
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""
-        names = [
-            "outcome",
-            "total",
-            "score",
-            "steps",
-            "discovered",
-            "trajectory_hash",
-            "core_version",
-        ]
+        names = ["outcome", "total", "score", "steps", "discovered", "trajectory_hash"]
+        names.append("core_version")
         actions = bytes(step["action"] for step in steps)
         return self.rules.record(self, actions, {name: getattr(self, name) for name in names})
 

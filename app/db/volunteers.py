@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import sqlite3
 from collections.abc import Iterator
+from functools import partial
 from operator import add
 from typing import NamedTuple
 
@@ -100,10 +101,8 @@ def differences(conn: sqlite3.Connection) -> Iterator[Finding]:
 
 
 def _are_close(one: Sums, other: Sums) -> bool:
-    return all(
-        math.isclose(a, b, rel_tol=ROUNDING, abs_tol=ROUNDING)
-        for a, b in zip(one, other, strict=True)
-    )
+    is_close = partial(math.isclose, rel_tol=ROUNDING, abs_tol=ROUNDING)
+    return all(map(is_close, one, other))
 
 
 def _from_episodes(

@@ -242,9 +242,8 @@ def _protocol(row: dict[str, Any]) -> Protocol:
     try:
         return parse_protocol(json.loads(row["protocol"]))
     except (ValueError, StudyError) as error:
-        raise ReleaseError(
-            f"no release: the protocol of the study {row['name']!r} cannot be read: {error}"
-        ) from error
+        what = f"the protocol of the study {row['name']!r} cannot be read"
+        raise ReleaseError(f"no release: {what}: {error}") from error
 
 
 def _superseded(last: dict[str, Any]) -> dict[str, Any]:

@@ -132,9 +132,8 @@ def read_manifest(folder: Path) -> tuple[dict[str, Any], str]:
         data = (folder / MANIFEST).read_bytes()
         manifest = json.loads(data)
     except OSError as error:
-        raise ReleaseError(
-            f"{folder} is not a release: it has no {MANIFEST}; give the folder `release` wrote"
-        ) from error
+        why = f"it has no {MANIFEST}; give the folder `release` wrote"
+        raise ReleaseError(f"{folder} is not a release: {why}") from error
     except ValueError as error:
         damaged = f"{folder / MANIFEST} is damaged: {error}; get the release again"
         raise ReleaseError(damaged) from error

@@ -130,11 +130,8 @@ def publish(database: Path, folder: Folder, name: str, bar: ProgressBar = no_bar
     finally:
         reader.close()
     seeds = {index: study.seed("ranked", index) for index in range(study.protocol.ranked)}
-    rules, config, names = (
-        study.protocol.rules,
-        study.protocol.env_config,
-        compared_policies(study.protocol),
-    )
+    rules, config = study.protocol.rules, study.protocol.env_config
+    names = compared_policies(study.protocol)
     with bar("policies on the same instances") as advance:
         episodes = play_policies(names, rules, config, seeds, advance, study.policy_files)
     opening = sign(_opening(study, made), key)
@@ -280,9 +277,8 @@ def check_receipt(
         if indices != list(range(len(indices))):
             yield Finding(where, "instances", indices, "each of them once")
         if own["ranks"] != (own["number"] == 1):
-            yield Finding(
-                where, "ranks", own["ranks"], f"{own['number'] == 1} of card {own['number']}"
-            )
+            ranks = own["number"] == 1
+            yield Finding(where, "ranks", own["ranks"], f"{ranks} of card {own['number']}")
         if card is not None and own["id"] != card:
             yield Finding(where, "card", own["id"], card)
         if of is not None and of not in (receipt["evaluation"], receipt["protocol_hash"]):
@@ -312,9 +308,8 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
         yield Finding("receipt", "chain", receipt["chain"], chain)
     yield from check_opening(opening)
     if protocol.core_version != protocol.rules.version:
-        version_here = (
-            f"version {protocol.rules.version} of the rules: install the release that has the other"
-        )
+        install = "install the release that has the other"
+        version_here = f"version {protocol.rules.version} of the rules: {install}"
         yield Finding("receipt", "core version", protocol.core_version, version_here)
         return
     for each in receipt["episodes"]:

@@ -42,18 +42,8 @@ MOVE_KEYS = ("regret", "cautions")
 """Keys of a group that cannot be derived without the policies that its moves are compared with."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
-SECTIONS = [
-    "figures",
-    "metrics",
-    "comparisons",
-    "players",
-    "pictures",
-    "regret",
-    "flow",
-    "labels",
-    "outcomes",
-    "stages",
-]
+SECTIONS = ["figures", "metrics", "comparisons", "players", "pictures", "regret", "flow", "labels"]
+SECTIONS += ["outcomes", "stages"]
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
 
@@ -206,9 +196,8 @@ class _Derivation:
         found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
         self._made.sections |= {mark + name: section for name, section in found.items()}
         not_compared = self._made.not_compared
-        not_compared.append(
-            f"{json_name}: {' and '.join(NOT_COMPARED)}, which say when and by what it was made"
-        )
+        why = "which say when and by what it was made"
+        not_compared.append(f"{json_name}: {' and '.join(NOT_COMPARED)}, {why}")
         software = recorded["software_version"]
         if software != derived.software_version:
             not_compared.append(f"{html_name}: version {software} of the software set it")

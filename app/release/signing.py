@@ -130,9 +130,8 @@ def fingerprint_of(given: str) -> str:
         return fingerprint(path.read_bytes())
     if re.fullmatch(r"[0-9a-fA-F]+", given):
         return given.lower()
-    raise ReleaseError(
-        f"--key takes a fingerprint (64 hexadecimal digits) or the file of a public key, got {given!r}"
-    )
+    known = "a fingerprint (64 hexadecimal digits) or the file of a public key"
+    raise ReleaseError(f"--key takes {known}, got {given!r}")
 
 
 def check_signer(manifest: Mapping[str, Any], key: str | None, pins: Path) -> SignerCheck:
@@ -172,6 +171,5 @@ def read_pins(pins: Path) -> dict[str, dict[str, Any]]:
             raise ValueError(f"format {content['format']!r}")
         return dict(content["signers"])
     except (ValueError, KeyError, TypeError) as error:
-        raise ReleaseError(
-            f"{pins} is no file of pinned keys ({error}): correct it, or move it away"
-        ) from error
+        way_out = "correct it, or move it away"
+        raise ReleaseError(f"{pins} is no file of pinned keys ({error}): {way_out}") from error

@@ -32,10 +32,8 @@ PARQUET = tuple(name for name in BUNDLE_TABLES if name != "scores")
 def queries() -> dict[str, str]:
     """Return table -> its SELECT."""
     parts = re.split(r"^-- table: (\w+)$", QUERIES.read_text(encoding="utf-8"), flags=re.M)
-    return {
-        name: text.strip().removesuffix(";")
-        for name, text in zip(parts[1::2], parts[2::2], strict=True)
-    }
+    pairs = zip(parts[1::2], parts[2::2], strict=True)
+    return {name: text.strip().removesuffix(";") for name, text in pairs}
 
 
 def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:

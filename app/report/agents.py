@@ -43,10 +43,9 @@ def compare_agents(
         tables = {name: cohort.table(ids, name) for name in METRICS} if ids else {}
     policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
     random = next((run for run in policies if run.name == "random"), None)
-    rows = [
-        {"kind": "policy", "name": run.name, "rank": None, **_figures(run, tables, random)}
-        for run in policies
-    ]
+    named = ({"kind": "policy", "name": run.name, "rank": None} for run in policies)
+    figures = (_figures(run, tables, random) for run in policies)
+    rows = [{**each, **own} for each, own in zip(named, figures, strict=True)]
     for receipt in receipts:
         run = _run_of(receipt, protocol)
         about = {name: receipt[name] for name in ("card", "agent", "sees", "seen_by")}
@@ -94,11 +93,8 @@ def _figures(
     found: dict[str, Any] = {"outcomes": list(run.outcomes)}
     for metric in METRICS:
         values = run.values(metric)
-        row: dict[str, Any] = {
-            "mean": float(values.mean()),
-            "values": values.tolist(),
-            "difference": None,
-        }
+        mean = float(values.mean())
+        row: dict[str, Any] = {"mean": mean, "values": values.tolist(), "difference": None}
         if metric in tables:
             shared = ~np.isnan(tables[metric]).all(axis=0)
             zero = None if random is None else random.values(metric)[shared]

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -232,11 +233,8 @@ def _comparisons(
     if not ids or not runs:
         return ()
     tables = {metric: cohort.table(ids, metric) for metric in METRICS}
-    return tuple(
-        row
-        for each, table in tables.items()
-        for row in _comparisons_in(each, table, runs, is_tested)
-    )
+    made = (_comparisons_in(each, table, runs, is_tested) for each, table in tables.items())
+    return tuple(chain.from_iterable(made))
 
 
 def _comparisons_in(

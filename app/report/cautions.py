@@ -133,9 +133,7 @@ def _described(cell: measured_coverage.Cell) -> str:
 
 
 SCRIPTED = "had a move made by a script; where a person had begun they count as abandoned, else they enter no figure"
-SPOILT = (
-    "were spoilt by a move that fits no press, after a first one that did; each counts as abandoned"
-)
+SPOILT = "were spoilt by a move that fits no press, after one that did; each counts as abandoned"
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:

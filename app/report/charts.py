@@ -83,9 +83,8 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     """Return the group's charts as SVG by name; what has nothing to show is left out."""
     found: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
     if group.flow is not None and group.joined:
-        steps = flow_steps(
-            group.flow, group.figure.players, group.figure.episodes, list(group.excluded.items())
-        )
+        figure, excluded = group.figure, list(group.excluded.items())
+        steps = flow_steps(group.flow, figure.players, figure.episodes, excluded)
         alt = "; ".join(
             " ".join([f"{each.label}: {each.count}", *(f"({why}: {n})" for why, n in each.lost)])
             for each in steps
@@ -188,9 +187,8 @@ def _learning(canvas: Canvas, group: GroupReport) -> None:
             hollow = {"color": GREY, "linewidth": 0.8, "markerfacecolor": "none"}
             axes.plot(*zip(*practice, strict=True), **hollow, **line)
         axes.set_title(titles[metric.name])
-    axes.set_xlabel(
-        "ranked trial, in the order played (grey bands: first and last third; hollow: warm-up)"
-    )
+    grey = "grey bands: first and last third; hollow: warm-up"
+    axes.set_xlabel(f"ranked trial, in the order played ({grey})")
 
 
 def _curves(canvas: Canvas, curves: Sequence[tuple[str, dict[str, Any] | None]]) -> None:

@@ -98,10 +98,8 @@ def _power(data: StudyData) -> dict[str, str]:
         for each in plan_study(protocol).comparisons
         if each.least is not None
     ]
-    effect = {
-        "effect": "Computed" if effects else "None",
-        "effect_details": "; ".join(effects) or "Nothing is compared.",
-    }
+    details = "; ".join(effects) or "Nothing is compared."
+    effect = {"effect": "Computed" if effects else "None", "effect_details": details}
     if protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None:
         details = "The authors must state whether the number of players was planned (`marsexplorer study power` helps)."
         return {"power": "Missing", "power_source": "missing", "power_details": details, **effect}

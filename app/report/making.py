@@ -25,10 +25,8 @@ from app.series.policy_episodes import PolicyEpisode, compared_policies, play_po
 from app.series.policy_files import FOLDER
 from app.series.protocol import Protocol, StudyError
 
-REPORT_FILES = {
-    False: ("report.json", "report.html"),
-    True: ("report-synthetic.json", "report-synthetic.html"),
-}
+_NAMES = {False: "report", True: "report-synthetic"}
+REPORT_FILES = {each: (f"{name}.json", f"{name}.html") for each, name in _NAMES.items()}
 """The files of a report in a release: of the people, and of the scripts."""
 
 

@@ -86,9 +86,8 @@ def saved() -> list[Cell]:
 def nearest(players: int) -> list[Cell]:
     """Return the saved cells of the measured number of players nearest to this one, the smaller of two."""
     cells = saved()
-    count = min(
-        {cell.players for cell in cells}, key=lambda measured: (abs(measured - players), measured)
-    )
+    counts = {cell.players for cell in cells}
+    count = min(counts, key=lambda measured: (abs(measured - players), measured))
     return [cell for cell in cells if cell.players == count]
 
 

@@ -218,10 +218,8 @@ def summarize_regret(
     policy = _policy_regrets(data, terrains, estimator)
     kinds = tuple(_players(data).LossKind)
     rest = [np.nan] * (1 + len(kinds) + 10)
-    table = [
-        [_amounts(found[at], kinds) if at in found else rest for at in terrains]
-        for found in episodes.values()
-    ]
+    every = episodes.values()
+    table = [[_amounts(own[at], kinds) if at in own else rest for at in terrains] for own in every]
     cells = np.array(table, np.float64)
     alone = np.array([_amounts(policy[at], kinds) for at in terrains], np.float64)
     total, *parts = (_part(cells[..., at], alone[:, at]) for at in range(alone.shape[1]))
@@ -280,10 +278,8 @@ def _policy_regrets(
     """Return the regret of the policy's own episode on the terrain of each record."""
     players = _players(data)
     policy = players.load(data.policy_files.source(POLICY), data.protocol.env_config)
-    return {
-        at: estimator.regret(players.play_terrain(policy, record).record())
-        for at, record in terrains.items()
-    }
+    runs = {at: players.play_terrain(policy, record) for at, record in terrains.items()}
+    return {at: estimator.regret(run.record()) for at, run in runs.items()}
 
 
 def regrets_of_groups(

@@ -134,11 +134,8 @@ def checklist_table(report: Report) -> PageTable | None:
 
 def declarations_table(report: Report) -> PageTable:
     """Return what the authors declared in the protocol."""
-    rows = [
-        (name.replace("_", " "), text)
-        for name, text in report.protocol["declarations"].items()
-        if text
-    ]
+    told = report.protocol["declarations"].items()
+    rows = [(name.replace("_", " "), text) for name, text in told if text]
     return PageTable("Declared before anybody played", ("what", "answer"), rows, is_text=True)
 
 
@@ -289,14 +286,8 @@ def _policies(report: Report) -> PageTable:
     rows = []
     for policy in report.policies:
         counts = f"{policy.completed}/{policy.episodes}", str(policy.failed)
-        rows.append(
-            (
-                report.title_of(policy.name),
-                number(policy.score, 4),
-                number(policy.steps, 1),
-                *counts,
-            )
-        )
+        means = number(policy.score, 4), number(policy.steps, 1)
+        rows.append((report.title_of(policy.name), *means, *counts))
     words = rules_of(report.protocol["task"]).words
     heads = ("policy", "score", words.steps, words.reached, "failures")
     return PageTable("Policies on this study's ranked terrains", heads, rows)
@@ -435,10 +426,8 @@ def _difficulties(group: GroupReport) -> PageTable | None:
         }
         for model in models
     ]
-    rows = [
-        (str(terrain), *(column.get(terrain, NONE) for column in cells))
-        for terrain in sorted(set().union(*cells))
-    ]
+    every = sorted(set().union(*cells))
+    rows = [(str(at), *(column.get(at, NONE) for column in cells)) for at in every]
     heads = ("terrain", *(_heading(group, model.metric) for model in models))
     caption = "What each ranked terrain adds to everybody's figure, with its 95 % interval"
     return PageTable(caption, heads, rows) if rows else None

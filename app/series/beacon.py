@@ -73,9 +73,8 @@ class Beacon:
         number = hashlib.sha256(self.round.to_bytes(8, "big")).digest()
         try:
             signed = BlstP1Element().uncompress(bytes.fromhex(signature))
-            key, generator = (
-                BlstP2Element().uncompress(bytes.fromhex(each)) for each in (self.public_key, _G2)
-            )
+            points = (self.public_key, _G2)
+            key, generator = (BlstP2Element().uncompress(bytes.fromhex(each)) for each in points)
         except ValueError:
             return False
         message = BlstP1Element.hash_to_group(number, _TAG)
@@ -84,9 +83,8 @@ class Beacon:
     def fetch(self, relay: str) -> str:
         """Return the round's signature (hex) from a relay, unchecked: any relay will do. StudyError when it cannot be had."""
         if self.round_ms > now_ms():
-            raise StudyError(
-                f"round {self.round} of the beacon comes out at {iso(self.round_ms)}: try again then"
-            )
+            at = f"comes out at {iso(self.round_ms)}: try again then"
+            raise StudyError(f"round {self.round} of the beacon {at}")
         url = f"{relay}/{_CHAIN}/public/{self.round}"
         way_out = f"try again later, or look it up at {url} and give it with --signature"
         try:
@@ -97,9 +95,8 @@ class Beacon:
             if isinstance(error, urllib.error.HTTPError):
                 error.close()
             why = error.reason if isinstance(error, urllib.error.URLError) else error
-            raise StudyError(
-                f"round {self.round} of the beacon cannot be fetched ({why}): {way_out}"
-            ) from error
+            what = f"round {self.round} of the beacon cannot be fetched"
+            raise StudyError(f"{what} ({why}): {way_out}") from error
 
 
 QUICKNET = Beacon(

@@ -272,9 +272,8 @@ class Cards:
         try:
             return self._folder.study(held.evaluation)
         except StudyError as error:
-            raise CardError(
-                503, "the evaluation cannot go on now: tell whoever gave you the card"
-            ) from error
+            why = "the evaluation cannot go on now: tell whoever gave you the card"
+            raise CardError(503, why) from error
 
     def _agents(self, held: _Held) -> Agents:
         agents = self._study(held).protocol.agents
@@ -282,10 +281,8 @@ class Cards:
         return agents
 
     def _card(self, held: _Held) -> Card:
-        said, issued = (
-            {} if held.participant is None else json.loads(held.participant.settings),
-            held.issued,
-        )
+        issued, who = held.issued, held.participant
+        said = {} if who is None else json.loads(who.settings)
         return Card(issued.id, held.evaluation, issued.author, issued.number, said)
 
     def _is_over(self, held: _Held, study: Study) -> bool:
@@ -306,9 +303,8 @@ class Cards:
             if (attempt := held.attempts.get(index)) is None:
                 await self._begin_new(held, index)
             elif attempt.has_ended:
-                raise CardError(
-                    409, f"instance {index} is finished: a card has one attempt at each instance"
-                )
+                why = "is finished: a card has one attempt at each instance"
+                raise CardError(409, f"instance {index} {why}")
 
     async def _begin_new(self, held: _Held, index: int) -> None:
         study, participant = self._study(held), await self._participant(held)

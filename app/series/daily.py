@@ -136,9 +136,8 @@ class DailyBoards:
             return
         terrain = await self.today()
         if config == terrain.config and seed == terrain.seed:
-            raise ValueError(
-                "this seed draws today's daily terrain, which can be practised from tomorrow (UTC) on"
-            )
+            when = "which can be practised from tomorrow (UTC) on"
+            raise ValueError(f"this seed draws today's daily terrain, {when}")
 
     async def _begin(self, player_id: str, terrain: DailyTerrain) -> Session:
         lobby, store = self._lobby, self._lobby.store

@@ -96,16 +96,13 @@ class StudyData:
         if self.closed_ms is not None:
             return self
         people = {person.id for person in self.people if person.kind == "human"}
-        trials = tuple(
-            _unfinished(trial) if trial.participant in people else trial for trial in self.trials
-        )
+        trials = tuple(_unfinished(t) if t.participant in people else t for t in self.trials)
         return replace(self, trials=trials)
 
     def progress_sentence(self) -> str:
         """Return what stands in the place of an open study's figure: how many have finished."""
-        finished = sum(
-            person.kind == "human" and person.completed_ms is not None for person in self.people
-        )
+        ended = (each for each in self.people if each.completed_ms is not None)
+        finished = sum(each.kind == "human" for each in ended)
         return (
             f"No figure is shown until the study is closed: {finished} of {self.protocol.players} "
             "have finished."

@@ -42,10 +42,7 @@ def attestation_summary(data: StudyData) -> AttestationSummary:
     below = [each for each in played if not level_reaches(each.attestation, required)]
     given = [each.attestation_reason for each in ranked if each.attestation_reason]
     reasons = Counter(map(_without_step, given))
-    people = {
-        level: [each.participant for each in ranked if each.attestation == level]
-        for level in LEVELS
-    }
+    people = {level: [t.participant for t in ranked if t.attestation == level] for level in LEVELS}
     return AttestationSummary(
         required=required,
         episodes={level: len(own) for level, own in people.items()},

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy
@@ -139,9 +140,8 @@ def _fit(values: Floats, design: _Design, start: tuple[float, float]) -> Varianc
     parts = {"player": design.players, "terrain": design.terrains}
     names = [[[f"{name}{i}" for i in range(part.shape[1])]] for name, part in parts.items()]
     effects = VCSpec(list(parts), names, [[part] for part in parts.values()])
-    model = MixedLM(
-        values, design.fixed, groups=np.zeros(len(values), np.int64), exog_vc=effects, use_sqrt=True
-    )
+    one = np.zeros(len(values), np.int64)
+    model = MixedLM(values, design.fixed, groups=one, exog_vc=effects, use_sqrt=True)
     ratios = np.clip(np.nan_to_num(np.array(start)), SMALLEST_START, LARGEST_START)
     none = {"fe_params": np.zeros(2), "cov_re": np.zeros((0, 0))}
     first = MixedLMParams.from_components(**none, vcomp=ratios)
@@ -176,9 +176,8 @@ def _refined(values: Floats, design: _Design, found: Variances) -> Variances:
 
     roots = np.sqrt(np.maximum(np.array([found.player, found.terrain]) / found.rest, NO_VARIANCE))
     options = {"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000}
-    best = scipy.optimize.minimize(
-        lambda roots: solved(roots)[0], roots, method="Nelder-Mead", options=options
-    ).x
+    search = partial(scipy.optimize.minimize, method="Nelder-Mead", options=options)
+    best = search(lambda roots: solved(roots)[0], roots).x
     rest = solved(best)[1]
     player, terrain = (
         float(f"{root**2 * rest:.6g}") if root**2 > NO_VARIANCE else 0.0

@@ -187,9 +187,8 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
     if not ids:
         return StudyFigure(name, rule)
     episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
-    failed = np.array(
-        [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids], np.float64
-    )
+    counts = [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids]
+    failed = np.array(counts, np.float64)
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     shares = 1 - failed / episodes
     score, steps = (
