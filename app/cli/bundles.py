@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING
 import click
 from click import argument, option
 
-from app.cli.console import (
-    DATABASE,
-    PATH,
-    STUDIES,
-    database_option,
-    failures,
-    flag,
-    path_option,
-    pins_file,
-    print_table,
-    progress,
-    several,
-)
+from app.cli.console import failures, pins_file, print_table, progress
+from app.cli.options import DATABASE, PATH, STUDIES, database_option, flag, path_option, several
 from app.cli.study.report import show
 
 if TYPE_CHECKING:

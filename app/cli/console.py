@@ -1,4 +1,4 @@
-"""Functions that the commands share: reading sizes, settings and studies, a progress bar, printing a table.
+"""Functions that the commands share: settings, errors as sentences, files, a progress bar, tables; `options` has their options.
 
 A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
 """
@@ -9,78 +9,18 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
-from click import option
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from app.series.folder import Folder
     from app.task import Configuration
     from app.web.settings import Settings
 
-T = TypeVar("T")
-F = TypeVar("F", bound=Callable[..., Any])
-PATH = click.Path(path_type=Path)
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
-
-
-def flag(*given: str, default: bool | None = False) -> Callable[[F], F]:
-    """Return an option without a value: its names, then what it does."""
-    return option(*given[:-1], is_flag=True, default=default, help=given[-1])
-
-
-def path_option(*given: str, **more: Any) -> Callable[[F], F]:
-    """Return an option that takes a path: its names, then what it is for."""
-    return option(*given[:-1], type=PATH, help=given[-1], **more)
-
-
-def several(*given: str, **more: Any) -> Callable[[F], F]:
-    """Return an option that may be repeated: its names, then what it is for."""
-    return option(*given[:-1], multiple=True, help=given[-1], **more)
-
-
-class SizeType(click.ParamType):  # type: ignore[type-arg]
-    """`21` for a square, `42x84` for rows x columns."""
-
-    name = "size"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> int | tuple[int, int]:
-        """Return a side or (rows, cols)."""
-        if isinstance(value, (int, tuple)):
-            return value
-        parts = str(value).lower().split("x")
-        if not 1 <= len(parts) <= 2 or not all(part.isascii() and part.isdigit() for part in parts):
-            self.fail(f"expected a side like 21 or ROWSxCOLS like 42x84, got {value!r}", param, ctx)
-        return (int(parts[0]), int(parts[1])) if len(parts) == 2 else int(parts[0])
-
-
-def levels_option(*default: str) -> Callable[[F], F]:
-    """Return the option --level, which the command is given as `levels`, a tuple of names."""
-    text = "random, t-m-b from 1-1-1 to 3-2-2, or all; repeatable."
-    return option("--level", "levels", multiple=True, default=default, help=text)
-
-
-def sizes_option(*default: str) -> Callable[[F], F]:
-    """Return the option --size, which the command is given as `sizes`, a tuple of sides and of (rows, cols)."""
-    text = "21 for a square, 42x84 for rows x columns; repeatable."
-    return option("--size", "sizes", type=SizeType(), multiple=True, default=default, help=text)
-
-
-def seed_option(what: str) -> Callable[[F], F]:
-    """Return the option --seed of a run, 0..1000; `what` says what it fixes."""
-    return option("--seed", type=click.IntRange(0, 1000), default=0, help=what)
-
-
-def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
-    """Raise UsageError for words without an option, unless they follow --policy NAME as in `--policy a b c`."""
-    if more and not policies:
-        raise click.UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")
 
 
 def settings_of(**flags: Any) -> Settings:
@@ -97,32 +37,6 @@ def settings_of(**flags: Any) -> Settings:
         raise click.UsageError(
             f"setting {name}: {first['msg'].removeprefix('Value error, ').lower()}, got {first['input']!r}"
         ) from error
-
-
-def _folder(ctx: click.Context, param: click.Parameter, studies: Path | None) -> Folder:
-    from app.series.folder import Folder
-
-    return Folder(studies or settings_of().studies)
-
-
-def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
-    return path or settings_of().database
-
-
-def database_option(text: str) -> Callable[[F], F]:
-    """Return the option --database, which is that of the settings where it is not given; `text` says what it is for."""
-    return option("--database", type=PATH, callback=_database, help=text)
-
-
-DATABASE = database_option("The database it was played in; a running server may go on writing.")
-STUDIES = option(
-    "--studies",
-    "folder",
-    type=PATH,
-    callback=_folder,
-    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
-)
-"""The option --studies, which a command is given as its `folder`."""
 
 
 @contextmanager

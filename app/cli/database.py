@@ -4,40 +4,21 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 from click import argument, option
 
-from app.cli.console import (
-    PATH,
-    failures,
-    flag,
-    path_option,
-    pins_file,
-    print_table,
-    progress,
-    settings_of,
-)
+from app.cli.console import failures, pins_file, print_table, progress, settings_of
+from app.cli.options import PATH, database_option, flag, path_option
 
 if TYPE_CHECKING:
     from app.db.reader import Who
     from app.series.verification import Verification
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def database_option(what: str) -> Callable[[F], F]:
-    """Return the option --database; the command is given a path, that of the settings where none is named."""
-
-    def path(ctx: click.Context, param: click.Parameter, given: Path | None) -> Path:
-        return given or settings_of().database
-
-    return option("--database", type=PATH, help=what, callback=path)
 
 
 SERVERS = "The database that the server records in, if it is not the default one."

@@ -7,7 +7,8 @@ import json
 import click
 from click import argument, option
 
-from app.cli.console import flag, progress, task_name
+from app.cli.console import progress, task_name
+from app.cli.options import flag
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 from click import argument, option
 
-from app.cli.console import database_option, path_option, progress, write_file
+from app.cli.console import progress, write_file
+from app.cli.options import database_option, path_option
 
 if TYPE_CHECKING:
     from app.task import Course

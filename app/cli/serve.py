@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import argument, option
 
-from app.cli.console import PATH, check_more, flag, path_option, settings_of, several, task_name
+from app.cli.console import settings_of, task_name
+from app.cli.options import PATH, check_more, flag, path_option, several
 
 if TYPE_CHECKING:
     from app.web.settings import Settings

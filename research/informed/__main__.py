@@ -7,7 +7,8 @@ from functools import partial
 import click
 import numpy as np
 
-from app.cli.console import levels_option, print_table, progress, sizes_option
+from app.cli.console import print_table, progress
+from app.cli.options import levels_option, sizes_option
 from app.cli.training.train import configs_of
 from app.jobs import Jobs
 from marsexplorer.config import EnvConfig

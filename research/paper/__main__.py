@@ -12,7 +12,8 @@ from typing import Any
 
 import click
 
-from app.cli.console import PATH, print_table, progress
+from app.cli.console import print_table, progress
+from app.cli.options import PATH
 from app.jobs import cores
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError

@@ -16,7 +16,8 @@ from typing import ClassVar
 
 import click
 
-from app.cli.console import PATH, progress
+from app.cli.console import progress
+from app.cli.options import PATH
 from app.jobs import cores
 from marsexplorer.evaluation import Result
 from research.paper.episodes.play import DIFFICULTIES, Play

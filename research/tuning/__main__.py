@@ -11,15 +11,8 @@ from pathlib import Path
 
 import click
 
-from app.cli.console import (
-    PATH,
-    levels_option,
-    print_table,
-    progress,
-    reason,
-    seed_option,
-    sizes_option,
-)
+from app.cli.console import print_table, progress, reason
+from app.cli.options import PATH, levels_option, seed_option, sizes_option
 from app.cli.training.train import configs_of
 from app.jobs import cores
 from marsexplorer.config import EnvConfig

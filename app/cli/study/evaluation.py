@@ -9,20 +9,15 @@ import click
 from click import argument, option
 
 from app.cli.console import (
-    DATABASE,
-    PATH,
-    STUDIES,
-    SizeType,
     default_config,
     env_config_of,
     failures,
-    flag,
-    path_option,
     print_table,
     progress,
     study_errors,
     task_name,
 )
+from app.cli.options import DATABASE, PATH, STUDIES, SizeType, flag, path_option
 from app.cli.study import study as studies
 
 if TYPE_CHECKING:

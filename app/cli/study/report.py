@@ -12,17 +12,8 @@ from typing import TYPE_CHECKING
 import click
 from click import option
 
-from app.cli.console import (
-    DATABASE,
-    STUDIES,
-    failures,
-    flag,
-    path_option,
-    print_table,
-    progress,
-    study_errors,
-    write_file,
-)
+from app.cli.console import failures, print_table, progress, study_errors, write_file
+from app.cli.options import DATABASE, STUDIES, flag, path_option
 
 if TYPE_CHECKING:
     from app.report.model import GroupReport, Report

@@ -17,22 +17,17 @@ import click
 from click import argument, option
 
 from app.cli.console import (
-    DATABASE,
-    STUDIES,
-    SizeType,
     default_config,
     env_config_of,
     failures,
-    flag,
-    path_option,
     print_table,
     progress,
     settings_of,
-    several,
     study_errors,
     task_name,
     write_file,
 )
+from app.cli.options import DATABASE, STUDIES, SizeType, flag, path_option, several
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyPlan

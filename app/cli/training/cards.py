@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import option
 
 from app.cli.console import reason
 
@@ -19,12 +18,6 @@ if TYPE_CHECKING:
 
 HELD_OUT_TERRAINS = 200
 """Terrains of 21x21 or less that a finished policy is measured on for its card; on larger grids fewer, with as many cells."""
-
-
-COUNT = click.IntRange(min=1)
-WORKERS = option(
-    "--workers", type=COUNT, help="Processes that play episodes.  [default: one for each core]"
-)
 
 
 @contextmanager

@@ -11,18 +11,8 @@ from typing import IO, TYPE_CHECKING
 import click
 from click import argument, option
 
-from app.cli.console import (
-    PATH,
-    check_more,
-    env_config_of,
-    levels_option,
-    path_option,
-    print_table,
-    progress,
-    reason,
-    several,
-    sizes_option,
-)
+from app.cli.console import env_config_of, print_table, progress, reason
+from app.cli.options import PATH, check_more, levels_option, path_option, several, sizes_option
 from app.cli.training.cards import written
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 from click import option
 
-from app.cli.console import path_option, progress, several, write_file
-from app.cli.training.cards import COUNT, written
+from app.cli.console import progress, write_file
+from app.cli.options import COUNT, path_option, several
+from app.cli.training.cards import written
 
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")

@@ -9,7 +9,8 @@ from pathlib import Path
 import click
 from click import argument, option
 
-from app.cli.console import flag, path_option, print_table, progress
+from app.cli.console import print_table, progress
+from app.cli.options import flag, path_option
 
 TOKEN = option(
     "--token",

@@ -11,16 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import argument, option
 
-from app.cli.console import path_option, seed_option, several
-from app.cli.training.cards import (
-    COUNT,
-    WORKERS,
-    commit,
-    hardware,
-    measure_policy,
-    noted_progress,
-    written,
-)
+from app.cli.options import COUNT, WORKERS, path_option, seed_option, several
+from app.cli.training.cards import commit, hardware, measure_policy, noted_progress, written
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics

@@ -15,15 +15,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from app.cli.console import (
-    levels_option,
-    path_option,
-    print_table,
-    progress,
-    several,
-    sizes_option,
-)
-from app.cli.training.cards import COUNT, written
+from app.cli.console import print_table, progress
+from app.cli.options import COUNT, levels_option, path_option, several, sizes_option
+from app.cli.training.cards import written
 from app.cli.training.train import configs_of
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click import option
 
-from app.cli.console import (
-    env_config_of,
+from app.cli.console import env_config_of
+from app.cli.options import (
+    COUNT,
     flag,
     levels_option,
     path_option,
@@ -24,7 +25,7 @@ from app.cli.console import (
     several,
     sizes_option,
 )
-from app.cli.training.cards import COUNT, commit, measure_policy, noted_progress, written
+from app.cli.training.cards import commit, measure_policy, noted_progress, written
 from app.cli.training.refine import RefineOutput, own_card_of, refine_policy
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 
 from app.cli.commands import COMMANDS, EXTRAS, INCLUDED, missing_extra
-from app.cli.console import SizeType
 from app.cli.main import cli
+from app.cli.options import SizeType
 from app.db.store import Store
 from app.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
