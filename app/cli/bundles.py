@@ -6,10 +6,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click import argument, option
+from click import ClickException, argument, echo, option
 
 from app.cli.console import failures, pins_file, print_table, progress
-from app.cli.options import DATABASE, PATH, STUDIES, database_option, flag, path_option, several
+from app.cli.options import (
+    DATABASE,
+    KEY,
+    PATH,
+    STUDIES,
+    database_option,
+    flag,
+    path_option,
+    several,
+)
 from app.cli.study.report import show
 
 if TYPE_CHECKING:
@@ -27,12 +36,7 @@ MAX_PRINTED = 20
 @STUDIES
 @several("--author", "authors", "Who is to be cited; repeatable.")
 @option("--url", help="Where the bundle will be found, a DOI's address say.")
-@several(
-    "--without-policy",
-    "without",
-    "Leave a policy out of the report: its file is not at hand.",
-    metavar="NAME",
-)
+@several("--without-policy", "without", "Leave out a policy without a file here.", metavar="NAME")
 def release(
     study: str,
     out: Path,
@@ -70,23 +74,21 @@ def release(
             with progress("verifying and writing") as advance:
                 built = build_release(request, advance, progress)
     except PolicyError as error:
-        raise click.ClickException(
+        raise ClickException(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
         ) from error
     rows = built.header.rows
-    click.echo(
-        f"{out}: version {built.header.version} of {study}, {rows['episodes']:,} episodes, {rows['steps']:,} moves"
-    )
+    what = f"{rows['episodes']:,} episodes, {rows['steps']:,} moves"
+    echo(f"{out}: version {built.header.version} of {study}, {what}")
     if built.header.chain_head:
-        click.echo(
-            f"the head of the database's chain, for `marsexplorer verify --head {out}`: {built.header.chain_head}"
-        )
-    click.echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
+        what = f"the head of the database's chain, for `marsexplorer verify --head {out}`"
+        echo(f"{what}: {built.header.chain_head}")
+    echo(f"the signing key's fingerprint, to publish beside it: {built.signer}")
 
 
 @click.command(short_help="Derive a bundle's figures again and compare.")
 @argument("folder", type=PATH)
-@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+@KEY
 @flag("--recorded", "Do not play the policies again: replay their recorded moves only.")
 def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
     """Derive every figure of a bundle's report from the bundle alone, and compare number by number.
@@ -111,36 +113,33 @@ def reproduce(folder: Path, key: str | None, recorded: bool) -> int:
 def _show(folder: Path, made: Reproduction) -> None:
     """Print whose files they are, what was compared and what differs."""
     for finding in made.findings[:MAX_PRINTED]:
-        click.echo(str(finding))
-    click.echo(f"{folder}: {made.files} files, {len(made.findings) or 'none'} not as signed")
-    click.echo(made.signer.sentence())
+        echo(str(finding))
+    echo(f"{folder}: {made.files} files, {len(made.findings) or 'none'} not as signed")
+    echo(made.signer.sentence())
     if made.derived is not None:
-        click.echo(
-            "this bundle holds no report, so there is nothing to compare with; the report derived from it:"
-        )
+        nothing = "this bundle holds no report, so there is nothing to compare with"
+        echo(f"{nothing}; the report derived from it:")
         for line in made.left_out:
-            click.echo(f"- {line}")
+            echo(f"- {line}")
         show(made.derived)
         return
-    rows = [
-        (name, f"{each.compared:,}", f"{each.differ:,}") for name, each in made.sections.items()
-    ]
+    rows = [(name, f"{s.compared:,}", f"{s.differ:,}") for name, s in made.sections.items()]
     print_table("figures derived again from the bundle", ("section", "compared", "differ"), rows)
     named = [line for each in made.sections.values() for line in each.differences]
     for line in named[:MAX_PRINTED]:
-        click.echo(line)
+        echo(line)
     if made.differ > len(named[:MAX_PRINTED]):
-        click.echo(f"... and {made.differ - len(named[:MAX_PRINTED])} more")
+        echo(f"... and {made.differ - len(named[:MAX_PRINTED])} more")
     for line in made.not_compared:
-        click.echo(f"not compared: {line}")
+        echo(f"not compared: {line}")
     compared = sum(each.compared for each in made.sections.values())
-    click.echo(f"{compared:,} values compared, {made.differ:,} differ")
+    echo(f"{compared:,} values compared, {made.differ:,} differ")
 
 
 @click.command("import", short_help="Bring a released bundle into a database.")
 @argument("folder", type=PATH)
 @database_option("The database to bring it into; made when absent.")
-@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed the bundle.")
+@KEY
 def import_release(folder: Path, database: Path, key: str | None) -> None:
     """Verify a bundle that `release` wrote and bring its study into a database, all of it or nothing.
 
@@ -162,12 +161,9 @@ def import_release(folder: Path, database: Path, key: str | None) -> None:
             counts = bundle.import_release(folder, database, advance, expected)
         signer = check_signer(read_manifest(folder)[0], expected, pins_file())
     there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
-    left = (
-        f"; {counts.forgotten} people stayed out, who were forgotten here"
-        if counts.forgotten
-        else ""
-    )
+    who = "people stayed out, who were forgotten here"
+    left = f"; {counts.forgotten} {who}" if counts.forgotten else ""
     people, episodes = counts.added["participants"], counts.added["episodes"]
     brought = f"{people} participants and {episodes:,} episodes"
-    click.echo(f"{database}: {brought} from {folder}{there}{left}")
-    click.echo(signer.sentence())
+    echo(f"{database}: {brought} from {folder}{there}{left}")
+    echo(signer.sentence())

@@ -1,6 +1,6 @@
 """Functions that the commands share: settings, errors as sentences, files, a progress bar, tables; `options` has their options.
 
-A user's mistake becomes a click.UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
+A user's mistake becomes a UsageError here; `app.cli.main.main` turns those into one sentence and exit code 2.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click import BadParameter, ClickException, UsageError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -34,7 +35,7 @@ def settings_of(**flags: Any) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         name = "_".join(str(part) for part in first["loc"])
-        raise click.UsageError(
+        raise UsageError(
             f"setting {name}: {first['msg'].removeprefix('Value error, ').lower()}, got {first['input']!r}"
         ) from error
 
@@ -48,7 +49,7 @@ def study_errors() -> Iterator[None]:
         yield
     except StudyError as error:
         failed = isinstance(error.__cause__, OSError)
-        raise (click.ClickException if failed else click.UsageError)(str(error)) from error
+        raise (ClickException if failed else UsageError)(str(error)) from error
 
 
 @contextmanager
@@ -65,12 +66,12 @@ def failures(what: str, way_out: str = "") -> Iterator[None]:
     try:
         yield
     except OperatorError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except (ReleaseError, StoreError, StudyError) as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
     except OSError as error:
         text = what.format(file=error.filename)
-        raise click.ClickException(f"{text}: {reason(error)}{way_out}") from error
+        raise ClickException(f"{text}: {reason(error)}{way_out}") from error
 
 
 def write_file(path: Path, content: bytes, option: str = "file", private: bool = False) -> None:
@@ -86,9 +87,8 @@ def write_file(path: Path, content: bytes, option: str = "file", private: bool =
                 os.fchmod(file.fileno(), 0o600)
             file.write(content)
     except OSError as error:
-        raise click.ClickException(
-            f"cannot write {path}: {reason(error)}; choose another {option}"
-        ) from error
+        why = f"{reason(error)}; choose another {option}"
+        raise ClickException(f"cannot write {path}: {why}") from error
 
 
 def pins_file() -> Path:
@@ -105,9 +105,9 @@ def task_name(given: str) -> str:
     try:
         return f"gymnasium:{told_of(given)}"
     except OSError as error:
-        raise click.BadParameter(f"cannot read {given}: {reason(error)}") from error
+        raise BadParameter(f"cannot read {given}: {reason(error)}") from error
     except ValueError as error:
-        raise click.BadParameter(str(error)) from error
+        raise BadParameter(str(error)) from error
 
 
 def default_config(task: str) -> Configuration:
@@ -117,7 +117,7 @@ def default_config(task: str) -> Configuration:
     try:
         return rules_of(task).configuration({})
     except ValueError as error:
-        raise click.BadParameter(str(error)) from error
+        raise BadParameter(str(error)) from error
 
 
 def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
@@ -127,7 +127,7 @@ def env_config_of(level: str, size: int | tuple[int, int]) -> Configuration:
     try:
         return MarsRules.of_level(level, size)
     except ValueError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
 
 
 def reason(error: OSError) -> str:

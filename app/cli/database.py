@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click import argument, option
+from click import UsageError, argument, echo, option
 
 from app.cli.console import failures, pins_file, print_table, progress, settings_of
-from app.cli.options import PATH, database_option, flag, path_option
+from app.cli.options import KEY, PATH, database_option, flag, path_option
 
 if TYPE_CHECKING:
     from app.db.reader import Who
@@ -46,7 +46,7 @@ def export(database: Path, out: Path, who: Who) -> None:
 
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
         summary = export_to(database, out, who, advance)
-    click.echo(summary)
+    echo(summary)
 
 
 MAX_PRINTED = 200
@@ -56,26 +56,12 @@ MAX_PRINTED = 200
 @click.command(short_help="Simulate every episode again and compare.")
 @path_option("--database", "The database to verify; a running server may go on writing.")
 @path_option("--dataset", "A folder that `release` wrote, instead of a database.")
-@path_option(
-    "--studies", "The folder of studies, for the secrets of open ones.  [default: data/studies]"
-)
-@option(
-    "--key",
-    "--signer",
-    "key",
-    metavar="FINGERPRINT|FILE",
-    help="The key that must have signed the dataset.",
-)
+@path_option("--studies", "Folder of studies, for secrets of open ones.  [default: data/studies]")
+@KEY
 @flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
-@option(
-    "--head",
-    help="A head of the database's chain from before, or a release's folder, which holds one.",
-)
+@option("--head", help="A head of the chain from before, or a release's folder, which holds one.")
 @path_option("--stamp", "A time stamp that `stamp` wrote; it stands for a head, as --head does.")
-@path_option(
-    "--certificate",
-    "The root of the stamp's authority, PEM.  [default: those that this machine trusts]",
-)
+@path_option("--certificate", "The root of its authority, PEM.  [default: those of this machine]")
 def verify(
     database: Path | None,
     dataset: Path | None,
@@ -108,19 +94,17 @@ def verify(
       marsexplorer verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
-        raise click.UsageError("give --database or --dataset, not both")
+        raise UsageError("give --database or --dataset, not both")
     if dataset is None and (key is not None or to_pin):
-        raise click.UsageError(
-            f"--{'signer' if key is not None else 'pin'} goes with --dataset: a database is not signed"
-        )
+        given = "--key" if key is not None else "--pin"
+        raise UsageError(f"{given} goes with --dataset: a database is not signed")
     if dataset is not None and (head is not None or stamp is not None):
-        raise click.UsageError(
-            "--head and --stamp go with --database: a dataset's signature stands for all of it"
-        )
+        why = "a dataset's signature stands for all of it"
+        raise UsageError(f"--head and --stamp go with --database: {why}")
     if head is not None and stamp is not None:
-        raise click.UsageError("give --head or --stamp, not both")
+        raise UsageError("give --head or --stamp, not both")
     if certificate is not None and stamp is None:
-        raise click.UsageError("--certificate goes with --stamp")
+        raise UsageError("--certificate goes with --stamp")
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
@@ -128,14 +112,14 @@ def verify(
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
     for finding in result.findings[:MAX_PRINTED]:
-        click.echo(str(finding))
+        echo(str(finding))
     if len(result.findings) > MAX_PRINTED:
-        click.echo(f"... and {len(result.findings) - MAX_PRINTED} more")
-    click.echo(_sentence(result, about))
+        echo(f"... and {len(result.findings) - MAX_PRINTED} more")
+    echo(_sentence(result, about))
     for line in _chain_lines(result):
-        click.echo(line)
+        echo(line)
     if signer:
-        click.echo(signer)
+        echo(signer)
     return 1 if result.findings else 0
 
 
@@ -163,7 +147,7 @@ def _of_database(
     if stamped is not None and stamped.fault is not None:
         findings = (*findings, stamped.fault)
     elif stamped is not None:
-        click.echo(f"time stamp of {stamped.at:%Y-%m-%d %H:%M:%S} UTC, as its authority says")
+        echo(f"time stamp of {stamped.at:%Y-%m-%d %H:%M:%S} UTC, as its authority says")
     return replace(result, findings=findings), str(path)
 
 
@@ -174,7 +158,7 @@ def _earlier_head(given: str) -> str:
 
     if not Path(given).is_dir():
         if not re.fullmatch(r"[0-9a-fA-F]{64}", given):
-            raise click.UsageError(
+            raise UsageError(
                 f"--head is the 64 hexadecimal digits that `verify` printed, or a release's folder, got {given!r}"
             )
         return given.lower()
@@ -229,9 +213,7 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 @click.command(short_help="Have the end of the chain time-stamped.")
 @option("--authority", required=True, help="Address of the time-stamping authority (RFC 3161).")
-@path_option(
-    "--out", "File for the stamp.  [default: the database's name, its number of entries and .tsr]"
-)
+@path_option("--out", "File for the stamp.  [default: the database's name, its entries and .tsr]")
 @database_option(SERVERS)
 def stamp(authority: str, out: Path | None, database: Path) -> None:
     """Send the head of the database's chain to a time-stamping authority, and keep the answer as a file.
@@ -253,7 +235,7 @@ def stamp(authority: str, out: Path | None, database: Path) -> None:
         out = out or database.with_name(f"{database.name}-{head.entries}.tsr")
         with write_whole(out) as file:
             file.write(answer)
-    click.echo(f"head {head.head} of entry {head.entries:,}: the stamp is in {out}")
+    echo(f"head {head.head} of entry {head.entries:,}: the stamp is in {out}")
 
 
 @click.command(short_help="Copy the database while people play.")
@@ -274,7 +256,7 @@ def backup(file: Path, database: Path) -> None:
 
     with failures("cannot read the database"), progress("copying") as advance:
         size = back_up(database, file, advance)
-    click.echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
+    echo(f"wrote {file}: {size / 1e6:.1f} MB, verified")
 
 
 @click.command(short_help="Put a backup in the place of the database.")
@@ -299,7 +281,7 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
     with failures("cannot read the database"), progress("copying") as advance:
         kept = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
     before = "" if kept is None else f"; what stood there is {kept}"
-    click.echo(f"restored {database} from {backup}, verified{before}")
+    echo(f"restored {database} from {backup}, verified{before}")
 
 
 @click.command(short_help="Join the databases of several servers.")
@@ -318,7 +300,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     """
     if len(databases) < 2:
         way_out = "marsexplorer merge A.db B.db --out C.db"
-        raise click.UsageError(f"give two databases or more: {way_out}")
+        raise UsageError(f"give two databases or more: {way_out}")
     from app.db import merging
 
     with failures(f"cannot write {out}, choose another --out"), progress("joining") as advance:
@@ -327,11 +309,10 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     alike = f", {equal:,} of them in more than one" if equal else ""
     left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    click.echo(
-        f"{out}: {people} participants and {episodes:,} episodes from {len(databases)} databases{alike}{left}"
-    )
+    brought = f"{people} participants and {episodes:,} episodes"
+    echo(f"{out}: {brought} from {len(databases)} databases{alike}{left}")
     if twice:
-        click.echo(
+        echo(
             f"beware: {twice} outside ids or invitations took part in a study twice, on two servers; the report counts each "
             "as two people"
         )
@@ -368,14 +349,11 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
         with failures(f"cannot write {database}"):
             erasure.find_player(database, participant)
             if not yes:
-                click.confirm(
-                    f"Erase the player {participant} from {database} for good?",
-                    abort=True,
-                    err=True,
-                )
+                what = f"Erase the player {participant} from {database} for good?"
+                click.confirm(what, abort=True, err=True)
             count = erasure.forget_player(database, participant)
             forget_regrets(database)
-        click.echo(f"erased from {database}: the player {participant}, {count} episodes")
+        echo(f"erased from {database}: the player {participant}, {count} episodes")
         return
     with failures(f"cannot write {database}"):
         found = erasure.find_participant(database, participant, study)
@@ -386,15 +364,15 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
         forget_regrets(database)
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {done.episodes} episodes"
-    click.echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
+    echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
     if found["kind"] == "script" and found["invitation"]:
-        click.echo(
+        echo(
             f"once {done.study} is closed, `marsexplorer evaluation close {done.study}` writes its files without the card; "
             "its list of cards keeps the author, so that another card of theirs does not rank"
         )
     if done.outdated:
         versions = ", ".join(map(str, done.outdated))
-        click.echo(
+        echo(
             f"released with the participant in it: version {versions} of {done.study}; publish the successor, "
             f"`marsexplorer release --study {done.study} --out DIR`, and withdraw the other"
         )
@@ -429,7 +407,7 @@ def add(name: str, database: Path) -> None:
         password = sys.stdin.readline().rstrip("\n")
     with failures("cannot read the database"):
         add_operator(database, name, password)
-    click.echo(
+    echo(
         f"{name} may log in at /admin of the server that records in {database}; one without that page needs a new start"
     )
 
@@ -455,7 +433,7 @@ def remove(name: str, database: Path) -> None:
 
     with failures("cannot read the database"):
         remove_operator(database, name)
-    click.echo(f"{name} cannot log in any more")
+    echo(f"{name} cannot log in any more")
 
 
 @operator.command(short_help="Print what operators did.")

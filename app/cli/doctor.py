@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import click
-from click import argument, option
+from click import BadParameter, UsageError, argument, echo, option
 
 from app.cli.console import progress, task_name
 from app.cli.options import flag
@@ -15,7 +15,7 @@ def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> N
     if wanted:
         from app.tasks.gymnasium.description import Description
 
-        click.echo(json.dumps(Description.model_json_schema(), indent=2))
+        echo(json.dumps(Description.model_json_schema(), indent=2))
         context.exit()
 
 
@@ -41,15 +41,12 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
         shown = " in ".join((rules.level, *(name.partition(":")[2] for name in told.wrappers)))
         with progress(shown) as advance:
             found = examine(rules.name, seeds, steps, advance, rule=rule)
-    except (click.BadParameter, ValueError) as error:
+    except (BadParameter, ValueError) as error:
         why = " ".join(str(error).replace("|", "/").split())
-        click.echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
+        echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
         return 2
-    verdict = (
-        str(found.differences[0])
-        if found.differences
-        else f"no difference in {found.steps:,} moves"
-    )
+    none = f"no difference in {found.steps:,} moves"
+    verdict = str(found.differences[0]) if found.differences else none
     if found.used:
         verdict += "; a used one after reset differs, which does not count"
     keys = [f"{codes[0]} {name}" for name, codes in found.keys.items() if codes]
@@ -60,7 +57,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
         ", ".join(keys) if len(keys) <= MOST_KEYS else f"{len(keys)} keys",
         told.people_see or ("its picture" if size else "its text"), told.agents_see or "not said",
     )  # fmt: skip
-    click.echo(f"| {' | '.join(cells)} |")
+    echo(f"| {' | '.join(cells)} |")
     return int(bool(found.differences))
 
 
@@ -71,11 +68,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
     "--steps", type=click.IntRange(1, 1_000_000), default=2000,
     help="Moves for each seed; where an episode ends, another begins.",
 )  # fmt: skip
-@option(
-    "--rule",
-    metavar="MODULE:FUNCTION",
-    help="Choose every third seed's actions by its observations.",
-)
+@option("--rule", metavar="MODULE:FUNCTION", help="Chooses every third seed's actions.")
 @flag("--json", "as_json", "Print everything as JSON.")
 @flag("--table", "Print a row of Markdown for each of several ENV.")
 @flag("--toml", "Play nothing; print what is known of ENV as a file to edit.")
@@ -108,33 +101,33 @@ def doctor(
     from app.tasks.gymnasium.doctor import description_file, examine
 
     if table:
-        click.echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
+        echo(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
         return max([_row(env, seeds, steps, rule) for env in envs])
     if len(envs) > 1:
-        raise click.UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
+        raise UsageError(f"expected one ENV, got {len(envs)}; --table takes several")
     if (task := task_name(envs[0])) == "mars":
-        raise click.UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
+        raise UsageError("expected an id of Gymnasium's; mars follows from seed and moves")
     try:
         if toml:
-            click.echo(description_file(task), nl=False)
+            echo(description_file(task), nl=False)
             return 0
         with progress("playing in fresh processes") as advance:
             found = examine(task, seeds, steps, advance, rule=rule)
     except ValueError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     if as_json:
-        click.echo(json.dumps(found.to_dict(), indent=2))
+        echo(json.dumps(found.to_dict(), indent=2))
         return int(bool(found.differences))
-    click.echo(found.verdict)
+    echo(found.verdict)
     for difference in found.differences[1:]:
-        click.echo(f"also: {difference}")
+        echo(f"also: {difference}")
     if found.used:
-        click.echo(f"no fault here, where each episode has a fresh environment: {found.used}")
+        echo(f"no fault here, where each episode has a fresh environment: {found.used}")
     rows, columns = found.picture
     size = f"pixels, {found.picture_bytes} bytes as PNG" if found.picture_bytes else "characters"
-    click.echo(
+    echo(
         f"a step takes {found.step_ms:.3g} ms of processor, a picture of {columns} x {rows} {size} {found.picture_ms:.3g} ms"
     )
     for action, keys in found.keys.items():
-        click.echo(f"  {action}: {', '.join(keys) or 'no key'}")
+        echo(f"  {action}: {', '.join(keys) or 'no key'}")
     return int(bool(found.differences))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-from click import option
+from click import UsageError, option
 
 from app.cli.console import settings_of
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
 COUNT = click.IntRange(min=1)
-WORKERS = option(
-    "--workers", type=COUNT, help="Processes that play episodes.  [default: one for each core]"
-)
+PORT = click.IntRange(0, 65535)
+KEY = option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
+WORKERS = option("--workers", type=COUNT, help="Processes that play.  [default: one for each core]")
 
 
 def flag(*given: str, default: bool | None = False) -> Callable[[F], F]:
@@ -74,7 +74,7 @@ def seed_option(what: str) -> Callable[[F], F]:
 def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
     """Raise UsageError for words without an option, unless they follow --policy NAME as in `--policy a b c`."""
     if more and not policies:
-        raise click.UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")
+        raise UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")
 
 
 def _folder(ctx: click.Context, param: click.Parameter, studies: Path | None) -> Folder:

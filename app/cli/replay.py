@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click import argument, option
+from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import progress, write_file
 from app.cli.options import database_option, path_option
@@ -21,16 +21,10 @@ NO_GHOST = "none"
 
 @click.command(short_help="Write an episode as a page in one file, a GIF or an MP4.")
 @argument("episode")
-@path_option(
-    "--out", "FILE.html, .gif, .mp4 or .png: the ending decides.", required=True, metavar="FILE"
-)
+@path_option("--out", "It ends with .html, .gif, .mp4 or .png.", required=True, metavar="FILE")
 @database_option("The database to read; a running server may go on writing.")
 @option("--ghost", metavar="POLICY", help="A policy on the same terrain, or none.  [default: ppo]")
-@option(
-    "--speed",
-    type=click.FloatRange(0.5, 1000),
-    help="Moves per second of an animation.  [default: all within 15 s]",
-)
+@option("--speed", type=click.FloatRange(0.5, 1000), help="Moves a second.  [default: 15 s in all]")
 def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: float | None) -> None:
     """Write the replay of a finished EPISODE, by its id or the beginning of it.
 
@@ -54,13 +48,13 @@ def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: fl
         with progress("drawing") as advance:
             content = file_of(form, shown.id, courses, speed, advance)
     except (GhostError, VideoMissingError) as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except ValueError as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
     write_file(out, content, "--out")
     others = f", with {courses[1].name}" if len(courses) > 1 else ""
     size = f"{len(content):,} bytes"
-    click.echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {size}")
+    echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {size}")
 
 
 def _format_of(out: Path) -> Format:
@@ -70,7 +64,7 @@ def _format_of(out: Path) -> Format:
     form = next((each for each in FORMATS if out.suffix.lower() == f".{each}"), None)
     if form is None:
         endings = ", ".join(f".{each}" for each in FORMATS)
-        raise click.UsageError(f"expected --out to end with one of {endings}, got {out.name!r}")
+        raise UsageError(f"expected --out to end with one of {endings}, got {out.name!r}")
     return form
 
 
@@ -81,9 +75,9 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
     try:
         return find_episode(database, prefix)
     except UnknownReplayError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except StoreError as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
 
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
@@ -93,7 +87,7 @@ def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     try:
         courses = courses_of(shown)
     except NoCourseError as error:
-        raise click.UsageError(f"{error} of a server, and cannot be written") from error
+        raise UsageError(f"{error} of a server, and cannot be written") from error
     own = courses.course_of(shown.name, shown.record)
     chosen = ghost or courses.preferred(shown.name)
     if chosen is None or chosen == NO_GHOST:

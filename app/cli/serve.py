@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import ClickException, argument, option
 
 from app.cli.console import settings_of, task_name
-from app.cli.options import PATH, check_more, flag, path_option, several
+from app.cli.options import PATH, PORT, check_more, flag, path_option, several
 
 if TYPE_CHECKING:
     from app.web.settings import Settings
@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Play and watch in a browser; record every move.")
 @option("--host", help="Address to listen on; 0.0.0.0 lets others in.  [default: 127.0.0.1]")
-@option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    help="Port to listen on; 0 takes a free one.  [default: 8000]",
-)
+@option("--port", type=PORT, help="Port to listen on; 0 takes a free one.  [default: 8000]")
 @path_option("--database", "SQLite file to record in; made if absent.  [default: below]")
 @option(
     "--env",
@@ -30,9 +26,7 @@ if TYPE_CHECKING:
     metavar="ENV",
     help="Play another environment: Gymnasium's id, or a TOML file.  [default: MarsExplorer]",
 )
-@path_option(
-    "--studies", "Folder of studies to offer.  [default: studies, beside the default database]"
-)
+@path_option("--studies", "Folder of studies to offer.  [default: studies, beside the database]")
 @several(
     "--policy",
     "policies",
@@ -51,30 +45,16 @@ if TYPE_CHECKING:
 )
 @flag("--durable", "Survive a power cut; costs milliseconds.", default=None)
 @flag("--accept-loss", "Start although the log of a killed server is gone.", default=None)
-@option(
-    "--backup-every",
-    type=float,
-    metavar="MINUTES",
-    help="Make a verified backup every so many minutes.",
-)
-@path_option(
-    "--backup-to", "Keep them there.  [default: backups, beside the database]", metavar="DIR"
-)
+@option("--backup-every", type=float, metavar="MINUTES", help="Make a verified backup this often.")
+@path_option("--backup-to", "Keep them there.  [default: backups beside it]", metavar="DIR")
 @flag("--admin", "Open the operator's page /admin; its password is printed.", default=None)
 @option(
     "--metrics-port",
-    type=click.IntRange(0, 65535),
+    type=PORT,
     help="Serve metrics to Prometheus on this port too; 0: a free one.",
 )
-@option(
-    "--metrics-host",
-    help="Address for the metrics; only this machine reaches the default.  [default: 127.0.0.1]",
-)
-@option(
-    "--log-format",
-    type=click.Choice(["text", "json"]),
-    help="json: each request too, an object a line on stderr.",
-)
+@option("--metrics-host", help="Address for metrics.  [default: 127.0.0.1, this machine alone]")
+@option("--log-format", type=click.Choice(["text", "json"]), help="json: requests too, one a line.")
 @argument("more", type=PATH, nargs=-1, metavar="")
 def serve(
     more: tuple[Path, ...],
@@ -141,12 +121,7 @@ def serve(
 
 @click.command(short_help="Play an environment on this machine, in its browser.")
 @argument("env", default="mars")
-@option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=0,
-    help="Port to listen on.  [default: a free one]",
-)
+@option("--port", type=PORT, default=0, show_default="a free one", help="Port to listen on.")
 @path_option("--database", "SQLite file to record in; made when absent.  [default: as for serve]")
 @flag("--no-browser", "Print the address and open nothing.")
 def play(env: str, port: int, database: Path | None, no_browser: bool) -> None:
@@ -181,4 +156,4 @@ def _run(settings: Settings, *opened: Callable[[str], object]) -> None:
     try:
         run(settings, *opened)
     except (ServerError, StoreError) as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error

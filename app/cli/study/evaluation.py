@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import UsageError, argument, echo, option
 
 from app.cli.console import (
     default_config,
@@ -17,7 +17,7 @@ from app.cli.console import (
     study_errors,
     task_name,
 )
-from app.cli.options import DATABASE, PATH, STUDIES, SizeType, flag, path_option
+from app.cli.options import DATABASE, KEY, PATH, STUDIES, SizeType, flag, path_option
 from app.cli.study import study as studies
 
 if TYPE_CHECKING:
@@ -55,11 +55,7 @@ def evaluation() -> None:
     help="What agents are shown: what people see, what policies are given, or both.",
 )  # fmt: skip
 @option("--hours", default=168.0, help="From a card's first attempt until the card is closed.")
-@option(
-    "--minutes",
-    type=float,
-    help="From the beginning of an attempt until it is abandoned.  [default: no limit]",
-)
+@option("--minutes", type=float, help="Until an attempt is abandoned.  [default: no limit]")
 @option("--calls", default=20_000, help="Calls that a card may make, for each instance.")
 @STUDIES
 def new(
@@ -86,7 +82,7 @@ def new(
     from app.series.protocol import Agents
 
     if (of is None) == (task is None):
-        raise click.UsageError("expected either --of STUDY or --task ID")
+        raise UsageError("expected either --of STUDY or --task ID")
     with study_errors():
         folder.path(name)
         agents = Agents(**given)
@@ -98,8 +94,8 @@ def new(
             protocol = evaluation_of_task(name, config, known, instances, agents)
         path = folder.create(protocol)
     if protocol.agents is not None and protocol.agents.unpaired:
-        click.echo(f"Not paired: {protocol.agents.unpaired}")
-    click.echo(f"{path}: read it, edit it, then `marsexplorer evaluation freeze {name}`")
+        echo(f"Not paired: {protocol.agents.unpaired}")
+    echo(f"{path}: read it, edit it, then `marsexplorer evaluation freeze {name}`")
 
 
 @evaluation.command(short_help="Fix the protocol and draw the secret.")
@@ -110,15 +106,13 @@ def new(
 def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix an evaluation's protocol for good, and print its hash and its commitment: publish them before any agent plays."""
     found = studies.frozen(name, beacon, folder, database)
-    click.echo(f"The evaluation {name!r} is frozen.\n{studies.hashes(found)}")
+    echo(f"The evaluation {name!r} is frozen.\n{studies.hashes(found)}")
     if (paired := found.paired) is not None:
         of = f"Its instances are the ranked terrains of {paired.name!r}"
-        click.echo(f"{of}:\n{studies.hashes(paired)}")
+        echo(f"{of}:\n{studies.hashes(paired)}")
     if found.waits_for_beacon:
-        click.echo(f"Then `marsexplorer evaluation open {name}`")
-    click.echo(
-        f"`marsexplorer evaluation card {name} --author NAME` makes the address for an author's agent"
-    )
+        echo(f"Then `marsexplorer evaluation open {name}`")
+    echo(f"`marsexplorer evaluation card {name} --author NAME` makes an address for an agent")
 
 
 evaluation.add_command(studies.open_, "open")
@@ -145,8 +139,8 @@ def card(name: str, author: str, base: str, folder: Folder) -> None:
         link = card_link(folder.study(name), issued.id, base)
     if issued.number > 1:
         what = f"Card {issued.number} of {author}: it {SEEN_BEFORE}, and does not rank"
-        click.echo(what, err=True)
-    click.echo(link)
+        echo(what, err=True)
+    echo(link)
 
 
 @evaluation.command("list", short_help="List all evaluations.")
@@ -159,11 +153,10 @@ def list_(folder: Folder) -> None:
             protocol = folder.draft(name)
         if protocol.agents is not None:
             of = protocol.agents.study
-            rows.append(
-                (name, folder.status(name), str(protocol.ranked), of.name if of else protocol.task)
-            )
+            what = of.name if of else protocol.task
+            rows.append((name, folder.status(name), str(protocol.ranked), what))
     if not rows:
-        click.echo(f"no evaluations in {folder.root}; `marsexplorer evaluation new NAME` makes one")
+        echo(f"no evaluations in {folder.root}; `marsexplorer evaluation new NAME` makes one")
         return
     print_table("Evaluations", ("name", "status", "instances", "of"), rows)
 
@@ -185,27 +178,26 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     with study_errors():
         status = folder.status(name)
         if folder.draft(name).agents is None:
-            raise click.UsageError(f"{name!r} is of people: `marsexplorer study close {name}`")
+            raise UsageError(f"{name!r} is of people: `marsexplorer study close {name}`")
     if status != "closed":
         question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
         studies.closed(name, None if yes else question, now, False, folder, database)
     if not database.exists():
-        click.echo(
+        echo(
             f"The evaluation {name!r} is closed. There is no database at {database}, so no receipt was written: with the "
             f"--database in which agents have played, `marsexplorer evaluation close {name}` writes them"
         )
         return
     with failures(f"cannot sign the receipts of {name!r}"), study_errors():
         cards = publish(database, folder, name, progress)
-    click.echo(
-        f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening in {folder.path(name)}"
-    )
+    echo(f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening")
+    echo(f"are in {folder.path(name)}")
 
 
 @evaluation.command(short_help="Check a receipt, without the server.")
 @argument("receipt", type=PATH)
 @path_option("--opening", "The evaluation's opening: simulate every episode again.", metavar="FILE")
-@option("--key", metavar="FINGERPRINT|FILE", help="The key that must have signed it.")
+@KEY
 @option("--card", "ident", metavar="ID", help="The card that it must be of.")
 @option("--evaluation", "of", metavar="NAME|HASH", help="The evaluation that it must be of.")
 def verify(
@@ -235,11 +227,11 @@ def verify(
     if wanted is not None and wanted != signer:
         found.append(Finding("receipt", "the signing key", signer, wanted))
     for each in found:
-        click.echo(str(each))
+        echo(str(each))
     if not found:
         _show_receipt(content, signing.SignerCheck(signer, "key" if wanted else None).sentence())
     what = "every episode simulated again" if opening else "no episode simulated without --opening"
-    click.echo(f"{len(found) or 'nothing'} wrong; {what}")
+    echo(f"{len(found) or 'nothing'} wrong; {what}")
     return 1 if found else 0
 
 
@@ -248,13 +240,13 @@ def _show_receipt(content: dict[str, Any], signer: str) -> None:
     card, seen = content["card"], content["seen_by"]
     agent = content["agent"].get("agent", "an agent without a name")
     evaluation = content["evaluation"]
-    click.echo(f"{agent}, card {card['id']} of {card['author']}, evaluation {evaluation}")
+    echo(f"{agent}, card {card['id']} of {card['author']}, evaluation {evaluation}")
     if card["note"]:
-        click.echo(card["note"])
+        echo(card["note"])
     people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
     cards, since = seen["other_cards_before"], seen["operators_since"]
     others = f"{cards} other cards, operators (since {since})"
-    click.echo(f"who could have seen the instances before: {people}, {others}\n{signer}")
+    echo(f"who could have seen the instances before: {people}, {others}\n{signer}")
 
 
 @evaluation.command(short_help="Show an evaluation and its cards.")
@@ -270,19 +262,16 @@ def show(name: str, folder: Folder) -> None:
         cards = CardList(folder).of(name)
     agents = protocol.agents
     if agents is None:
-        raise click.UsageError(f"{name!r} is a study of people: `marsexplorer study show {name}`")
+        raise UsageError(f"{name!r} is a study of people: `marsexplorer study show {name}`")
     of = protocol.task if agents.study is None else f"the ranked terrains of {agents.study.name}"
     of = f"instances of its own: {agents.unpaired}" if agents.unpaired else of
-    click.echo(f"{name}: {status}, {folder.path(name)}\n{protocol.ranked} instances: {of}")
-    click.echo(
-        f"agents see {agents.sees}; {agents.hours:g} hours a card, {agents.calls} calls an instance"
-    )
+    echo(f"{name}: {status}, {folder.path(name)}\n{protocol.ranked} instances: {of}")
+    given = f"{agents.hours:g} hours a card, {agents.calls} calls an instance"
+    echo(f"agents see {agents.sees}; {given}")
     if found is not None:
-        click.echo(studies.hashes(found))
-    rows = [
-        (each.id, each.author, str(each.number), each.issued_at, each.revoked_at or "")
-        for each in cards.values()
-    ]
+        echo(studies.hashes(found))
+    every = cards.values()
+    rows = [(c.id, c.author, str(c.number), c.issued_at, c.revoked_at or "") for c in every]
     if rows:
         print_table("Cards", ("id", "author", "number", "issued", "revoked"), rows)
 
@@ -297,4 +286,4 @@ def revoke(name: str, ident: str, folder: Folder) -> None:
 
     with study_errors():
         CardList(folder).revoke(name, ident)
-    click.echo(f"revoked: {ident}")
+    echo(f"revoked: {ident}")

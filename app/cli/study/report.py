@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click import option
+from click import ClickException, UsageError, echo, option
 
 from app.cli.console import failures, print_table, progress, study_errors, write_file
 from app.cli.options import DATABASE, STUDIES, flag, path_option
@@ -56,11 +56,11 @@ def report(
         with failures(f"cannot read {database}"), study_errors():
             found = make_study_report(database, folder, name, progress, *wanted)
     except PolicyError as error:
-        raise click.ClickException(
+        raise ClickException(
             f"{error}; or leave the comparisons out with --no-policies, and the moves with --no-moves"
         ) from error
     if html is not None and found.status == "open" and not synthetic:
-        raise click.UsageError(
+        raise UsageError(
             f"the study {name!r} is open and has no figures to put on a page: close it (`marsexplorer study close {name}`), "
             "or leave --html out to see how many have finished"
         )
@@ -74,12 +74,12 @@ def report(
 def show(found: Report) -> None:
     """Print the report on the terminal."""
     about = f"{found.study}, {found.status}, protocol {found.protocol_hash[:12]}"
-    click.echo(f"{found.title} ({about})")
-    click.echo(found.sentence)
+    echo(f"{found.title} ({about})")
+    echo(found.sentence)
     for group in found.groups:
         _show_group(found, group)
     for line in found.deviations:
-        click.echo(f"- {line}")
+        echo(f"- {line}")
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
@@ -90,7 +90,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     _print_second_analysis(mark, group)
     _print_regret(group)
     for line in (*group.deviations, *group.cautions):
-        click.echo(f"- {line}")
+        echo(f"- {line}")
 
 
 def _print_figures(mark: str, group: GroupReport) -> None:
@@ -110,17 +110,8 @@ def _print_figures(mark: str, group: GroupReport) -> None:
     if rows:
         head = "95 % interval"
         words = group.words
-        columns = (
-            "set",
-            "players",
-            "episodes",
-            words.score,
-            head,
-            words.steps,
-            head,
-            words.reached,
-            head,
-        )
+        names = (words.score, head, words.steps, head, words.reached, head)
+        columns = ("set", "players", "episodes", *names)
         print_table(f"{mark}{group.name}: means over players", columns, rows)
 
 
@@ -166,16 +157,14 @@ def _print_second_analysis(mark: str, group: GroupReport) -> None:
         print_table(f"{mark}{group.name}: second analysis, mixed model", heads, rows)
     for each in models:
         if not each.converged:
-            click.echo(f"- {each.metric}: {each.note}")
+            echo(f"- {each.metric}: {each.note}")
 
 
 @click.command(short_help="Where the players of a study lose moves.")
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
 @STUDIES
-@path_option(
-    "--json", "json_path", "Write the summary and every move with its regret to this file."
-)
+@path_option("--json", "json_path", "Write the summary and every move's regret to this file.")
 def regret(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
     """Print the mean regret per episode of each player, and in which moves it lies.
 
@@ -202,7 +191,7 @@ def regret(name: str, database: Path, folder: Folder, json_path: Path | None) ->
             data, _ = load_with_folder(reader, folder, name)
             summary, rows = regret_of_study(reader, data, advance)
     except ValueError as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
     _show_regret(data, summary)
     if json_path is not None:
         found = {"study": name, "summary": asdict(summary), "moves": rows}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import option
+from click import ClickException, UsageError, echo, option
 
 from app.cli.console import print_table, progress
 
@@ -61,13 +61,13 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
         with progress(f"{plan.participants} participants") as advance:
             simulate(plan, outcomes, advance)
     except HTTPError as error:
-        raise click.UsageError(
+        raise UsageError(
             f"no server at {url} ({error}): start one with `marsexplorer serve`, or say where with --url"
         ) from error
     except ValueError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except (RefusedError, ServerAwayError) as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
     finally:
         _print_outcomes(outcomes)
 
@@ -94,11 +94,11 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
             for each in outcomes
         ],
     )
-    click.echo("minutes: at a person's pace of pressing keys, without the time to read and think")
+    echo("minutes: at a person's pace of pressing keys, without the time to read and think")
     trips = [ms for each in outcomes for ms in each.round_trips_ms]
     if trips:
         p50, p95, p99 = np.percentile(trips, (50, 95, 99))
-        click.echo(
+        echo(
             f"{len(trips)} moves; act to frame in ms: p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f}, "
             f"max {max(trips):.1f}"
         )

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import (
     default_config,
@@ -158,17 +158,17 @@ def new(
     write_file(path.with_name("rehearsal.json"), json.dumps(rehearsed, indent=1).encode())
     _echo_reachable_effects(protocol)
     if unanswered := protocol.declarations.unanswered():
-        click.echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
-    click.echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
-    click.echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
-    click.echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
+        echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
+    echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
+    echo(f"{path.with_name('checklist.md')}: what to do, from here to the figure")
+    echo(f"{path}: read it, edit it, then `marsexplorer study freeze {name}`")
 
 
 def _asked() -> dict[str, str]:
     """Ask for each declaration and return what was typed."""
     from app.series.protocol import Declarations
 
-    click.echo(
+    echo(
         'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
     )
     return {
@@ -209,27 +209,27 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         is_draft = folder.status(name) == "draft"
         plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
     found = frozen(name, beacon, folder, database)
-    click.echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
+    echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
     if plan is not None:
         _echo_plan(plan, found.protocol.rules.words)
     for policy, digest in found.protocol.policy_hashes.items():
-        click.echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
+        echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     if (looks := beginnings(found.protocol)) <= BEGINNINGS // 2:
-        click.echo(
+        echo(
             f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
             "whoever has played some instances may know the others"
         )
-    click.echo(f"The study {name!r} is frozen.\n{hashes(found)}")
+    echo(f"The study {name!r} is frozen.\n{hashes(found)}")
     if found.beacon is not None:
         out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"
-        click.echo(f"{out}; then `marsexplorer study open {name}`")
+        echo(f"{out}; then `marsexplorer study open {name}`")
     else:
-        click.echo(f"A running server offers it at once, at /study/{name}")
+        echo(f"A running server offers it at once, at /study/{name}")
     if found.protocol.recruitment == "invitation":
         invite = f"marsexplorer study invite {name} {found.protocol.players}"
-        click.echo(f"It is by invitation: `{invite}` makes the links")
+        echo(f"It is by invitation: `{invite}` makes the links")
     if found.protocol.panel_links == "signed":
-        click.echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
+        echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
 
 
 def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
@@ -243,17 +243,14 @@ def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
         found = folder.freeze(name, advance, named)
     said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
-    click.echo(said if _note_freezing(found, database) else later)
+    echo(said if _note_freezing(found, database) else later)
     return found
 
 
 def hashes(found: Study) -> str:
     """Return what freezing fixed, as it is printed."""
-    named = (
-        ""
-        if found.beacon is None
-        else f"\nbeacon         drand quicknet, round {found.beacon.round}"
-    )
+    beacon = found.beacon
+    named = f"\nbeacon         drand quicknet, round {beacon.round}" if beacon else ""
     return f"protocol hash  {found.protocol_hash}\ncommitment     {found.commitment}{named}"
 
 
@@ -305,7 +302,7 @@ def open_(name: str, signature: str | None, relay: str, folder: Folder, database
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         found = folder.open(name, signature or "", advance)
     _note_freezing(found, database)
-    click.echo(f"The study {name!r} is open, at /study/{name}")
+    echo(f"The study {name!r} is open, at /study/{name}")
 
 
 @study.command(short_help="End the study and reveal its secret.")
@@ -328,13 +325,13 @@ def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, databas
     with study_errors():
         is_of_agents = folder.draft(name).agents is not None
     if is_of_agents:
-        raise click.UsageError(f"{name!r} is of agents: `marsexplorer evaluation close {name}`")
+        raise UsageError(f"{name!r} is of agents: `marsexplorer evaluation close {name}`")
     question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
     found = closed(name, None if yes else question, now, sealed, folder, database)
     if found.is_open:
-        click.echo(f"The study {name!r} is sealed: `marsexplorer evaluation new NAME --of {name}`")
+        echo(f"The study {name!r} is sealed: `marsexplorer evaluation new NAME --of {name}`")
     else:
-        click.echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
+        echo(f"The study {name!r} is closed.\nsecret  {found.secret.hex()}")
 
 
 def closed(
@@ -356,7 +353,7 @@ def closed(
         found = close_study(folder, reader, name, now_ms(), now, seals)
     for each in (found, *([] if found.paired is None else [found.paired])):
         if not _note_in_database(each, database):
-            click.echo(
+            echo(
                 f"{database} is in use, and its server has not taken note yet: it does so at its next start at the latest, and "
                 "no report or release is made while episodes of the study are open"
             )
@@ -371,7 +368,7 @@ def _confirm(question: str) -> None:
         if sys.stdin.isatty():
             raise
         why = "nothing was closed: the answer was not yes; --yes closes without asking"
-        raise click.ClickException(why) from None
+        raise ClickException(why) from None
 
 
 def _note_in_database(found: Study, database: Path) -> bool:
@@ -412,12 +409,12 @@ def show(name: str, folder: Folder) -> None:
         status, protocol = folder.status(name), folder.draft(name)
         protocol = fill(protocol) if status == "draft" else protocol
         found = None if status == "draft" else folder.study(name)
-    click.echo(f"{name}: {status}, {folder.path(name)}")
+    echo(f"{name}: {status}, {folder.path(name)}")
     if found is not None:
-        click.echo(hashes(found))
+        echo(hashes(found))
         if not found.is_open:
-            click.echo(f"secret         {found.secret.hex()}")
-    click.echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
+            echo(f"secret         {found.secret.hex()}")
+    echo(json.dumps(protocol.model_dump(mode="json"), indent=2, ensure_ascii=False))
 
 
 @study.command("list", short_help="List all studies.")
@@ -433,23 +430,14 @@ def list_(folder: Folder) -> None:
         plan = f"{protocol.players} x ({protocol.warm_up} + {protocol.ranked})"
         rows.append((name, folder.status(name), plan, protocol.title))
     if not rows:
-        click.echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
+        echo(f"no studies in {folder.root}; `marsexplorer study new NAME` begins one")
         return
     print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
 
 
 @study.command(short_help="How many players give the interval wanted.")
-@option(
-    "--half-width",
-    type=float,
-    required=True,
-    help="Wanted half-width of the 95 % interval, in the metric's unit.",
-)
-@option(
-    "--player-sd",
-    type=float,
-    help="Standard deviation between players' true means, in the metric's unit.",
-)
+@option("--half-width", type=float, required=True, help="Wanted, of the 95 % interval.")
+@option("--player-sd", type=float, help="Between players' true means, in the metric's unit.")
 @option("--episode-sd", type=float, help="Standard deviation of episodes around a player's mean.")
 @option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
 @option("--metric", type=click.Choice(["score", "steps"]), default="score", help="With --study.")
@@ -473,21 +461,21 @@ def power(
     from app.report.statistics.planning import plan_sample_size
 
     if name is not None and (player_sd is not None or episode_sd is not None):
-        raise click.UsageError("give --study or the two SDs, not both")
+        raise UsageError("give --study or the two SDs, not both")
     if name is None and (player_sd is None or episode_sd is None):
         given = "--player-sd and --episode-sd, or --study NAME to take them from"
-        raise click.UsageError(f"expected {given}")
+        raise UsageError(f"expected {given}")
     try:
         spread = player_sd or 0.0, episode_sd or 0.0
         if name is not None:
             spread = _spread_of(name, metric, database)
         plan = plan_sample_size(*spread, half_width, ranked, assurance)
     except ValueError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     sds = f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}"
-    click.echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
+    echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
     found = f"{_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
-    click.echo(f"half-width {half_width:g} on average: {found}")
+    echo(f"half-width {half_width:g} on average: {found}")
     rows = [(str(w.players), f"{w.expected:.4g}", f"{w.assured:.4g}") for w in plan.table]
     heads = ("players", "on average", f"in {assurance:.0%} of studies")
     print_table("Half-width of the 95 % interval", heads, rows)
@@ -520,12 +508,7 @@ def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     "A panel's ids, one a line: print a signed link for each, where panel_links is signed.",
     metavar="FILE",
 )
-@path_option(
-    "--csv",
-    "table",
-    "Write them to a file as well, with their links: id, state, link.",
-    metavar="FILE",
-)
+@path_option("--csv", "table", "Write them to a file, with links: id, state, link.", metavar="FILE")
 @DATABASE
 @STUDIES
 def invite(
@@ -555,7 +538,7 @@ def invite(
 
     if [count > 0, lists, panel is not None].count(True) != 1:
         given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
-        raise click.UsageError(f"expected {given}")
+        raise UsageError(f"expected {given}")
     settings = settings_of()
     known = url or settings.public_url
     base = known or f"http://{settings.host}:{settings.port}"
@@ -579,12 +562,12 @@ def invite(
         _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
     if known is None and (table is not None or not lists):
         way_out = "give --url, or MARS_PUBLIC_URL as for the server, if people reach it elsewhere"
-        click.echo(f"{base} is a guess: {way_out}", err=True)
+        echo(f"{base} is a guess: {way_out}", err=True)
     if not lists:
-        click.echo("\n".join(links))
+        echo("\n".join(links))
     elif not found:
         way_out = f"`marsexplorer study invite {name} 10` makes ten links"
-        click.echo(f"nobody has been invited to {name}; {way_out}")
+        echo(f"nobody has been invited to {name}; {way_out}")
     else:
         issued = [_day(each.issued_ms) for each in found]
         printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
@@ -609,7 +592,7 @@ def revoke(name: str, ids: tuple[str, ...], folder: Folder) -> None:
 
     with study_errors():
         revoked = Invitations(folder).revoke(name, ids)
-    click.echo(f"revoked: {', '.join(each.id for each in revoked)}")
+    echo(f"revoked: {', '.join(each.id for each in revoked)}")
 
 
 @study.command(short_help="Print the operator's code for supervised sessions.")
@@ -628,9 +611,9 @@ def supervise(name: str, folder: Folder) -> None:
         study = folder.study(name)
     if not study.is_running:
         why = "nobody can be supervised in it any more"
-        raise click.UsageError(f"the study {name!r} is closed: {why}")
+        raise UsageError(f"the study {name!r} is closed: {why}")
     now = now_ms()
-    click.echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
+    echo(f"{code_of(study, now)}\nvalid until {_day(valid_until_ms(now))} UTC")
 
 
 def _uses(database: Path, name: str) -> dict[str, Use]:
@@ -663,10 +646,8 @@ def _with_reachable_effects(protocol: Protocol) -> Protocol:
     from app.report.statistics.planning import derived_difference, derived_margin
     from app.series.protocol import parse_protocol
 
-    reachable = {
-        "equivalence_margin": derived_margin(protocol),
-        "policy_difference": derived_difference(protocol),
-    }
+    margin, difference = derived_margin(protocol), derived_difference(protocol)
+    reachable = {"equivalence_margin": margin, "policy_difference": difference}
     found = {name: value for name, value in reachable.items() if value is not None}
     return parse_protocol({**protocol.model_dump(mode="json", exclude_unset=True), **found})
 
@@ -675,12 +656,12 @@ def _echo_reachable_effects(protocol: Protocol) -> None:
     """Print what margin and difference a new protocol holds, and what they rest on."""
     if protocol.policy_difference is None:
         why = "One player gives no interval and no test"
-        click.echo(f"{why}: plan at least two to compare anything.")
+        echo(f"{why}: plan at least two to compare anything.")
         return
     margin = f"changes of ±{protocol.equivalence_margin:g}"
     if protocol.ranked < 3:
         margin = "no learning (below 3 ranked episodes)"
-    click.echo(
+    echo(
         f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
         f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
         f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
@@ -698,7 +679,7 @@ def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
         ways = [f"plan {each.players} players"] if each.players is not None else []
         if each.least is not None and each.least < protocol.env_config.limit:
             ways.append(f"write {math.ceil(each.least)} or more as {each.field}")
-        raise click.UsageError(
+        raise UsageError(
             f"{_comparison(each)}, and below 50 % a study more likely misses than sees what it is for: "
             f"{', or '.join([*ways, 'freeze with --underpowered where it is a rehearsal or a pilot'])}"
         )
@@ -711,14 +692,14 @@ def _echo_plan(plan: StudyPlan, words: Words) -> None:
     if plan.is_default:
         whose = "those of a new study, since the protocol names none"
     assumed = f"assumed standard deviations ({whose})"
-    click.echo(f"{assumed}: {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
+    echo(f"{assumed}: {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
     if plan.half_width is not None:
         mean, most = plan.half_width
         width = f"±{mean:.1f} on average, at most ±{most:.1f} in 80 % of studies"
-        click.echo(f"mean {words.steps}: {width}")
+        echo(f"mean {words.steps}: {width}")
     for each in plan.comparisons:
         more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
-        click.echo(f"power: {_comparison(each)}{more}")
+        echo(f"power: {_comparison(each)}{more}")
 
 
 def _comparison(each: Any) -> str:
@@ -749,8 +730,8 @@ def preregister(name: str, out: Path | None, folder: Folder) -> None:
         protocol = fill(folder.draft(name)) if found is None else found.protocol
         text = preregistration(protocol, found)
     if out is None:
-        click.echo(text, nl=False)
+        echo(text, nl=False)
         return
     write_file(out, text.encode(), "--out")
     then = "state what is marked TO BE STATED, then register it before anybody plays"
-    click.echo(f"{out}: read it, {then}")
+    echo(f"{out}: read it, {then}")

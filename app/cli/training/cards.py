@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
+from click import ClickException, echo
 
 from app.cli.console import reason
 
@@ -26,9 +26,8 @@ def written(place: Path | str, option: str = "--out") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise click.ClickException(
-            f"cannot write {place}: {reason(error)}; choose another {option}"
-        ) from error
+        why = f"{reason(error)}; choose another {option}"
+        raise ClickException(f"cannot write {place}: {why}") from error
 
 
 @contextmanager
@@ -50,7 +49,7 @@ def noted_progress(what: str, total: int, note: str = "") -> Iterator[Callable[.
             if note:
                 bar.update(task, note=note)
             if line and not console.is_terminal:
-                click.echo(line, err=True)
+                echo(line, err=True)
 
         yield advance
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import click
-from click import argument, option
+from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import env_config_of, print_table, progress, reason
 from app.cli.options import PATH, check_more, levels_option, path_option, several, sizes_option
@@ -79,9 +79,7 @@ def evaluate(
     names = list(dict.fromkeys((*policies, *more, *RULES)))
     if maps:
         if csv_path or plots or ray:
-            raise click.UsageError(
-                "--map takes no --csv, --plots or --ray; leave them out, or write --json"
-            )
+            raise UsageError("--map takes no --csv, --plots or --ray; leave them, or write --json")
         _evaluate_maps(names, maps, cell_m, json_path)
         return
     levels = tuple(chain.from_iterable(LEVELS if name == "all" else (name,) for name in levels))
@@ -96,9 +94,8 @@ def evaluate(
         is_long = len(names) * len(configs) * episodes > FEW_EPISODES
         with _errors_of_playing(), Jobs(ray=ray) as jobs, progress("playing") as advance:
             executor, traces = jobs if ray or is_long else None, plots is not None
-            table = evaluate_policies(
-                names, configs, episodes, seed, advance, traces=traces, executor=executor
-            )
+            how = {"traces": traces, "executor": executor}
+            table = evaluate_policies(names, configs, episodes, seed, advance, **how)
         if json_file is not None:
             json_file.write(table.to_json().encode() + b"\n")
         if csv_file is not None:
@@ -106,7 +103,7 @@ def evaluate(
         if plots is not None:
             with written(f"to {plots}", "--plots"):
                 for path in save_plots(table, plots):
-                    click.echo(path)
+                    echo(path)
     _print(table)
 
 
@@ -127,11 +124,11 @@ def _errors_of_playing() -> Iterator[None]:
     try:
         yield
     except (ClusterError, JobError) as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
     except (PolicyNotFoundError, ValueError) as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except OSError as error:
-        raise click.ClickException(f"cannot read {error.filename}: {reason(error)}") from error
+        raise ClickException(f"cannot read {error.filename}: {reason(error)}") from error
 
 
 def _print(table: EvaluationTable) -> None:
@@ -180,15 +177,13 @@ def _read_maps(paths: Sequence[Path], cell_m: float | None) -> dict[str, GridMap
     maps: dict[str, GridMap] = {}
     for path in paths:
         if path.stem in maps:
-            raise click.UsageError(
-                f"--map names two files called {path.stem!r}; rename one, or give each once"
-            )
+            raise UsageError(f"--map names two files {path.stem!r}; rename one, or give it once")
         try:
             maps[path.stem] = read_map(path, CELL_M if cell_m is None else cell_m)
         except MapFileError as error:
-            raise click.UsageError(str(error)) from error
+            raise UsageError(str(error)) from error
         except ModuleNotFoundError as error:
-            raise click.ClickException(
+            raise ClickException(
                 "maps are read with the extra maps: pip install 'marsexplorer-playground[maps]'"
             ) from error
     return maps

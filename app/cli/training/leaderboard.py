@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from click import option
+from click import UsageError, echo, option
 
 from app.cli.console import progress, write_file
 from app.cli.options import COUNT, path_option, several
@@ -14,14 +14,8 @@ from app.cli.training.cards import written
 
 @click.command(short_help="Make the leaderboard's figures of the shipped policies.")
 @several("--board", "boards", "A board such as random-21x21; repeatable.  [default: all on offer]")
-@several(
-    "--policy",
-    "again",
-    "Play this policy alone, and keep the others' figures in --out; repeatable.",
-)
-@path_option(
-    "--out", "The folder for the figures, a file for each board; made when absent.", required=True
-)
+@several("--policy", "again", "Play this one alone, and keep the others' figures; repeatable.")
+@path_option("--out", "Folder for the figures, a file a board; made when absent.", required=True)
 @option("--workers", type=COUNT, default=1, help="Processes that play at the same time.")
 def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, workers: int) -> None:
     """Play the shipped policies on the leaderboard's terrains and write their figures, so that a new server shows them at once.
@@ -44,11 +38,9 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
 
     known = offered_boards()
     if unknown := [name for name in boards if name not in known]:
-        raise click.UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
+        raise UsageError(f"no board {unknown[0]!r}; choose one of: {', '.join(known)}")
     if unknown := [name for name in again if name not in names()]:
-        raise click.UsageError(
-            f"no policy {unknown[0]!r} is shipped; choose one of: {', '.join(names())}"
-        )
+        raise UsageError(f"no policy {unknown[0]!r} is shipped; there are {', '.join(names())}")
     kept = ShippedFigures(out) if again else None
     for name in boards or known:
         path = out / file_name(known[name].config)
@@ -57,4 +49,4 @@ def leaderboard(boards: tuple[str, ...], again: tuple[str, ...], out: Path, work
         with written(path):
             out.mkdir(parents=True, exist_ok=True)
         write_file(path, text.encode(), "--out")
-        click.echo(path)
+        echo(path)

@@ -7,16 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
-from click import argument, option
+from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import print_table, progress
 from app.cli.options import flag, path_option
 
-TOKEN = option(
-    "--token",
-    envvar="HF_TOKEN",
-    help="Of your account.  [default: HF_TOKEN, or that of `hf auth login`]",
-)
+TOKEN = option("--token", envvar="HF_TOKEN", help="Your own.  [default: that of `hf auth login`]")
 
 
 @click.group(short_help="List policies, show their cards, share them on the Hugging Face hub.")
@@ -52,7 +48,7 @@ def card(policy: str) -> None:
     from marsexplorer.policies.files.card import read_card
 
     with _policy_errors():
-        click.echo(json.dumps(read_card(_file_of(policy)), indent=2, ensure_ascii=False))
+        echo(json.dumps(read_card(_file_of(policy)), indent=2, ensure_ascii=False))
 
 
 @policies.command()
@@ -70,14 +66,14 @@ def measure(policy: str) -> None:
         file = _file_of(policy)
         found = read_card(file)
         if not found.get("results"):
-            raise click.UsageError(f"the card of {file} has no results; `train` writes some")
+            raise UsageError(f"the card of {file} has no results; `train` writes some")
         results = {}
         for where, each in found["results"].items():
             with progress(where) as advance:
                 config, terrains, first = config_of(where), each["terrains"], each["first_seed"]
                 results[where] = result_for_card(file, config, terrains, first, advance)
             moves = results[where]["steps"]
-            click.echo(f"{where}: {moves} moves to 99 %, the card said {each['steps']}")
+            echo(f"{where}: {moves} moves to 99 %, the card said {each['steps']}")
         write_card(file, {**found, "results": results})
 
 
@@ -97,12 +93,12 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
         file = _file_of(policy)
         with _hub_errors(hub.HubError):
             address = hub.push(file, repo, is_private=private, token=token)
-        click.echo(f"{file.name} stands at {address}")
+        echo(f"{file.name} stands at {address}")
 
 
 @policies.command()
 @argument("repo", metavar="OWNER/NAME")
-@path_option("--out", "Folder for the file.  [default: the current one]", default=Path())
+@path_option("--out", "Folder for the file.", default=Path(), show_default="the current one")
 @option("--revision", help="A branch, tag or commit.  [default: the newest]")
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
@@ -113,8 +109,8 @@ def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
 
         with _hub_errors(hub.HubError):
             file = hub.pull(repo, out, revision=revision, token=token)
-        click.echo(f"{file}: {read_card(file).get('summary', 'a policy')}")
-        click.echo(f"Play beside it: marsexplorer serve --policy {file}")
+        echo(f"{file}: {read_card(file).get('summary', 'a policy')}")
+        echo(f"Play beside it: marsexplorer serve --policy {file}")
 
 
 def _file_of(policy: str) -> Path:
@@ -122,9 +118,8 @@ def _file_of(policy: str) -> Path:
     from marsexplorer.policies.loading import BUILT_IN, find_file
 
     if policy in BUILT_IN:
-        raise click.UsageError(
-            f"{policy} is a rule, code of this package; name a policy that has a file, such as ppo"
-        )
+        rule = f"{policy} is a rule, code of this package"
+        raise UsageError(f"{rule}; name a policy that has a file, such as ppo")
     return find_file(policy)
 
 
@@ -136,11 +131,10 @@ def _policy_errors() -> Iterator[None]:
     try:
         yield
     except (PolicyFileError, PolicyNotFoundError) as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     except OSError as error:
-        raise click.ClickException(
-            f"cannot write the policy: {error.strerror or error}; choose another --out"
-        ) from error
+        why = f"{error.strerror or error}; choose another --out"
+        raise ClickException(f"cannot write the policy: {why}") from error
 
 
 @contextmanager
@@ -148,4 +142,4 @@ def _hub_errors(kind: type[Exception]) -> Iterator[None]:
     try:
         yield
     except kind as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import argument, option
+from click import UsageError, argument, echo, option
 
 from app.cli.options import COUNT, WORKERS, path_option, seed_option, several
 from app.cli.training.cards import commit, hardware, measure_policy, noted_progress, written
@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Improve a trained policy by trying other moves.")
 @argument("policy", default="ppo")
-@option(
-    "--rounds",
-    type=COUNT,
-    default=30,
-    help="Rounds of playing and learning; the first takes longest.",
-)
+@option("--rounds", type=COUNT, default=30, help="Rounds of play; the first takes longest.")
 @several(
     "--size",
     "sizes",
@@ -68,13 +63,12 @@ def refine(
     try:
         net, card = load_net(path), read_card(path)
     except PolicyFileError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.onnx"
     if file.exists():
-        raise click.UsageError(
-            f"{file} exists already; go on from it (marsexplorer refine {file}) or give another --out"
-        )
+        way_out = f"go on from it (marsexplorer refine {file}) or give another --out"
+        raise UsageError(f"{file} exists already; {way_out}")
     options = "".join(f" --size {size}" for size in sizes if sizes != (21,))
     given = f"{policy}{options} --rounds {rounds} --seed {seed} --out {folder.name}"
     processes, was_refined = workers or cores(), "pairs" in card.get("training", {})
@@ -88,9 +82,9 @@ def refine(
         left = "nothing is written before the first round is done"
         if run.rounds_done:
             left = f"{file} is as it was after round {run.rounds_done}"
-        click.echo(f"stopped; {left}", err=True)
+        echo(f"stopped; {left}", err=True)
         raise
-    click.echo(f"{file}: {measure_policy(file, output.save_policy, [EnvConfig()])}")
+    echo(f"{file}: {measure_policy(file, output.save_policy, [EnvConfig()])}")
 
 
 ROUND_LOG_COLUMNS = {
@@ -159,9 +153,8 @@ class RefineOutput:
             return
         found = torch.load(self.checkpoint, weights_only=True)
         if differing := differing_names(found["identity"], self._identity):
-            raise ValueError(
-                f"{self.checkpoint} is of another run ({differing}); give the options it began with"
-            )
+            other = f"of another run ({differing})"
+            raise ValueError(f"{self.checkpoint} is {other}; give the options it began with")
         self.run.load_state_dict(found["run"])
         lines = read_log(self.log)
         self._lines = [line for line in lines if line["round"] <= self.run.rounds_done]

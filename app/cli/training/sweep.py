@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import option
+from click import ClickException, UsageError, option
 
 from app.cli.console import print_table, progress
 from app.cli.options import COUNT, levels_option, path_option, several, sizes_option
@@ -72,16 +72,9 @@ FIGURES = ("steps", "completion", "score", "rule_ratio")
 @several("--seed", "seeds", "Training seed; repeatable.", type=click.IntRange(0, 1000), default=[0])
 @option("--recipe", type=click.Choice(["best", "priced"]), default="best", help="As in train.")
 @option("--steps", type=COUNT, default=4_000_000, help="Moves of each training.")
-@option(
-    "--episodes",
-    type=click.IntRange(min=2),
-    default=200,
-    help="Held-out terrains to measure each policy on.",
-)
+@option("--episodes", type=click.IntRange(min=2), default=200, help="Held-out terrains a policy.")
 @option("--ray", metavar="ADDRESS", help="Train on a Ray cluster: HOST:PORT, auto, or local.")
-@path_option(
-    "--out", "Folder that all machines can reach: policies, logs and sweep.csv.", required=True
-)
+@path_option("--out", "Folder that all machines reach: policies, logs, sweep.csv.", required=True)
 def sweep(
     levels: tuple[str, ...],
     sizes: tuple[int | tuple[int, int], ...],
@@ -106,7 +99,7 @@ def sweep(
     each = product(configs_of(levels, sizes), dict.fromkeys(seeds))
     runs = [_sweep_run(config, seed, recipe, steps, episodes) for config, seed in each]
     if (out / "sweep.csv").exists():
-        raise click.UsageError(f"{out} holds a sweep already; give another --out")
+        raise UsageError(f"{out} holds a sweep already; give another --out")
     from marsexplorer.files import write_whole
 
     with written(f"to {out}"):
@@ -116,9 +109,8 @@ def sweep(
             file.write(_csv(results).encode())
     _show(results)
     if failed := [each for each in results if each.error]:
-        raise click.ClickException(
-            f"{len(failed)} of {len(runs)} trainings failed, the first with: {failed[0].error}"
-        )
+        some = f"{len(failed)} of {len(runs)} trainings failed"
+        raise ClickException(f"{some}, the first with: {failed[0].error}")
 
 
 def _sweep_run(config: EnvConfig, seed: int, recipe: str, steps: int, episodes: int) -> SweepRun:
@@ -141,7 +133,7 @@ def _run(runs: Sequence[SweepRun], out: Path, address: str | None) -> list[Sweep
             advance(0, len(runs))
             return train_all(jobs, runs, out.resolve(), advance)
     except ClusterError as error:
-        raise click.ClickException(str(error)) from error
+        raise ClickException(str(error)) from error
 
 
 def train_all(
@@ -183,9 +175,8 @@ def train_one(sweep_run: SweepRun, out: Path) -> SweepResult:
     table = evaluate(names, config, sweep_run.episodes, EVALUATION_SEEDS.start)
     own, ratio = table.rows[0], table.compared(table.rows[0])
     assert ratio is not None
-    result = SweepResult(
-        sweep_run, own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean, folder.policy
-    )
+    means = (own.steps_mean, own.completion, own.score_mean, ratio.ratio_mean)
+    result = SweepResult(sweep_run, *means, folder.policy)
     where = f"{config.level} {config.rows}x{config.cols}"
     terrains = {"terrains": sweep_run.episodes, "first_seed": EVALUATION_SEEDS.start}
     figures = {name: getattr(result, name) for name in FIGURES}

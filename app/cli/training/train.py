@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import option
+from click import UsageError, echo, option
 
 from app.cli.console import env_config_of
 from app.cli.options import (
@@ -73,7 +73,7 @@ REFINE_CHECKPOINT = "refine.pt"
 @seed_option("The same seed, steps and rounds give the same weights.")
 @path_option("--out", "Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @flag("--resume", "Go on with the run in --out: the command that began it, with --resume.")
-@option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="What computes.")
+@option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="Where it computes.")
 def train(
     recipe: str,
     levels: tuple[str, ...],
@@ -106,7 +106,7 @@ def train(
       marsexplorer serve --policy runs/quick/quick.onnx
     """
     if minutes is not None and steps is not None:
-        raise click.UsageError("--minutes and --steps both say how long; give one of them")
+        raise UsageError("--minutes and --steps both say how long; give one of them")
     from marsexplorer.training.config import RECIPES, with_fields
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.run_folder import steps_of
@@ -117,17 +117,13 @@ def train(
     try:
         config = with_fields(RECIPES[recipe], settings)
     except ValueError as error:
-        raise click.UsageError(f"--set: {error}") from error
+        raise UsageError(f"--set: {error}") from error
     sides = [f"{size[0]}x{size[1]}" if isinstance(size, tuple) else str(size) for size in sizes]
     folder = out or Path("runs") / f"{recipe}-{'+'.join(levels)}-{'+'.join(sides)}-s{seed}"
     if not resume and (folder / "checkpoint.pt").exists():
-        raise click.UsageError(
-            f"{folder} holds a run already; go on with --resume, or give another --out"
-        )
+        raise UsageError(f"{folder} holds a run already; go on with --resume, or another --out")
     if resume and rounds is None and (folder / REFINE_CHECKPOINT).exists():
-        raise click.UsageError(
-            f"the run in {folder} is being refined; give the --refine that it began with"
-        )
+        raise UsageError(f"the run in {folder} is being refined; give the --refine it began with")
     try:
         if resume and steps is None:
             steps = steps_of(folder)
@@ -139,7 +135,7 @@ def train(
         here = f"{'' if device == 'cpu' else f' --device {device}'}{f' --workers {workers}' if workers else ''}"
         again = f"{command}{shlex.quote(str(folder))}{here}"
         command += folder.name
-        click.echo(again, err=True)
+        echo(again, err=True)
         run = TrainingRun.begin(config, configs, steps, seed, device)
         with written(f"to {folder}"):
             try:
@@ -148,22 +144,21 @@ def train(
                     _refine(run, trained, rounds, workers, command)
             except KeyboardInterrupt:
                 kept = " --resume" if (folder / "checkpoint.pt").exists() else ""
-                click.echo(f"go on with: {again}{kept}", err=True)
+                echo(f"go on with: {again}{kept}", err=True)
                 raise
     except ValueError as error:
-        raise click.UsageError(str(error)) from error
+        raise UsageError(str(error)) from error
 
 
 def _check_rounds(rounds: int | None, workers: int | None, sizes: tuple[Any, ...]) -> None:
     """Raise UsageError where a policy cannot be refined as it was asked for."""
     if rounds is None:
         if workers is not None:
-            raise click.UsageError("--workers are the processes of --refine; add it, or leave it")
+            raise UsageError("--workers are the processes of --refine; add it, or leave it")
         return
     if not all(isinstance(size, int) and 21 <= size <= 84 for size in sizes):
-        raise click.UsageError(
-            "--refine plays square grids of sides 21 to 84; give such a --size, or leave --refine out"
-        )
+        instead = "give such a --size, or leave --refine out"
+        raise UsageError(f"--refine plays square grids of sides 21 to 84; {instead}")
 
 
 def _train(
@@ -183,10 +178,10 @@ def _train(
         except KeyboardInterrupt:
             if run.is_between_updates:
                 run_folder.save()
-            click.echo(f"stopped after {run.global_step:,} of {steps:,} moves", err=True)
+            echo(f"stopped after {run.global_step:,} of {steps:,} moves", err=True)
             raise
     policy = run_folder.policy
-    click.echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
+    echo(f"{policy}: {measure_policy(policy, run_folder.save_policy, _measured(run))}")
     return policy
 
 
@@ -212,9 +207,9 @@ def _refine(
         refine_policy(output, processes)
     except KeyboardInterrupt:
         done = f"{refine_run.rounds_done} of {rounds} rounds of refining"
-        click.echo(f"stopped after {done}", err=True)
+        echo(f"stopped after {done}", err=True)
         raise
-    click.echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
+    echo(f"{file}: {measure_policy(file, output.save_policy, _measured(run))}")
 
 
 def _measured(run: TrainingRun) -> list[EnvConfig]:
@@ -243,7 +238,7 @@ def _steps_for(minutes: float, config: TrainConfig, configs: list[EnvConfig], de
     from marsexplorer.training.ppo import TrainingRun
     from marsexplorer.training.ppo import train as train_network
 
-    click.echo("measuring how fast this machine is", err=True)
+    echo("measuring how fast this machine is", err=True)
     times = [time.monotonic()]
     run = TrainingRun.begin(config, configs, TIMED_UPDATES * config.batch_size, 0, device)
     train_network(run, lambda _: times.append(time.monotonic()))
@@ -258,7 +253,7 @@ def _check_device(device: str) -> None:
     import torch
 
     if not torch.cuda.is_available():
-        raise click.UsageError(
+        raise UsageError(
             "--device cuda needs a CUDA device and a CUDA build of torch; this one has none: leave it out"
         )
 
@@ -277,9 +272,8 @@ def _progress_bar(run: TrainingRun) -> Iterator[Callable[[UpdateMetrics, float],
             earned = "no episode has ended yet"
             if not isnan(metrics.episode_return):
                 steps = f"{metrics.episode_steps:.1f} moves an episode"
-                earned = (
-                    f"return {metrics.episode_return:.0f}, {steps}, {metrics.explored:.1%} explored"
-                )
+                returned = f"return {metrics.episode_return:.0f}"
+                earned = f"{returned}, {steps}, {metrics.explored:.1%} explored"
             note, line = f"{played}: {earned}", ""
             if now - printed > PRINT_INTERVAL_S or run.updates_done == run.num_updates:
                 line, printed = f"{note}, entropy {metrics.entropy:.2f}", now

@@ -437,7 +437,7 @@ def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
 def test_the_commands_report_what_they_did(copy, capsys):
     code, out, _ = run(capsys, "verify", "--database", copy / "play.db", "--studies", copy / "none")
     assert (code, "all as recorded; 18 episodes" in out) == (0, True)
-    code, out, _ = run(capsys, "verify", "--dataset", copy / "out", "--signer", "00")
+    code, out, _ = run(capsys, "verify", "--dataset", copy / "out", "--key", "00")
     assert (code, "the signing key is" in out) == (1, True)
     code, out, _ = run(capsys, "import", copy / "out", "--database", copy / "new.db")
     assert (code, "3 participants and 18 episodes" in out) == (0, True)
@@ -454,7 +454,7 @@ def test_the_commands_report_what_they_did(copy, capsys):
     ("args", "code", "said"),
     [
         ("verify --database a --dataset b", 2, "not both"),
-        ("verify --database a --signer b", 2, "--signer goes with --dataset"),
+        ("verify --database a --key b", 2, "--key goes with --dataset"),
         ("verify --database missing.db", 1, "no database at"),
         ("verify --dataset missing", 1, "is not a release"),
         ("import missing", 1, "is not a release"),
