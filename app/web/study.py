@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import APIRouter, Depends, HTTPException, Path, Request, Response
 from pydantic import Field, field_validator
@@ -30,6 +31,8 @@ from app.web.results import regret_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
+State = dict[str, Any]
+T = TypeVar("T")
 Index = Annotated[int, Path(ge=0, le=10_000)]
 
 RULES = ("coverage", "lidar_radius", "max_steps")
@@ -132,30 +135,79 @@ ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
 Player = Annotated[str | None, Depends(participant_of)]
 
 
-async def participant_state(
-    request: Request, study: Study, participant: Participant
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Asking:
+    """Who asks for what of which study; `player` is None before joining."""
+
+    request: Request
+    progress: ParticipantProgress
+    player: str | None
+    name: str
+
+    def write(self, work: Callable[..., T], *given: Any) -> Awaitable[T]:
+        """Return what comes of `work(name, player, *given)` on the thread of the writes."""
+        return self.progress.lobby.store.write(partial(work, self.name, self.player, *given))
+
+    async def after(self, doing: Awaitable[Any]) -> State:
+        """Return where the participant stands once something is done."""
+        with answering_study_errors():
+            await doing
+        return await self.state()
+
+    async def state(self) -> State:
+        """Return where the participant stands."""
+        progress = self.progress
+        with answering_study_errors():
+            study = progress.study(self.name)
+            await progress.note_if_closed(study)
+            find = partial(progress.participant, self.name, self.player)
+            participant = await progress.lobby.store.read(find)
+            return await participant_state(self.request, study, participant)
+
+    async def trials_at_debrief(self) -> tuple[Study, list[Trial]]:
+        """Return the participant's study and trials, once they are at the debrief."""
+        progress = self.progress
+
+        def read() -> tuple[Study, list[Trial]]:
+            study = progress.study(self.name)
+            participant = progress.participant(self.name, self.player)
+            if participant.stage not in ("debrief", "complete"):
+                raise StageError("the debrief comes after the last ranked round")
+            return study, progress.study_store.trials(participant.id)
+
+        with answering_study_errors():
+            return await progress.lobby.store.read(read)
+
+
+def _asking(request: Request, progress: ProgressOf, player: Player, name: Name) -> Asking:
+    return Asking(request, progress, player, name)
+
+
+AskingOf = Annotated[Asking, Depends(_asking)]
+
+
+async def participant_state(request: Request, study: Study, participant: Participant) -> State:
     """Return where a participant stands: all that the page needs."""
     progress, protocol = _progress(request), study.protocol
-    store = progress.lobby.store
-    trials, note = await store.read(
-        lambda: (progress.study_store.trials(participant.id), _note(progress, study, participant))
-    )
+
+    def read() -> tuple[list[Trial], str | None]:
+        return progress.study_store.trials(participant.id), _note(progress, study, participant)
+
+    trials, note = await progress.lobby.store.read(read)
     ended = [trial.phase for trial in trials if trial.ended_ms is not None]
-    session = await progress.session(participant)
-    is_over = participant.stage in ("debrief", "complete")
-    values = placeholder_values(protocol)
+    session, debrief = await progress.session(participant), None
+    if participant.stage in ("debrief", "complete"):
+        debrief = await services_of(request).debriefs.summary(study, participant, trials)
+    values, questions = placeholder_values(protocol), protocol.questions
+    chosen = {"modality": None, "palette": "mars", "keys": None}
     return {
         "study": study.name,
         "title": protocol.title,
         "task": describe(protocol.rules),
         "participant": participant_label(participant.id),
         "stage": participant.stage,
-        "consent": {"version": protocol.consent.version, "text": protocol.consent.text},
-        "questions": [
-            {"question": each.question, "choices": list(each.choices)}
-            for each in protocol.questions
-        ],
+        "consent": protocol.consent.model_dump(),
+        "questions": [each.model_dump(include={"question", "choices"}) for each in questions],
         "right": None,
         "why": None,
         "warm_up": {"done": ended.count("warm_up"), "of": protocol.warm_up},
@@ -167,15 +219,8 @@ async def participant_state(
         "session": participant.session_id,
         "about": None if session is None else await session_summary(progress.lobby, session),
         "phase": trials[-1].phase if trials else None,
-        "settings": {
-            "modality": None,
-            "palette": "mars",
-            "keys": None,
-            **json.loads(participant.settings),
-        },
-        "debrief": await services_of(request).debriefs.summary(study, participant, trials)
-        if is_over
-        else None,
+        "settings": {**chosen, **json.loads(participant.settings)},
+        "debrief": debrief,
         "note": note,
         "invited": participant.invitation is not None,
         "supervised_until_ms": supervised_until_ms(participant),
@@ -190,21 +235,6 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
     if not study.is_running and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
     return progress.recruitment.obstacle(study, participant)
-
-
-async def _present_state(request: Request, name: str) -> dict[str, Any]:
-    with answering_study_errors():
-        return await participant_state(request, *await _asking(request, name))
-
-
-async def _asking(request: Request, name: str) -> tuple[Study, Participant]:
-    """Return the study that is asked for and the participant who asks."""
-    progress = _progress(request)
-    study = progress.study(name)
-    await progress.note_if_closed(study)
-    return study, await progress.lobby.store.read(
-        lambda: progress.participant(name, participant_of(request))
-    )
 
 
 @router.get("", summary="The studies of this server")
@@ -257,178 +287,111 @@ async def get_study(progress: ProgressOf, name: Name) -> dict[str, Any]:
 
 
 @router.post("/{name}/join", status_code=201, summary="Take part, or go on")
-async def join(
-    request: Request,
-    response: Response,
-    progress: ProgressOf,
-    name: Name,
-    wanted: Join | None = None,
-) -> dict[str, Any]:
+async def join(asks: AskingOf, response: Response, wanted: Join | None = None) -> State:
     """Join, or resume: 201 for a new participant, 200 for one who returns. The cookie that is set is of studies alone.
 
     A person needs the link's invitation or outside id where the study's recruitment asks for one, and 409 says so. Agreeing
     to the consent text uses it up; joining does not. A script needs none.
     """
-    wanted = wanted or Join()
-    player_id = participant_of(request) or progress.lobby.sources.player_id()
+    wanted, progress = wanted or Join(), asks.progress
+    player_id = asks.player or progress.lobby.sources.player_id()
     with answering_study_errors():
         comes = Arrival(wanted.outside_ids, wanted.script, wanted.invitation)
-        participant, is_new = await progress.lobby.store.write(
-            lambda: progress.join(name, player_id, comes)
-        )
-        answer = await participant_state(request, progress.study(name), participant)
+        enter = partial(progress.join, asks.name, player_id, comes)
+        participant, is_new = await progress.lobby.store.write(enter)
+        answer = await participant_state(asks.request, progress.study(asks.name), participant)
     response.status_code = 201 if is_new else 200
-    remember_player(response, request, player_id, PARTICIPANT)
+    remember_player(response, asks.request, player_id, PARTICIPANT)
     return answer
 
 
 @router.get("/{name}/me", summary="Where I stand")
-async def me(request: Request, name: Name) -> dict[str, Any]:
+async def me(asks: AskingOf) -> State:
     """Return where the participant stands, 404 before joining; a page that was reloaded begins here."""
-    return await _present_state(request, name)
+    return await asks.state()
 
 
 @router.post("/{name}/consent", summary="Agree to take part, or not")
-async def consent(
-    request: Request, progress: ProgressOf, player: Player, name: Name, given: ConsentAnswer
-) -> dict[str, Any]:
+async def consent(asks: AskingOf, given: ConsentAnswer) -> State:
     """Answer the consent text; `agree` false leaves the study."""
-    with answering_study_errors():
-        await progress.lobby.store.write(
-            lambda: progress.consent(name, player, given.version, given.agree)
-        )
-    return await _present_state(request, name)
+    return await asks.after(asks.write(asks.progress.consent, given.version, given.agree))
 
 
 @router.post("/{name}/advance", summary="Go on to the next stage")
-async def advance(
-    request: Request, progress: ProgressOf, player: Player, name: Name, left: Advance
-) -> dict[str, Any]:
+async def advance(asks: AskingOf, left: Advance) -> State:
     """Leave the instructions, the tutorial once it was played, or the debrief."""
-    with answering_study_errors():
-        await progress.lobby.store.write(lambda: progress.advance(name, player, left.from_))
-    return await _present_state(request, name)
+    return await asks.after(asks.write(asks.progress.advance, left.from_))
 
 
 @router.post("/{name}/answers", summary="Answer the questions")
-async def answers(
-    request: Request, progress: ProgressOf, player: Player, name: Name, given: Answers
-) -> dict[str, Any]:
+async def answers(asks: AskingOf, given: Answers) -> State:
     """Check the answers: `right` says which were right, `why` explains the others; with all right the warm-up is next.
 
     Every attempt is recorded.
     """
     with answering_study_errors():
-        right = await progress.lobby.store.write(
-            lambda: progress.answer(name, player, given.answers)
-        )
-    questions = progress.study(name).protocol.questions
+        right = await asks.write(asks.progress.answer, given.answers)
+    questions = asks.progress.study(asks.name).protocol.questions
     why = ["" if each else question.why for each, question in zip(right, questions, strict=True)]
-    return {**await _present_state(request, name), "right": right, "why": why}
+    return {**await asks.state(), "right": right, "why": why}
 
 
 @router.post("/{name}/next", summary="Begin the next episode")
-async def begin_next(
-    request: Request, progress: ProgressOf, player: Player, name: Name
-) -> dict[str, Any]:
+async def begin_next(asks: AskingOf) -> State:
     """Begin the next episode of the stage. While one runs nothing changes, so no terrain can be drawn again."""
-    with answering_study_errors():
-        await progress.begin_next(name, player)
-    return await _present_state(request, name)
+    return await asks.after(asks.progress.begin_next(asks.name, asks.player))
 
 
 @router.post("/{name}/give-up", summary="Give the running episode up")
-async def abandon(
-    request: Request, progress: ProgressOf, player: Player, name: Name, given: AbandonEpisode
-) -> dict[str, Any]:
+async def abandon(asks: AskingOf, given: AbandonEpisode) -> State:
     """Abandon the running episode: its return so far minus `r_invalid` counts, and its terrain does not come again."""
-    with answering_study_errors():
-        await progress.abandon(name, player, given.episode, given.step)
-    return await _present_state(request, name)
+    frame = given.episode, given.step
+    return await asks.after(asks.progress.abandon(asks.name, asks.player, *frame))
 
 
 @router.post("/{name}/settings", summary="Choose keys, palette, touch")
-async def settings(
-    request: Request, progress: ProgressOf, player: Player, name: Name, chosen: ParticipantSettings
-) -> dict[str, Any]:
+async def settings(asks: AskingOf, chosen: ParticipantSettings) -> State:
     """Store keys, palette and modality with the participant: how somebody played is part of the data."""
     with answering_study_errors():
-        actions = progress.study(name).protocol.rules.actions
+        actions = asks.progress.study(asks.name).protocol.rules.actions
         if strange := [each for each in chosen.keys or {} if each not in actions]:
             raise ValueError(f"keys: expected keys of {', '.join(actions)}, got {strange[0]!r}")
-        changed = chosen.model_dump(exclude_none=True)
-        await progress.lobby.store.write(lambda: progress.set_settings(name, player, changed))
-    return await _present_state(request, name)
+    changed = chosen.model_dump(exclude_none=True)
+    return await asks.after(asks.write(asks.progress.set_settings, changed))
 
 
 @router.post("/{name}/supervise", summary="The operator's code")
-async def supervise(
-    request: Request, progress: ProgressOf, player: Player, name: Name, typed: OperatorCode
-) -> dict[str, Any]:
+async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
     """Check the operator's code of the day, which `marsexplorer study supervise` prints: the session is supervised from now.
 
     A wrong code is refused with 409 and recorded; after ten no code of this participant is looked at.
     """
-    with answering_study_errors():
-        await progress.lobby.store.write(lambda: progress.supervise(name, player, typed.code))
-    return await _present_state(request, name)
+    return await asks.after(asks.write(asks.progress.supervise, typed.code))
 
 
 @router.post("/{name}/withdraw", summary="Leave the study")
-async def withdraw(
-    request: Request, progress: ProgressOf, player: Player, name: Name
-) -> dict[str, Any]:
+async def withdraw(asks: AskingOf) -> State:
     """Withdraw and abandon the running episode; `note` says what is kept and how to have it erased."""
-    with answering_study_errors():
-        await progress.withdraw(name, player)
-    return await _present_state(request, name)
+    return await asks.after(asks.progress.withdraw(asks.name, asks.player))
 
 
 @router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")
-async def debrief(
-    request: Request,
-    progress: ProgressOf,
-    player: Player,
-    name: Name,
-    index: Index,
-    phase: Shown = "warm_up",
-) -> dict[str, Any]:
+async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
     """Return your own episode and the policy's on the same terrain, frame by frame, once you are at the debrief.
 
     Ranked terrains, in the order in which you played them, are shown once the study is closed.
     """
-    study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
+    study, trials = await asks.trials_at_debrief()
     with answering_study_errors():
-        replays: dict[str, Any] = await services_of(request).debriefs.replays(
-            study, trials, phase, index
-        )
-    return replays
+        return await services_of(asks.request).debriefs.replays(study, trials, phase, index)
 
 
 @router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a terrain")
-async def debrief_regret(
-    request: Request,
-    progress: ProgressOf,
-    player: Player,
-    name: Name,
-    index: Index,
-    phase: Shown = "warm_up",
-) -> dict[str, Any]:
+async def debrief_regret(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
     """Return the biggest losses of your own episode, once you are at the debrief; of a ranked one once the study is closed."""
-    study, trials = await progress.lobby.store.read(lambda: _at_debrief(progress, player, name))
+    study, trials = await asks.trials_at_debrief()
     with answering_study_errors():
         own = own_trial(study, trials, phase, index)
-    store = services_of(request).store
+    store = asks.progress.lobby.store
     record = await store.read(lambda: store.load_record(own.id))
-    return {"policy": POLICY, **await regret_of(request, record)}
-
-
-def _at_debrief(
-    progress: ParticipantProgress, player: str | None, name: str
-) -> tuple[Study, list[Trial]]:
-    """Return a participant's study and trials, once they are at the debrief."""
-    with answering_study_errors():
-        study, participant = progress.study(name), progress.participant(name, player)
-        if participant.stage not in ("debrief", "complete"):
-            raise StageError("the debrief comes after the last ranked round")
-        return study, progress.study_store.trials(participant.id)
+    return {"policy": POLICY, **await regret_of(asks.request, record)}
