@@ -24,9 +24,8 @@ def shared_array(out: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[
     if array.shape != shape:
         raise ValueError(f"{wanted}; got the shape {list(array.shape)}")
     if not array.flags.c_contiguous:
-        raise ValueError(
-            f"{wanted}; this one is not contiguous: make it with empty() or contiguous()"
-        )
+        why = "this one is not contiguous"
+        raise ValueError(f"{wanted}; {why}: make it with empty() or contiguous()")
     if not array.flags.writeable:
         raise ValueError(
             f"{wanted}; this one is read-only, as the arrays of JAX are: give a NumPy array or a torch tensor"

@@ -63,9 +63,7 @@ def _levels() -> dict[str, Level]:
     for t, m, b in product((1, 2, 3), (1, 2), (1, 2)):
         sides = "1 to 2" if m == 1 else "1 to 4"
         pay = "with bonus and penalty" if b == 1 else "without bonus and penalty"
-        summary = (
-            f"a lattice moved by up to {t}, rectangles of {sides} cells a side, {pay} (section 3.3)"
-        )
+        summary = f"a lattice moved by up to {t}, rectangles of {sides} cells, {pay} (section 3.3)"
         levels[f"{t}-{m}-{b}"] = Level(f"{t}-{m}-{b}", t, m, b == 1, summary)
     return levels
 
@@ -150,13 +148,11 @@ class EnvConfig:
         if self.discoverable_only is None:
             object.__setattr__(self, "discoverable_only", self.level in OTHER_LEVELS)
         if not isinstance(self.discoverable_only, bool):
-            raise TypeError(
-                f"discoverable_only must be True, False or None, got {self.discoverable_only!r}"
-            )
+            given = f"got {self.discoverable_only!r}"
+            raise TypeError(f"discoverable_only must be True, False or None, {given}")
         if self.level in OTHER_LEVELS and not self.discoverable_only:
-            raise ValueError(
-                f"discoverable_only cannot be False for level {self.level!r}: much of it can never be seen"
-            )
+            what = f"for level {self.level!r}: much of it can never be seen"
+            raise ValueError(f"discoverable_only cannot be False {what}")
 
     @classmethod
     def of(cls, level: str = "random", size: int | tuple[int, int] = 21, **rest: Any) -> EnvConfig:

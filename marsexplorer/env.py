@@ -55,13 +55,15 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         observation: str = "float32",
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(
-                f'render_mode must be None, "rgb_array" or "ansi", got {render_mode!r}'
-            )
+            known = 'None, "rgb_array" or "ansi"'
+            raise ValueError(f"render_mode must be {known}, got {render_mode!r}")
         self.render_mode = render_mode
-        self.config = EnvConfig.of(
-            level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps
-        )
+        more: dict[str, Any] = {
+            "sensor_radius": sensor_radius,
+            "beta": beta,
+            "max_steps": max_steps,
+        }
+        self.config = EnvConfig.of(level, size, **more)
         self.observation_space = observation_space(self.config, observation)
         self.action_space = spaces.Discrete(4)
         self._raw = observation == "uint8"
@@ -103,13 +105,11 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         found = given if isinstance(given, GridMap) else read_map(given)
         shape = found.terrain.shape
         if not self.config.discoverable_only:
-            raise ValueError(
-                'a map has walls that are never seen whole: make the environment with level="map"'
-            )
+            way_out = 'make the environment with level="map"'
+            raise ValueError(f"a map has walls that are never seen whole: {way_out}")
         if shape != (self.config.rows, self.config.cols):
-            raise ValueError(
-                f"the map has {shape[0]} x {shape[1]} cells: make the environment with size={shape}"
-            )
+            cells = f"{shape[0]} x {shape[1]} cells"
+            raise ValueError(f"the map has {cells}: make the environment with size={shape}")
         self._worlds.start_on(0, found.terrain, found.start)
 
     def step(self, action: np.int64) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:

@@ -79,9 +79,8 @@ class Record:
 def unpack_terrain(packed: bytes, config: EnvConfig) -> NDArray[np.bool_]:
     """Return bool[rows, cols] from packed bits; ValueError when the length does not fit the configuration."""
     if len(packed) != (config.n + 7) // 8:
-        raise ValueError(
-            f"a terrain of {config.rows}x{config.cols} takes {(config.n + 7) // 8} bytes, got {len(packed)}"
-        )
+        size, wanted = f"{config.rows}x{config.cols}", (config.n + 7) // 8
+        raise ValueError(f"a terrain of {size} takes {wanted} bytes, got {len(packed)}")
     bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=config.n)
     return bits.reshape(config.rows, config.cols).astype(np.bool_)
 
@@ -126,9 +125,7 @@ class Episode:
     ) -> Episode:
         """Return an episode at its start, on the terrain of a seed or on a given terrain (exactly one of them)."""
         if (seed is None) == (terrain is None):
-            raise ValueError(
-                "an episode begins on a seed or on a terrain; give exactly one of them"
-            )
+            raise ValueError("an episode begins on a seed or on a terrain; give exactly one")
         worlds = Worlds(config)
         if seed is not None:
             worlds.start_one(0, seed)
@@ -161,9 +158,8 @@ class Episode:
     def abandon(self) -> None:
         """Give up: the episode ends at its return so far minus r_invalid."""
         if self.ended:
-            raise RuntimeError(
-                f"the episode has ended ({self.outcome}); there is nothing to abandon"
-            )
+            what = f"the episode has ended ({self.outcome})"
+            raise RuntimeError(f"{what}; there is nothing to abandon")
         self.reward = -float(self.config.r_invalid)
         self.total += self.reward
         self.outcome = OUTCOMES[ABANDONED]

@@ -106,9 +106,8 @@ def read_map(
         )
     free = np.argwhere(~terrain)
     if not len(free):
-        raise MapFileError(
-            f"{path}: no cell of {cell:g} m is free; choose a smaller cell or less inflation"
-        )
+        why = f"no cell of {cell:g} m is free"
+        raise MapFileError(f"{path}: {why}; choose a smaller cell or less inflation")
     unplaced = GridMap(terrain, cell, origin, (0, 0))
     points = np.array([unplaced.to_metres((int(row), int(col))) for row, col in free])
     nearest = free[int(np.hypot(*(points - (start or (0.0, 0.0))).T).argmin())]
@@ -148,9 +147,8 @@ def _read_fields(path: Path) -> dict[str, Any]:
     except (OSError, yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise MapFileError(f"{path} is no readable YAML file: {error}") from error
     if not isinstance(found, dict):
-        raise MapFileError(
-            f"{path}: expected the fields of a map_server file, such as image and resolution, got none"
-        )
+        known = "the fields of a map_server file, such as image and resolution"
+        raise MapFileError(f"{path}: expected {known}, got none")
     fields: dict[str, Any] = {"image": found.get("image")}
     if not isinstance(fields["image"], str) or not fields["image"]:
         raise MapFileError(f"{path}: image must name the picture, got {found.get('image')!r}")
@@ -160,9 +158,8 @@ def _read_fields(path: Path) -> dict[str, Any]:
     if (free := fields["free_thresh"]) > fields["occupied_thresh"]:
         raise MapFileError(f"{path}: free_thresh must not exceed occupied_thresh, got {free}")
     if found.get("mode", "trinary") != "trinary":
-        raise MapFileError(
-            f"{path}: mode must be trinary, got {found['mode']!r}; save the map in that mode"
-        )
+        given = f"mode must be trinary, got {found['mode']!r}"
+        raise MapFileError(f"{path}: {given}; save the map in that mode")
     origin = found.get("origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapFileError(f"{path}: origin must be [x, y, yaw], got {origin!r}")
@@ -189,9 +186,8 @@ def _blocked_pixels(path: Path, fields: dict[str, Any]) -> NDArray[np.bool_]:
                     f"{path}: at most {MAX_PIXELS:,} pixels are read, got {picture.width} x {picture.height}"
                 )
             if picture.mode not in ("L", "RGB", "RGBA", "LA", "P", "1"):
-                raise MapFileError(
-                    f"{path}: expected a picture of 8 bits a colour, got mode {picture.mode}"
-                )
+                given = f"got mode {picture.mode}"
+                raise MapFileError(f"{path}: expected a picture of 8 bits a colour, {given}")
             pixels = np.asarray(picture.convert("RGBA"), np.float32)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         if isinstance(error, MapFileError):

@@ -35,15 +35,13 @@ def decode(observation: NDArray[Any]) -> Codes:
     ValueError for another number of dimensions, TypeError for another kind of numbers.
     """
     if observation.ndim != 2:
-        raise ValueError(
-            f"an observation must have 2 dimensions (rows, cols), got shape {observation.shape}"
-        )
+        given = f"got shape {observation.shape}"
+        raise ValueError(f"an observation must have 2 dimensions (rows, cols), {given}")
     if observation.dtype == np.uint8:
         return read_only(np.ascontiguousarray(observation))
     if observation.dtype.kind != "f":
-        raise TypeError(
-            f"an observation must be float32 (eq. 6) or uint8 codes, got {observation.dtype}"
-        )
+        given = f"got {observation.dtype}"
+        raise TypeError(f"an observation must be float32 (eq. 6) or uint8 codes, {given}")
     codes = (observation > 0.15).astype(np.uint8)
     codes += observation > 0.45
     codes += observation > 0.8
@@ -54,9 +52,8 @@ def rover_position(codes: Codes) -> tuple[int, int]:
     """Return the rover's (row, col); ValueError when no cell, or more than one, holds code 2."""
     cells = np.flatnonzero(codes == ROVER)
     if len(cells) != 1:
-        raise ValueError(
-            f"an observation must hold exactly one rover cell (0.6, or code {ROVER}), got {len(cells)}"
-        )
+        wanted = f"exactly one rover cell (0.6, or code {ROVER})"
+        raise ValueError(f"an observation must hold {wanted}, got {len(cells)}")
     row, col = divmod(int(cells[0]), codes.shape[1])
     return row, col
 

@@ -180,9 +180,8 @@ def draw_other(bits, reach, shape, masks, seed):
 def draw(config: EnvConfig, seed: int) -> tuple[NDArray[np.uint64], int]:
     """Return the terrain of a seed as rows of bits and the draws that it took, 0 when MAX_DRAWS were not enough."""
     if config.level == MAP:
-        raise ValueError(
-            f'level "{MAP}" has no terrains of its own: give one, as reset(options={{"map": ...}}) does'
-        )
+        way_out = 'give one, as reset(options={"map": ...}) does'
+        raise ValueError(f'level "{MAP}" has no terrains of its own: {way_out}')
     shape, bits = shape_of(config), np.zeros(bitmap_words(config), np.uint64)
     draw_one = draw_solvable_alone if shape[GENERATOR] == RECTANGLES else draw_other
     reach, number = np.zeros_like(bits), np.uint64(check_seed(seed))

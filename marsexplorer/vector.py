@@ -63,9 +63,12 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         out: Any = None,
     ) -> None:
         self.num_envs = num_envs
-        self.config = EnvConfig.of(
-            level, size, sensor_radius=sensor_radius, beta=beta, max_steps=max_steps
-        )
+        more: dict[str, Any] = {
+            "sensor_radius": sensor_radius,
+            "beta": beta,
+            "max_steps": max_steps,
+        }
+        self.config = EnvConfig.of(level, size, **more)
         self.single_observation_space = observation_space(self.config, observation)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -87,9 +90,8 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start every environment and return the observations and infos."""
         if options:
-            raise ValueError(
-                "a stack of environments takes no options; play given terrains one at a time"
-            )
+            instead = "play given terrains one at a time"
+            raise ValueError(f"a stack of environments takes no options; {instead}")
         super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = self._starting_seeds(seed)
         self._worlds.start(seeds)

@@ -305,18 +305,15 @@ def check_terrain(
     """Return a given terrain as bool[rows, cols] when its type, shape and start are right; TypeError or ValueError else."""
     cells = np.asarray(terrain)
     if cells.dtype != np.bool_:
-        raise TypeError(
-            f"terrain must be an array of bool, True where blocked, got dtype {cells.dtype}"
-        )
+        given = f"got dtype {cells.dtype}"
+        raise TypeError(f"terrain must be an array of bool, True where blocked, {given}")
     if cells.shape != (config.rows, config.cols):
-        raise ValueError(
-            f"terrain must have shape ({config.rows}, {config.cols}), got {cells.shape}"
-        )
+        size = f"({config.rows}, {config.cols})"
+        raise ValueError(f"terrain must have shape {size}, got {cells.shape}")
     row, col = start
     if not (0 <= row < config.rows and 0 <= col < config.cols):
-        raise ValueError(
-            f"start must lie on the {config.rows}x{config.cols} grid, got {tuple(start)}"
-        )
+        grid = f"the {config.rows}x{config.cols} grid"
+        raise ValueError(f"start must lie on {grid}, got {tuple(start)}")
     if cells[row, col]:
         raise ValueError(f"start must be a free cell, but {tuple(start)} is an obstacle")
     return cells
@@ -329,7 +326,6 @@ def check_action(action: Any) -> int:
     except (TypeError, ValueError):
         code = -1
     if not 0 <= code < len(ACTIONS) or code != action:
-        raise ValueError(
-            f"action must be 0 (north), 1 (east), 2 (south) or 3 (west), got {action!r}"
-        )
+        known = "0 (north), 1 (east), 2 (south) or 3 (west)"
+        raise ValueError(f"action must be {known}, got {action!r}")
     return code

@@ -103,10 +103,8 @@ class StudyData:
         """Return what stands in the place of an open study's figure: how many have finished."""
         ended = (each for each in self.people if each.completed_ms is not None)
         finished = sum(each.kind == "human" for each in ended)
-        return (
-            f"No figure is shown until the study is closed: {finished} of {self.protocol.players} "
-            "have finished."
-        )
+        told = f"{finished} of {self.protocol.players} have finished."
+        return f"No figure is shown until the study is closed: {told}"
 
     def with_policies_in(self, folder: Path) -> StudyData:
         """Return the same data with the policies' files kept in a folder."""
@@ -114,11 +112,8 @@ class StudyData:
 
     def seeds(self) -> dict[int, int]:
         """Return the seeds of the ranked terrains that somebody has begun, by index; secret while the study is open."""
-        return {
-            each.terrain_index: each.seed
-            for each in self.trials
-            if each.phase == "ranked" and each.seed is not None
-        }
+        ranked = (each for each in self.trials if each.phase == "ranked")
+        return {each.terrain_index: each.seed for each in ranked if each.seed is not None}
 
 
 def _unfinished(trial: Trial) -> Trial:
@@ -165,9 +160,8 @@ def _load(reader: Reader, study: str) -> StudyData:
     row = find_study(reader, study)
     if row is None:
         known = ", ".join(study_names(reader)) or "none"
-        raise StudyError(
-            f"nobody has joined a study {study!r} in {reader.path}; studies in it: {known}"
-        )
+        where = f"{study!r} in {reader.path}"
+        raise StudyError(f"nobody has joined a study {where}; studies in it: {known}")
     people = _people(reader, study)
     protocol = parse_protocol(json.loads(row.protocol))
     return StudyData(
@@ -202,9 +196,8 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
         events[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     names = ("id", "kind", "script", "stage", "joined_ms", "consent_version", "completed_ms")
     found = participants(reader, study)
-    used = Counter(
-        row.invitation for row in found if row.invitation is not None and row.consent_ms is not None
-    )
+    agreed = (row.invitation for row in found if row.consent_ms is not None)
+    used = Counter(each for each in agreed if each is not None)
     return tuple(
         Person(
             **{name: getattr(row, name) for name in names},

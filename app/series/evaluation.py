@@ -109,9 +109,8 @@ class CardList:
         with locked(self._folder.path(name)):
             found = dict(self.of(name))
             if ident not in found:
-                raise StudyError(
-                    f"the evaluation {name!r} has no card {ident!r}; it has {', '.join(found) or 'none'}"
-                )
+                there = ", ".join(found) or "none"
+                raise StudyError(f"the evaluation {name!r} has no card {ident!r}; it has {there}")
             at = found[ident].revoked_at or iso(now_ms())
             found[ident] = replace(found[ident], revoked_at=at)
             self._write(name, found)

@@ -78,11 +78,8 @@ def now_ms() -> int:
 
 def iso(ms: int) -> str:
     """Return ISO 8601 in UTC, to the millisecond."""
-    return (
-        datetime.fromtimestamp(ms / 1000, UTC)
-        .isoformat(timespec="milliseconds")
-        .replace("+00:00", "Z")
-    )
+    at = datetime.fromtimestamp(ms / 1000, UTC).isoformat(timespec="milliseconds")
+    return at.replace("+00:00", "Z")
 
 
 def ms_of(iso: str) -> int:

@@ -120,30 +120,18 @@ def with_invitations(
     opened  ids of those with which somebody has joined
     """
     used = set(opened)
-    revoked = sum(
-        each.revoked_ms is not None and each.id not in used for each in invitations.values()
-    )
-    unopened = sum(each.revoked_ms is None and each.id not in used for each in invitations.values())
-    return replace(
-        arrivals,
-        issued=len(invitations),
-        revoked=revoked,
-        unopened=max(0, unopened - arrivals.erased),
-    )
+    unused = [each for each in invitations.values() if each.id not in used]
+    revoked = sum(each.revoked_ms is not None for each in unused)
+    left = max(0, len(unused) - revoked - arrivals.erased)
+    return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=left)
 
 
 def participant_flow(data: StudyData) -> ParticipantFlow:
     """Return the flow of a study's people."""
-    people = [
-        person
-        for person in data.people
-        if person.kind == "human" and person.consent_version is not None
-    ]
+    people = [p for p in data.people if p.kind == "human" and p.consent_version is not None]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
-    early, late = (
-        [person for person in people if (person.id in began) is has_begun]
-        for has_begun in (False, True)
-    )
+    early = [person for person in people if person.id not in began]
+    late = [person for person in people if person.id in began]
     completed = sum(person.completed_ms is not None for person in late)
     withdrew = sum(person.stage == "withdrawn" and person.completed_ms is None for person in late)
     interrupted_early, interrupted = (sum(map(_is_interrupted, each)) for each in (early, late))

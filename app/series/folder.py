@@ -262,9 +262,7 @@ class Folder:
         draw     gives so many random bytes for the secret
         """
         if self.status(name) != "draft":
-            raise StudyError(
-                f"the study {name!r} is frozen already; for another protocol begin another study"
-            )
+            raise StudyError(f"the study {name!r} is frozen already; begin another one for another")
         path = self.path(name)
         template = self._template(name)
         protocol = fill(template)  # every field set from now on
@@ -295,19 +293,10 @@ class Folder:
                 "which draws its own"
             )
         if paired is not None and (other := self.evaluation_of(paired.name)) is not None:
-            raise StudyError(
-                f"the evaluation {other!r} plays the terrains of {paired.name!r} already: close that first"
-            )
-        study = Study(
-            name,
-            protocol,
-            protocol_hash(protocol),
-            commitment(secret),
-            now,
-            None,
-            secret,
-            paired=paired,
-        )
+            what = f"the terrains of {paired.name!r} already: close that first"
+            raise StudyError(f"the evaluation {other!r} plays {what}")
+        fixed = protocol_hash(protocol), commitment(secret), now, None, secret
+        study = Study(name, protocol, *fixed, paired=paired)
         # of a study with a beacon: terrains like those that it will have
         _check_terrains(study, advance)
         if beacon is not None and beacon.round_ms <= now:
@@ -355,9 +344,8 @@ class Folder:
         _ = study.key  # nobody can have taken part before
         if not study.is_open:
             why = ": its terrains are known, and it cannot be sealed" if seals else ""
-            raise StudyError(
-                f"the study {name!r} is closed already, since {iso(study.closed_ms or 0)}{why}"
-            )
+            since = iso(study.closed_ms or 0)
+            raise StudyError(f"the study {name!r} is closed already, since {since}{why}")
         if seals:
             if study.protocol.agents is not None or not study.is_running:
                 what = "an evaluation" if study.protocol.agents is not None else "sealed already"

@@ -172,9 +172,8 @@ def uses_of(reader: Reader, name: str) -> dict[str, Use]:
         if person.consent_ms is not None:
             found[person.invitation] = Use("used", participant_label(person.id), person.consent_ms)
         elif person.stage != "withdrawn":
-            found.setdefault(
-                person.invitation, Use("opened", participant_label(person.id), person.joined_ms)
-            )
+            use = Use("opened", participant_label(person.id), person.joined_ms)
+            found.setdefault(person.invitation, use)
     return found
 
 

@@ -56,27 +56,23 @@ class StudyParticipation:
 
     def note_end(self) -> None:
         """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief."""
-        participant, protocol = (
-            self._study_store.participant(self._participant.id),
-            self._study().protocol,
-        )
+        protocol = self._study().protocol
+        participant = self._study_store.participant(self._participant.id)
         now, trials = self._clock(), self._study_store.trials(participant.id)
         ended = Counter(trial.phase for trial in trials if trial.ended_ms is not None)
         if participant.stage == "warm_up" and ended["warm_up"] >= protocol.warm_up:
             self._study_store.set_stage(participant.id, now, "ranked")
         elif participant.stage == "ranked" and ended["ranked"] >= protocol.ranked:
             code = protocol.completion_code or self._completion_code()
-            self._study_store.set_stage(
-                participant.id, now, "debrief", completed_ms=now, completion_code=code
-            )
+            columns = {"completed_ms": now, "completion_code": code}
+            self._study_store.set_stage(participant.id, now, "debrief", **columns)
 
     def check_events(self, episode_id: str) -> None:
         """Check that input events of an episode are to be kept; RefusedError for any that is none of the participant's."""
         self.check_open()
         if not self._study_store.has_trial(self._participant.id, episode_id):
-            raise RefusedError(
-                f"episode {episode_id!r} is none of this participant's: no input events were kept"
-            )
+            what = f"episode {episode_id!r} is none of this participant's"
+            raise RefusedError(f"{what}: no input events were kept")
 
     def settings(self) -> list[dict[str, Any]]:
         """Return what the participant has chosen, every version so far."""

@@ -49,10 +49,8 @@ def labels_of(protocol: Protocol) -> dict[str, str]:
     if not protocol.rules.clock:
         return LABELS
     seeing = {name: what for name, what in LABELS.items() if name != "under 80 ms"}
-    return {
-        **seeing,
-        LATE: f"more than {protocol.max_late:.0%} of the frames came more than a frame late",
-    }
+    late = f"more than {protocol.max_late:.0%} of the frames came more than a frame late"
+    return {**seeing, LATE: late}
 
 
 def plausibility_labels(

@@ -41,9 +41,8 @@ class PolicyEpisode:
         run = players.begin(config, self.seed)
         for action in self.actions:
             if run.ended:
-                raise ValueError(
-                    f"{self.policy}, terrain {self.terrain}: the recorded moves go on after the end"
-                )
+                where = f"{self.policy}, terrain {self.terrain}"
+                raise ValueError(f"{where}: the recorded moves go on after the end")
             run.step(action)
         return run
 

@@ -66,11 +66,8 @@ class PolicyFiles:
     def place(self, policy: str) -> Path:
         """Return where the file of a policy with a recorded hash is kept, or would be."""
         kept = next(self._kept(self.hashes[policy]), None)
-        return (
-            kept
-            or (self.folder or Path(FOLDER))
-            / f"{self.hashes[policy]}{Path(policy).suffix or '.onnx'}"
-        )
+        name = f"{self.hashes[policy]}{Path(policy).suffix or '.onnx'}"
+        return kept or (self.folder or Path(FOLDER)) / name
 
     def copy_to(self, folder: Path, policies: Iterable[str]) -> None:
         """Copy the files of some policies into a folder; those without a recorded hash are left out. Errors as `source`."""
@@ -117,9 +114,8 @@ def _keep(path: Path, folder: Path) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise StudyError(
-            f"cannot read the policy's file {path}: {(error.strerror or str(error)).lower()}"
-        ) from error
+        why = (error.strerror or str(error)).lower()
+        raise StudyError(f"cannot read the policy's file {path}: {why}") from error
     digest = hashlib.sha256(content).hexdigest()
     write_bytes(folder / f"{digest}{path.suffix}", content)
     return digest

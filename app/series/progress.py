@@ -32,6 +32,7 @@ from app.series.seeds import TUTORIAL_SEED
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
 _log = logging.getLogger(__name__)
+NOT_HERE = "the study {!r} cannot be played on this server now; tell whoever invited you"
 _WARM_UP: Stage = "warm_up"
 _SUPERVISED: tuple[Stage, ...] = ("instructions", "tutorial", "questions", "warm_up", "ranked")
 """Stages at which the operator's code can be typed."""
@@ -141,9 +142,7 @@ class ParticipantProgress:
                 rules.version,
                 unlike or "nothing else that differs",
             )
-            raise StageError(
-                f"the study {name!r} cannot be played on this server now; tell whoever invited you"
-            )
+            raise StageError(NOT_HERE.format(name))
         return study
 
     def participant(self, name: str, player_id: str | None) -> Participant:
@@ -160,22 +159,17 @@ class ParticipantProgress:
         """Return the participant, and whether it is a new one; joining again resumes."""
         study = self.open_study(name)
         found = self.study_store.participant_of_player(name, player_id)
-        kept = {
-            each: comes.outside_ids[each]
-            for each in study.protocol.outside_ids
-            if each in comes.outside_ids
-        }
+        came = comes.outside_ids
+        kept = {each: came[each] for each in study.protocol.outside_ids if each in came}
         script, now, invitation = comes.script, self._now(), None
         if found is not None and script is not None and found.script != script:
             who = "a person" if found.script is None else f"the script {found.script!r}"
-            raise StageError(
-                f"this browser takes part as {who} already; a script needs a cookie of its own"
-            )
+            what = f"this browser takes part as {who} already"
+            raise StageError(f"{what}; a script needs a cookie of its own")
         if script is None and (found is None or found.kind == "human"):
             with self.recruitment.noting(now):
-                invitation = self.recruitment.admit(
-                    study, player_id, replace(comes, outside_ids=kept), found
-                )
+                comes = replace(comes, outside_ids=kept)
+                invitation = self.recruitment.admit(study, player_id, comes, found)
         if found is not None:
             self._note_return(found, invitation, now)
             return self.study_store.participant(found.id), False
@@ -203,9 +197,8 @@ class ParticipantProgress:
         with self.recruitment.noting(now), self.lobby.store.transaction():
             if participant.kind == "human":
                 self.recruitment.check_consent(study, participant)
-            self.study_store.set_stage(
-                participant.id, now, "instructions", consent_version=version, consent_ms=now
-            )
+            agreed = {"consent_version": version, "consent_ms": now}
+            self.study_store.set_stage(participant.id, now, "instructions", **agreed)
 
     def advance(self, name: str, player_id: str | None, stage: str) -> None:
         """Go on from instructions, tutorial or debrief."""
@@ -214,12 +207,10 @@ class ParticipantProgress:
         else:
             _, participant = self._at(name, player_id)
         if participant.stage != stage:
-            raise StageError(
-                f"you are at {_describe(participant.stage)}, not at {_describe(stage)}; nothing has changed"
-            )
-        if stage == "tutorial" and not any(
-            trial.ended_ms for trial in self.study_store.trials(participant.id)
-        ):
+            at = f"you are at {_describe(participant.stage)}, not at {_describe(stage)}"
+            raise StageError(f"{at}; nothing has changed")
+        trials = self.study_store.trials(participant.id)
+        if stage == "tutorial" and not any(trial.ended_ms for trial in trials):
             raise StageError("play the tutorial to its end first, or give it up")
         self.study_store.set_stage(participant.id, self._now(), _AFTER[stage])
 
@@ -233,9 +224,8 @@ class ParticipantProgress:
             )
         for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
             if choice >= len(question.choices):
-                raise ValueError(
-                    f"answer {number} must be 0 to {len(question.choices) - 1}, got {choice}"
-                )
+                most = len(question.choices) - 1
+                raise ValueError(f"answer {number} must be 0 to {most}, got {choice}")
         pairs = zip(answers, questions, strict=True)
         right = [choice == question.answer for choice, question in pairs]
         with self.lobby.store.transaction():
@@ -273,9 +263,8 @@ class ParticipantProgress:
 
     async def abandon(self, name: str, player_id: str | None, episode: str, step: int) -> None:
         """Abandon the running episode; RefusedError when it is not the one on screen."""
-        found = await self.lobby.store.write(
-            partial(self._at, name, player_id, "tutorial", "warm_up", "ranked")
-        )
+        find = partial(self._at, name, player_id, "tutorial", "warm_up", "ranked")
+        found = await self.lobby.store.write(find)
         session = await self.session(found[1])
         if session is None:
             raise StageError("no episode has begun: there is nothing to give up")
@@ -302,9 +291,8 @@ class ParticipantProgress:
     def set_settings(self, name: str, player_id: str | None, changed: Mapping[str, Any]) -> None:
         """Keep what a participant chose: modality, palette, keys; what is not given stays."""
         participant = self.participant(name, player_id)
-        self.study_store.set_settings(
-            participant.id, self._now(), {**json.loads(participant.settings), **changed}
-        )
+        settings = {**json.loads(participant.settings), **changed}
+        self.study_store.set_settings(participant.id, self._now(), settings)
 
     async def session(self, participant: Participant) -> Session | None:
         """Return the participant's board; None before the first episode."""
@@ -321,22 +309,15 @@ class ParticipantProgress:
             return None
         phase: Phase = participant.stage  # type: ignore[assignment]  # checked by _at
         trial = sum(each.phase == phase for each in trials)
-        return (
-            study,
-            participant,
-            trials,
-            phase,
-            trial,
-            *self._terrain(study, participant, phase, trial),
-        )
+        where = self._terrain(study, participant, phase, trial)
+        return study, participant, trials, phase, trial, *where
 
     def _note_withdrawal(self, participant_id: str) -> None:
         """Withdraw a participant as they are now; StageError when they are at the end already."""
         participant = self.study_store.participant(participant_id)
         if participant.stage in ("complete", "withdrawn"):
-            raise StageError(
-                f"you are at {_describe(participant.stage)}: there is nothing to withdraw from"
-            )
+            at = _describe(participant.stage)
+            raise StageError(f"you are at {at}: there is nothing to withdraw from")
         self.study_store.withdraw(participant, self._now())
 
     def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
@@ -374,9 +355,7 @@ class ParticipantProgress:
             "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",
             self.study_store.path, study.name, known.protocol_hash[:12],
         )  # fmt: skip
-        raise StageError(
-            f"the study {study.name!r} cannot be played on this server now; tell whoever invited you"
-        )
+        raise StageError(NOT_HERE.format(study.name))
 
     async def _board(self, participant: Participant) -> Session:
         found = await self.session(participant)
@@ -387,9 +366,8 @@ class ParticipantProgress:
         if break_due(study, participant, trials):
             length = self._now() - (trials[-1].ended_ms or 0)
             done = sum(trial.phase == "ranked" for trial in trials)
-            self.study_store.add_stage_event(
-                participant.id, self._now(), "break", {"after": done, "length_ms": length}
-            )
+            detail = {"after": done, "length_ms": length}
+            self.study_store.add_stage_event(participant.id, self._now(), "break", detail)
 
     def _terrain(
         self, study: Study, participant: Participant, phase: Phase, trial: int

@@ -34,10 +34,8 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
-ExclusionRules = dict[
-    Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"],
-    StrictBool | float,
-]
+Rule = Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"]
+ExclusionRules = dict[Rule, StrictBool | float]
 EXCLUSION: dict[str, ExclusionRules] = {
     "protocol": {"completed": True, "all_ranked_driver_human": True},
     "strict": {
@@ -88,9 +86,8 @@ class Question(_Part):
     @model_validator(mode="after")
     def _answer_is_a_choice(self) -> Question:
         if self.answer >= len(self.choices):
-            raise ValueError(
-                f"answer must be the index of a choice, 0 to {len(self.choices) - 1}, got {self.answer}"
-            )
+            known = f"the index of a choice, 0 to {len(self.choices) - 1}"
+            raise ValueError(f"answer must be {known}, got {self.answer}")
         return self
 
 
@@ -290,13 +287,11 @@ class Protocol(_Part):
     @model_validator(mode="after")
     def _panel_names_people(self) -> Protocol:
         if self.recruitment == "panel" and not self.outside_ids:
-            raise ValueError(
-                "recruitment by a panel needs outside_ids: the first one names the person, got none"
-            )
+            why = "the first one names the person, got none"
+            raise ValueError(f"recruitment by a panel needs outside_ids: {why}")
         if self.panel_links == "signed" and self.recruitment != "panel":
-            raise ValueError(
-                f"panel_links signed is for recruitment panel, got recruitment {self.recruitment}"
-            )
+            got = f"got recruitment {self.recruitment}"
+            raise ValueError(f"panel_links signed is for recruitment panel, {got}")
         return self
 
     @model_serializer(mode="wrap")
@@ -330,14 +325,8 @@ def default_protocol(name: str, config: Configuration, task: str = "mars", **res
     text = consent(known.pop("opening"), bool(known["questions"]), known.pop("things"))
     title = str(known["title"]).replace("{name}", name)
     named = {} if task == "mars" else {"task": task}
-    parts = {
-        "name": name,
-        **named,
-        "config": config.to_dict(),
-        **known,
-        "title": title,
-        "consent": {"text": text},
-    }
+    parts = {"name": name, **named, "config": config.to_dict(), **known}
+    parts |= {"title": title, "consent": {"text": text}}
     return parse_protocol({**parts, **rest})
 
 
@@ -346,16 +335,14 @@ def parse_protocol(data: Mapping[str, Any]) -> Protocol:
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:
-        raise StudyError(
-            f"the protocol does not hold: {describe_errors(error.errors(include_url=False))}"
-        ) from error
+        what = describe_errors(error.errors(include_url=False))
+        raise StudyError(f"the protocol does not hold: {what}") from error
 
 
 def canonical_json(value: Any) -> bytes:
     """Return JSON in its one canonical form: keys sorted, no spaces, UTF-8."""
-    return json.dumps(
-        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-    ).encode()
+    form: Any = {"sort_keys": True, "separators": (",", ":"), "ensure_ascii": False}
+    return json.dumps(value, allow_nan=False, **form).encode()
 
 
 def canonical(protocol: Protocol) -> bytes:

@@ -27,6 +27,7 @@ from app.series.invitations import PARAMETER, Invitation, Invitations, grouped, 
 from app.series.participation import StageError
 from app.series.protocol import StudyError
 
+UNREADABLE = "the invitations of this study cannot be read now; tell whoever invited you"
 NO_INVITATION = "this study is by invitation: open the link that you were sent"
 WRONG_INVITATION = (
     "this is no invitation to this study: open the link that you were sent just as it stands, or ask whoever invited you for "
@@ -103,9 +104,8 @@ class Recruitment:
         """
         self._check_outside_id(study, player_id, comes, found)
         own = None if found is None else found.invitation
-        if study.protocol.recruitment != "invitation" or (
-            found is not None and found.stage == "withdrawn"
-        ):
+        has_left = found is not None and found.stage == "withdrawn"
+        if study.protocol.recruitment != "invitation" or has_left:
             return own
         if comes.invitation is None:
             if found is None:
@@ -151,11 +151,8 @@ class Recruitment:
         if not plain(outside_ids.get(name, "")):
             return "missing" if study.protocol.recruitment == "open" else None
         others = self._store.identities(study.name, name)
-        return (
-            "repeated"
-            if plain(outside_ids[name]) in {plain(value) for _, value in others}
-            else "new"
-        )
+        known = {plain(value) for _, value in others}
+        return "repeated" if plain(outside_ids[name]) in known else "new"
 
     def note_repeated_id(self, study: Study, outside_ids: Mapping[str, str], now: int) -> None:
         """Note with everybody who has the first of these outside ids that it came again."""
@@ -168,9 +165,7 @@ class Recruitment:
         try:
             invitation = self.invitations.read_token(study, token)
         except StudyError as error:
-            raise StageError(
-                "the invitations of this study cannot be read now; tell whoever invited you"
-            ) from error
+            raise StageError(UNREADABLE) from error
         if invitation is None:
             raise StageError(WRONG_INVITATION)
         if found is not None and found.consent_ms is not None:
@@ -223,11 +218,8 @@ class Recruitment:
     ) -> Participant | None:
         """Return another person who has agreed with this outside id, whatever its case and spaces."""
         for other, known in self._store.identities(study.name, name):
-            if (
-                other.player_id != player_id
-                and other.consent_ms is not None
-                and plain(known) == plain(value)
-            ):
+            is_other = other.player_id != player_id and other.consent_ms is not None
+            if is_other and plain(known) == plain(value):
                 return other
         return None
 
@@ -235,9 +227,7 @@ class Recruitment:
         try:
             return self.invitations.of(study.name)
         except StudyError as error:
-            raise StageError(
-                "the invitations of this study cannot be read now; tell whoever invited you"
-            ) from error
+            raise StageError(UNREADABLE) from error
 
 
 def panel_token(study: Study, value: str) -> str:

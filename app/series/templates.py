@@ -71,9 +71,8 @@ def fill(protocol: Protocol) -> Protocol:
         where = f"questions[{number}]"
         question["question"] = _filled(f"{where}.question", question["question"], values)
         question["why"] = _filled(f"{where}.why", question["why"], values)
-        question["choices"] = [
-            _filled(f"{where}.choices", choice, values) for choice in question["choices"]
-        ]
+        where, choices = f"{where}.choices", question["choices"]
+        question["choices"] = [_filled(where, choice, values) for choice in choices]
     return parse_protocol(data)
 
 

@@ -74,7 +74,6 @@ def consent(opening: str, with_questions: bool, things: str) -> str:
     opening  what is played, in the task's words
     things   what is counted: terrains, rounds
     """
-    duration = _DURATION.format(
-        questions="{questions} questions, " if with_questions else "", things=things
-    )
+    questions = "{questions} questions, " if with_questions else ""
+    duration = _DURATION.format(questions=questions, things=things)
     return "\n\n".join((opening, duration, *_REST))

@@ -95,12 +95,8 @@ def verify_database(
         result = verify_moment(conn, path, advance, secrets, study)
         since = None if head is None else find_head(conn, head)
     if head is not None and since is None:
-        lost = Finding(
-            "chain",
-            "the head given",
-            head,
-            "no entry with it: taken away, made anew, or of another database",
-        )
+        gone = "no entry with it: taken away, made anew, or of another database"
+        lost = Finding("chain", "the head given", head, gone)
         return replace(result, findings=(*result.findings, lost))
     return replace(result, since=since)
 
@@ -146,12 +142,8 @@ def check_policy_files(folder: Folder, names: Iterable[str]) -> Iterator[Finding
     for study in map(folder.study, names):
         if study.protocol.policy_hashes:
             for path, found, recorded in study.policy_files.damaged():
-                yield Finding(
-                    f"file {path}",
-                    "sha256",
-                    f"{recorded} when the study was frozen",
-                    found or "no such file",
-                )
+                wanted = f"{recorded} when the study was frozen"
+                yield Finding(f"file {path}", "sha256", wanted, found or "no such file")
 
 
 def _check_episodes(
@@ -165,10 +157,8 @@ def _check_episodes(
         for ident in episodes:
             yield (1, *_check_episode(conn, ident))
         return
-    tasks = [
-        tuple(episodes[at : at + EPISODES_PER_TASK])
-        for at in range(0, len(episodes), EPISODES_PER_TASK)
-    ]
+    each = EPISODES_PER_TASK
+    tasks = [tuple(episodes[at : at + each]) for at in range(0, len(episodes), each)]
     with Jobs(min(cores(), len(tasks))) as jobs:
         yield from jobs.map(_run_task, itertools.repeat(path), tasks)
 
@@ -315,12 +305,8 @@ def _ranked_order(
     kind, details = order_events(conn, participant)
     number = _order_number(details)
     if number is None:
-        yield Finding(
-            f"participant {participant}",
-            "number in the Latin square",
-            details,
-            "one whole number from 0",
-        )
+        where = f"participant {participant}"
+        yield Finding(where, "number in the Latin square", details, "one whole number from 0")
         return None
     return None if key is None else seeds.balanced_order(key, of, kind, number, protocol.ranked)
 
@@ -401,11 +387,8 @@ def _derive_level(
     Without `until_ms` everything matters: a server's clock that was set back makes an earlier choice look later.
     """
     try:
-        settings = [
-            json.loads(detail)
-            for at_ms, detail in given.settings
-            if until_ms is None or at_ms <= until_ms
-        ]
+        known = (s for at_ms, s in given.settings if until_ms is None or at_ms <= until_ms)
+        settings = [json.loads(detail) for detail in known]
         rules = rules_of(task)
         conditions = Conditions(
             started_ms,

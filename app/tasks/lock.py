@@ -27,9 +27,8 @@ def lock_of(packages: tuple[str, ...]) -> dict[str, Any]:
     processor  what NumPy finds of its features
     setting    of the boards' processes
     """
-    core = import_module(
-        "numpy._core" if np.lib.NumpyVersion(np.__version__) >= "2.0.0" else "numpy.core"
-    )
+    is_new = np.lib.NumpyVersion(np.__version__) >= "2.0.0"
+    core = import_module("numpy._core" if is_new else "numpy.core")
     features = import_module(f"{core.__name__}._multiarray_umath").__cpu_features__
     found = {}
     for name in packages:

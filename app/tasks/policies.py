@@ -96,10 +96,8 @@ class ProcessPolicies:
 
     def offers(self) -> list[PolicyOffer]:
         """Return what may be chosen."""
-        return [
-            PolicyOffer(name, _summary(source), source, None, False)
-            for name, source in self._sources.items()
-        ]
+        every = self._sources.items()
+        return [PolicyOffer(name, _summary(source), source, None, False) for name, source in every]
 
     def check(self, name: str, *others: str) -> str:
         """Return the name when it is on offer; ValueError naming the choices (and `others`) otherwise."""
@@ -119,9 +117,8 @@ class ProcessPolicies:
         if source not in self._preparers:
             files = [] if self.is_rule(source) else [self.file_of(source).resolve()]
             argument = json.dumps([self._task, *([str(file) for file in files] or [source])])
-            self._preparers[source] = Preparer(
-                self._module, argument, MEMORY_MB, readable=files, hidden=self._hidden
-            )
+            limits: Any = {"readable": files, "hidden": self._hidden}
+            self._preparers[source] = Preparer(self._module, argument, MEMORY_MB, **limits)
         policy = ProcessPolicy(self._preparers[source], self._name(source))
         if config is not None:
             policy.act((config, 0, b""))

@@ -88,9 +88,8 @@ def check_page(request: Request) -> None:
     """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
     own = has_own_origin(request)
     if own is False or (own is None and request.method not in ("GET", "HEAD")):
-        raise HTTPException(
-            403, "this call must come from the operator's own page, at /admin of this server"
-        )
+        why = "this call must come from the operator's own page, at /admin of this server"
+        raise HTTPException(403, why)
 
 
 async def check_operator(request: Request, response: Response) -> AdminServices:
@@ -128,9 +127,8 @@ class LoggedRoute(APIRoute):
                 is_none = isinstance(error, (UnknownStudyError, DraftStudyError))
                 raise HTTPException(404 if is_none else 409, str(error)) from error
 
-        if self.name == "login" or (
-            (self.methods or set()) <= {"GET", "HEAD"} and self.name != "download"
-        ):
+        reads = (self.methods or set()) <= {"GET", "HEAD"}
+        if self.name == "login" or (reads and self.name != "download"):
             return handler
 
         async def logged(request: Request) -> Response:
@@ -169,9 +167,8 @@ router = APIRouter(include_in_schema=False, route_class=LoggedRoute)
 async def login(request: Request, response: Response, given: Login) -> dict[str, Any]:
     """Log in: set the operator's cookie for the right password."""
     try:
-        token = await _admin_of(request).login.issue(
-            client_address(request), given.name.strip(), given.password
-        )
+        address, name = client_address(request), given.name.strip()
+        token = await _admin_of(request).login.issue(address, name, given.password)
     except WrongPasswordError as error:
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
@@ -250,9 +247,8 @@ async def show_study(admin: Operator, name: str) -> dict[str, Any]:
 async def close_study(admin: Operator, name: str, given: CloseStudy) -> dict[str, Any]:
     """Close the study for good; 422 unless its name was typed, 409 while somebody has moved within ten minutes unless `now`."""
     if given.name != name:
-        raise HTTPException(
-            422, f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
-        )
+        why = f"type the study's name, {name!r}, to close it for ever; got {given.name[:60]!r}"
+        raise HTTPException(422, why)
     admin.progress.folder.study(name)
     store, at_ms = admin.progress.lobby.store, admin.progress.lobby.sources.clock_ms()
     close = partial(close_study_of, admin.progress.folder, store, name, at_ms, given.now)

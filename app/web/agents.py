@@ -239,11 +239,9 @@ async def _answer(agent: Agent, kind: str, data: Any, at: dict[str, Any]) -> dic
     if kind == "reset":
         wanted = read(Reset, data)
         check_split(wanted.split)
-        index = (
-            agent.cards.index_of(agent.card, wanted.task or "")
-            if wanted.index is None
-            else wanted.index
-        )
+        index = wanted.index
+        if index is None:
+            index = agent.cards.index_of(agent.card, wanted.task or "")
         seen = await agent.begin(index)
     elif kind == "step":
         if at["episode_id"] is None:
@@ -260,11 +258,8 @@ def told_of(seen: Seen) -> dict[str, Any]:
     """Return what was seen as OpenEnv's clients read it."""
     shown = {"observation": seen.observation, "text": seen.text, "picture": seen.picture}
     told = {name: value for name, value in shown.items() if value is not None}
-    return {
-        "observation": {"index": seen.index, "step": seen.step, **told},
-        "reward": None,
-        "done": seen.done,
-    }
+    shown = {"index": seen.index, "step": seen.step, **told}
+    return {"observation": shown, "reward": None, "done": seen.done}
 
 
 def read(kind: type[M], given: Any) -> M:

@@ -22,15 +22,13 @@ from app.web.services import Services
 def _is_offered(request: Request) -> None:
     """Check that the server plays MarsExplorer, whose the daily terrain is; HTTPException 404 otherwise."""
     if (task := services_of(request).lobby.task).name != MARS:
-        raise HTTPException(
-            404, f"the daily terrain is MarsExplorer's, and this server plays {task.title}"
-        )
+        why = f"the daily terrain is MarsExplorer's, and this server plays {task.title}"
+        raise HTTPException(404, why)
 
 
 router = APIRouter(prefix="/api/daily", tags=["daily"], dependencies=[Depends(_is_offered)])
-Day = Annotated[
-    str, Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
-]
+_DAY = Path(pattern=r"^\d{4}-\d{2}-\d{2}$", description="a date in UTC", examples=["2026-11-22"])
+Day = Annotated[str, _DAY]
 
 
 @router.get("", summary="Today's terrain, and my attempt at it")
@@ -100,12 +98,8 @@ async def get_results(request: Request, day: Day) -> dict[str, Any]:
         raise HTTPException(403, "the results of today are shown when your own attempt is over")
     people = await asyncio.to_thread(_people, services, terrain, player_id, is_over)
     attempt = describe_attempt(mine, terrain)
-    return {
-        "day": day,
-        "attempt": attempt,
-        "people": people,
-        "policies": services.daily_policies.results(terrain),
-    }
+    policies = services.daily_policies.results(terrain)
+    return {"day": day, "attempt": attempt, "people": people, "policies": policies}
 
 
 def describe_terrain(services: Services, terrain: DailyTerrain) -> dict[str, Any]:
@@ -134,9 +128,8 @@ async def _terrain_on(services: Services, day: str) -> DailyTerrain:
     """Return the terrain of a day; HTTPException 404 where there was none, or is none yet."""
     terrain = await services.daily_boards.on(day)
     if terrain is None:
-        raise HTTPException(
-            404, f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
-        )
+        why = f"this server has shown no daily terrain on {day}; GET /api/daily has today's"
+        raise HTTPException(404, why)
     return terrain
 
 

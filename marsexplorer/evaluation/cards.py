@@ -76,15 +76,11 @@ def replay_card(path: Path, most: int | None = None) -> Iterator[Difference | No
 
     ValueError for a card without episodes.
     """
-    results = {
-        where: each
-        for where, each in read_card(path).get("results", {}).items()
-        if "actions" in each
-    }
+    told = read_card(path).get("results", {}).items()
+    results = {where: each for where, each in told if "actions" in each}
     if not results:
-        raise ValueError(
-            f"the card of {path} lists no episodes; `marsexplorer policies measure {path}` adds them"
-        )
+        way_out = f"`marsexplorer policies measure {path}` adds them"
+        raise ValueError(f"the card of {path} lists no episodes; {way_out}")
     for where, result in results.items():
         config = config_of(where)
         policy = load(path, config.sensor_radius)

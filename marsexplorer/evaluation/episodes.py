@@ -106,10 +106,8 @@ def area_under_coverage(config: EnvConfig, discovered: Sequence[int], cells: int
 def play_chunk(chunk: EpisodeChunk) -> list[Result]:
     """Play the episodes of a chunk and return their results in the order of its seeds."""
     policy = policy_files.load(chunk.policy, chunk.config.sensor_radius)
-    return [
-        result_of(chunk.policy, play_episode(policy, chunk.config, seed), seed, chunk.traces)
-        for seed in chunk.seeds
-    ]
+    played = ((seed, play_episode(policy, chunk.config, seed)) for seed in chunk.seeds)
+    return [result_of(chunk.policy, each, seed, chunk.traces) for seed, each in played]
 
 
 def play_episode(policy: Policy, config: EnvConfig, seed: int) -> Episode:

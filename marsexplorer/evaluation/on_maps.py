@@ -56,10 +56,8 @@ def evaluate_on_maps(
 def to_json(found: Sequence[MapResults]) -> str:
     """Return everything as JSON: core_version, and of each map its name, start and results."""
     results = ([one.figures() for one in each.results] for each in found)
-    maps = [
-        {"name": each.name, "start": each.start, "results": own}
-        for each, own in zip(found, results, strict=True)
-    ]
+    pairs = zip(found, results, strict=True)
+    maps = [{"name": each.name, "start": each.start, "results": own} for each, own in pairs]
     return json.dumps({"core_version": CORE_VERSION, "maps": maps}, indent=1)
 
 

@@ -149,18 +149,16 @@ def tabulate(
                 by_policy[one.policy].append(one)
         rows += [summarize_policy(own) for own in by_policy.values()]
         comparisons += compare(by_policy)
-    return EvaluationTable(
-        tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered)
-    )
+    parts = tuple(configs), tuple(seeds), tuple(rows), tuple(comparisons), tuple(ordered)
+    return EvaluationTable(*parts)
 
 
 def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
     """Return the row of one policy's episodes of one configuration (at least two)."""
     first, outcomes = results[0], [result.outcome for result in results]
     where = (first.policy, first.level, first.rows, first.cols, len(results))
-    score, steps, area = (
-        mean_interval(_column(results, name)) for name in ("score", "steps_to_99", "auc")
-    )
+    columns = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
+    score, steps, area = map(mean_interval, columns)
     completion = outcomes.count("explored") / len(results)
     collisions = outcomes.count("collided") + outcomes.count("out_of_bounds")
     coverage = float(_column(results, "coverage").mean())

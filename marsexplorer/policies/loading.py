@@ -104,9 +104,8 @@ def find_file(name: str) -> Path:
     if path.is_file():
         return path
     if path.suffix == SUFFIX or path.name != name:
-        raise PolicyNotFoundError(
-            f"no policy file at {name}; check the path, or choose one of: {', '.join(names())}"
-        )
+        way_out = f"check the path, or choose one of: {', '.join(names())}"
+        raise PolicyNotFoundError(f"no policy file at {name}; {way_out}")
     raise PolicyNotFoundError(
         f'no policy "{name}" in data/policies; choose one of: {", ".join((*names(), *of_paper()))}, or give a path'
     )

@@ -207,10 +207,8 @@ class Planner(GuardedRule):
 
     def _arrays_for(self, shape: tuple[int, ...]) -> PlannerArrays:
         if self._arrays is None or self._arrays[0].shape != shape:
-            known_map, weights = (
-                VisibilityMap(shape, self.sensor_radius),
-                distance_weights(math.prod(shape)),
-            )
+            weights = distance_weights(math.prod(shape))
+            known_map = VisibilityMap(shape, self.sensor_radius)
             self._arrays = known_map, known_map.with_own_unknown(), grid_scratch(shape), weights
         return self._arrays
 

@@ -16,9 +16,7 @@ from marsexplorer.training.network import Net, save_network
 
 FAMILIES = ("random", "1-1-1", "1-2-1", "2-1-1", "2-2-1", "3-1-1", "3-2-1")
 """The levels that `--level all` stands for: t-m-2 has the terrains of t-m-1 and differs in its rewards alone."""
-LIMITS = (
-    "Deterministic; a guard follows the nearest frontier for 8 moves where it would go in circles."
-)
+LIMITS = "Deterministic; a guard follows the nearest frontier for 8 moves where it would circle."
 """What the cards say of the policies' limits."""
 
 
@@ -112,9 +110,8 @@ def with_fields(config: TrainConfig, given: Iterable[str]) -> TrainConfig:
     for item in given:
         name, sign, text = item.partition("=")
         if not sign or name not in names:
-            raise ValueError(
-                f"expected FIELD=VALUE with a field of {', '.join(names)}, got {item!r}"
-            )
+            known = f"FIELD=VALUE with a field of {', '.join(names)}"
+            raise ValueError(f"expected {known}, got {item!r}")
         values[name] = _value(name, getattr(TrainConfig(), name), text)
     return replace(config, **values)
 

@@ -217,9 +217,8 @@ def make_envs(
     counts = [max(1, int(num_envs * weight / sum(weights))) for weight in weights]
     counts[0] += num_envs - sum(counts)
     if counts[0] < 1:
-        raise ValueError(
-            f"{len(configs)} levels and sizes are too many for {num_envs} environments; choose fewer"
-        )
+        many = f"{len(configs)} levels and sizes are too many for {num_envs} environments"
+        raise ValueError(f"{many}; choose fewer")
     seeds = [10**12 * (seed + 1) + 10**7 * k for k in range(len(configs))]
     parts = zip(configs, counts, seeds, strict=True)
     return MixedEnvs([TrainingEnvs(*each, make_encoder) for each in parts])

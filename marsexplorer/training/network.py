@@ -38,15 +38,12 @@ class Net(nn.Module):
 
     def __init__(self, wide: int = 384, hidden: int = 128) -> None:
         super().__init__()
-        self.trunk = nn.Sequential(
-            nn.Linear(PLANES * PICTURE_CELLS, wide), nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU()
-        )
-        self.policy_head = nn.Sequential(
-            nn.Linear(hidden + MOVE_NUMBERS + 4, 64), nn.ReLU(), nn.Linear(64, 1)
-        )
-        self.value_head = nn.Sequential(
-            nn.Linear(hidden + 4 * MOVE_NUMBERS, 64), nn.ReLU(), nn.Linear(64, 1)
-        )
+        first = nn.Linear(PLANES * PICTURE_CELLS, wide)
+        self.trunk = nn.Sequential(first, nn.ReLU(), nn.Linear(wide, hidden), nn.ReLU())
+        first = nn.Linear(hidden + MOVE_NUMBERS + 4, 64)
+        self.policy_head = nn.Sequential(first, nn.ReLU(), nn.Linear(64, 1))
+        first = nn.Linear(hidden + 4 * MOVE_NUMBERS, 64)
+        self.value_head = nn.Sequential(first, nn.ReLU(), nn.Linear(64, 1))
         initialize_orthogonal(self)
         nn.init.orthogonal_(self.policy_head[-1].weight, 0.01)  # type: ignore[arg-type]
         self.prior = nn.Parameter(prior_weights())

@@ -111,11 +111,8 @@ class RunFolder:
     def save(self) -> None:
         """Write the checkpoint, the log, the learning curve and the policy file."""
         self._saved = time.monotonic()
-        checkpoint = {
-            "identity": json.dumps(self._run.identity),
-            "run": self._run.state_dict(),
-            "seconds": self.seconds,
-        }
+        checkpoint = {"identity": json.dumps(self._run.identity), "seconds": self.seconds}
+        checkpoint["run"] = self._run.state_dict()
         with replace_whole(self.folder / "checkpoint.pt") as path:
             torch.save(checkpoint, path)
         write_log(self.folder / "log.jsonl", self._lines)

@@ -188,9 +188,8 @@ def play_ghost(source: str, record: Record) -> Course:
     except (LookupError, ValueError, OSError) as error:
         raise GhostError(f"the policy cannot be loaded: {error}") from error
     if getattr(policy, "size", None) not in (None, (config.rows, config.cols)):
-        raise GhostError(
-            f"{policy.name} plays no boards of {config.rows}x{config.cols}; choose another policy"
-        )
+        size = f"{config.rows}x{config.cols}"
+        raise GhostError(f"{policy.name} plays no boards of {size}; choose another policy")
     begin(policy, config.level, 0)
     episode = Episode.again(record)
 

@@ -244,10 +244,8 @@ class MarsRules:
 
     def replay(self, was: Cause, actions: bytes = b"", ended: bool = False) -> MarsRun:
         """Return the run of a stored episode after its actions; one that had ended without an ending move was abandoned."""
-        cause, outcome = (
-            (was.config, was.seed, was.terrain, was.start),
-            "abandoned" if ended else "running",
-        )
+        cause = was.config, was.seed, was.terrain, was.start
+        outcome = "abandoned" if ended else "running"
         return self.replay_record(Record(*cause, actions, outcome, 0.0, 0, 0, ""))
 
     def replay_record(self, record: Record) -> MarsRun:

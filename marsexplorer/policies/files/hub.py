@@ -69,11 +69,8 @@ def push(path: Path, repo: str, *, is_private: bool = False, token: str | None =
 
     HubError when the hub refuses or cannot be reached; nothing is half-written then.
     """
-    files = {
-        path.name: path.read_bytes(),
-        "config.json": card_json(path),
-        "README.md": model_card(path, repo).encode(),
-    }
+    files = {path.name: path.read_bytes(), "config.json": card_json(path)}
+    files["README.md"] = model_card(path, repo).encode()
     api = _api(token)
     with _hub_errors(_checked(repo)):
         api.create_repo(repo, private=is_private, exist_ok=True)
@@ -152,17 +149,14 @@ def _words(path: Path, card: dict[str, Any], repo: str) -> str:
     if results := _results(card):
         keys = list(dict.fromkeys(key for figures in results.values() for key in figures))
         rows = [["setting", *keys]]
-        rows += [
-            [setting, *(str(figures.get(key, "")) for key in keys)]
-            for setting, figures in results.items()
-        ]
+        for setting, figures in results.items():
+            rows.append([setting, *(str(figures.get(key, "")) for key in keys)])
         table = [f"| {' | '.join(row)} |" for row in rows]
         lines += ["## Results", table[0], "|---" * (len(keys) + 1) + "|", *table[1:], ""]
     if "limits" in card:
         lines += ["## Limits", str(card["limits"]), ""]
-    lines += [
-        "`config.json` has the whole card. The environment is that of Koutras et al. (2021), arXiv:2107.09996."
-    ]
+    paper = "Koutras et al. (2021), arXiv:2107.09996"
+    lines += [f"`config.json` has the whole card. The environment is that of {paper}."]
     return "\n".join(lines) + "\n"
 
 
@@ -175,9 +169,8 @@ def _checked(repo: str) -> str:
 
 def _api(token: str | None) -> HfApi:
     """Return a client of the hub, or of the server that HF_ENDPOINT names."""
-    return HfApi(
-        endpoint=os.environ.get("HF_ENDPOINT"), token=token, library_name="marsexplorer-playground"
-    )
+    where = os.environ.get("HF_ENDPOINT")
+    return HfApi(endpoint=where, token=token, library_name="marsexplorer-playground")
 
 
 @contextmanager

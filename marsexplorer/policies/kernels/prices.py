@@ -74,9 +74,8 @@ class PriceParameters:
     def __post_init__(self) -> None:
         is_negative = min(*self.weights, self.pocket, self.fade) < 0
         if is_negative or min(*self.powers, self.pocket_cells) <= 0:
-            raise ValueError(
-                f"weights, pocket and fade must be 0 or more, powers and pocket_cells above 0, got {self}"
-            )
+            wanted = "weights, pocket and fade must be 0 or more, powers and pocket_cells above 0"
+            raise ValueError(f"{wanted}, got {self}")
 
 
 class PriceTables:

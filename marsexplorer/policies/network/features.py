@@ -289,15 +289,8 @@ class FeatureExtractor:
         """Return (planes, moves) of a stack of boards; see `extract_features` for what they take."""
         num = len(codes)
         planes, moves = self.planes[:num], self.moves[:num]
-        extract_features(
-            read_only(codes),
-            np.asarray(cells, np.int64),
-            visited,
-            headings,
-            *self._arrays,
-            planes,
-            moves,
-        )
+        codes, cells = read_only(codes), np.asarray(cells, np.int64)
+        extract_features(codes, cells, visited, headings, *self._arrays, planes, moves)
         return planes, moves
 
 

@@ -172,10 +172,7 @@ def sample_inputs(numbers: int, boards: int = 1) -> dict[str, NDArray[Any]]:
     """Return the inputs for boards of the smallest size: planes uint8[boards, ...] and moves float32[boards, 4, numbers]."""
     codes = np.ones((1, 5, 5), np.uint8)
     codes[0, 0, 0] = ROVER
-    cells, visited, headings = (
-        np.zeros(1, np.int64),
-        np.zeros((1, 25), np.uint8),
-        np.ones(1, np.int64),
-    )
+    cells, visited = np.zeros(1, np.int64), np.zeros((1, 25), np.uint8)
+    headings = np.ones(1, np.int64)
     planes, moves = FeatureExtractor(1, 5, 5, 1)(codes, cells, visited, headings)
     return {"planes": planes.repeat(boards, 0), "moves": moves[:, :, :numbers].repeat(boards, 0)}
