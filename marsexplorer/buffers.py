@@ -27,9 +27,8 @@ def shared_array(out: Any, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[
         why = "this one is not contiguous"
         raise ValueError(f"{wanted}; {why}: make it with empty() or contiguous()")
     if not array.flags.writeable:
-        raise ValueError(
-            f"{wanted}; this one is read-only, as the arrays of JAX are: give a NumPy array or a torch tensor"
-        )
+        why = "as the arrays of JAX are: give a NumPy array or a torch tensor"
+        raise ValueError(f"{wanted}; this one is read-only, {why}")
     return array
 
 

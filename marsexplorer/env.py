@@ -19,9 +19,8 @@ from marsexplorer.rules import NO_SEED, OUTCOME
 from marsexplorer.terrain import next_seed
 from marsexplorer.world import Worlds, check_action, positions
 
-COLOURS: NDArray[np.uint8] = np.array(
-    [[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]], np.uint8
-)
+_RGB = [[14, 11, 13], [201, 122, 74], [255, 179, 71], [107, 74, 58]]
+COLOURS: NDArray[np.uint8] = np.array(_RGB, np.uint8)
 GLYPHS = "?.@#"
 CELL_PIXELS = 12
 
@@ -58,11 +57,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
             known = 'None, "rgb_array" or "ansi"'
             raise ValueError(f"render_mode must be {known}, got {render_mode!r}")
         self.render_mode = render_mode
-        more: dict[str, Any] = {
-            "sensor_radius": sensor_radius,
-            "beta": beta,
-            "max_steps": max_steps,
-        }
+        more: Any = {"sensor_radius": sensor_radius, "beta": beta, "max_steps": max_steps}
         self.config = EnvConfig.of(level, size, **more)
         self.observation_space = observation_space(self.config, observation)
         self.action_space = spaces.Discrete(4)
@@ -91,9 +86,8 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         elif "terrain" in options:
             self._worlds.start_on(0, options["terrain"], tuple(options.get("start", (0, 0))))
         elif "start" in options:
-            raise ValueError(
-                "a start needs a terrain: options={'terrain': ..., 'start': (row, col)}"
-            )
+            example = "options={'terrain': ..., 'start': (row, col)}"
+            raise ValueError(f"a start needs a terrain: {example}")
         else:
             self._seed = following(self._seed) if seed is None else seed
             self._worlds.start_one(0, self._seed)

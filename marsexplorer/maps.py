@@ -94,9 +94,8 @@ def read_map(
     if not (math.isfinite(cell) and cell >= resolution):
         raise MapFileError(f"cell must be at least a pixel, {resolution:g} m, got {cell!r}")
     if not (math.isfinite(inflation) and 0 <= inflation <= 100 * cell):
-        raise MapFileError(
-            f"inflation must be between 0 and 100 cells, in metres, got {inflation!r}"
-        )
+        known = "between 0 and 100 cells, in metres"
+        raise MapFileError(f"inflation must be {known}, got {inflation!r}")
     blocked = _blocked_pixels(path.parent / fields["image"], fields)
     terrain = _form_cells(blocked, resolution, cell, inflation)
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in terrain.shape):
@@ -169,9 +168,8 @@ def _read_fields(path: Path) -> dict[str, Any]:
 
 def _number(path: Path, name: str, value: object, low: float, high: float) -> float:
     if not isinstance(value, (int, float)) or not low <= value <= high:
-        raise MapFileError(
-            f"{path}: {name} must be a number from {low:g} to {high:g}, got {value!r}"
-        )
+        known = f"a number from {low:g} to {high:g}"
+        raise MapFileError(f"{path}: {name} must be {known}, got {value!r}")
     return float(value)
 
 
@@ -182,9 +180,8 @@ def _blocked_pixels(path: Path, fields: dict[str, Any]) -> NDArray[np.bool_]:
     try:
         with Image.open(path, formats=("PPM", "PNG")) as picture:
             if picture.width * picture.height > MAX_PIXELS:
-                raise MapFileError(
-                    f"{path}: at most {MAX_PIXELS:,} pixels are read, got {picture.width} x {picture.height}"
-                )
+                size = f"{picture.width} x {picture.height}"
+                raise MapFileError(f"{path}: at most {MAX_PIXELS:,} pixels are read, got {size}")
             if picture.mode not in ("L", "RGB", "RGBA", "LA", "P", "1"):
                 given = f"got mode {picture.mode}"
                 raise MapFileError(f"{path}: expected a picture of 8 bits a colour, {given}")

@@ -63,11 +63,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         out: Any = None,
     ) -> None:
         self.num_envs = num_envs
-        more: dict[str, Any] = {
-            "sensor_radius": sensor_radius,
-            "beta": beta,
-            "max_steps": max_steps,
-        }
+        more: Any = {"sensor_radius": sensor_radius, "beta": beta, "max_steps": max_steps}
         self.config = EnvConfig.of(level, size, **more)
         self.single_observation_space = observation_space(self.config, observation)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
@@ -101,9 +97,8 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _starting_seeds(self, seed: int | list[int | None] | None) -> list[int]:
         if isinstance(seed, (list, tuple)):
             if len(seed) != self.num_envs:
-                raise ValueError(
-                    f"seed must be one number or {self.num_envs} of them, got {len(seed)}"
-                )
+                wanted = f"one number or {self.num_envs} of them"
+                raise ValueError(f"seed must be {wanted}, got {len(seed)}")
             return [following(None) if one is None else one for one in seed]
         if seed is not None:
             return [seed + i for i in range(self.num_envs)]

@@ -347,10 +347,8 @@ class _Pages:
     def _find(self, *move: float) -> _Page | None:
         """Return the page that takes a move: the one of the move before, else the newest."""
         known = [page for page in reversed(self._pages) if page is not self._last]
-        return next(
-            (page for page in ([self._last] if self._last else []) + known if page.take(*move)),
-            None,
-        )
+        pages = [*([self._last] if self._last else []), *known]
+        return next((page for page in pages if page.take(*move)), None)
 
     def _gap_ms(self, page: _Page, moves: Sequence[Row], step: int) -> float:
         if self._last is None:

@@ -113,11 +113,9 @@ class Lobby:
             self.task.policies.check(wanted.player, HUMAN)
         rival = [] if wanted.rival is None else [self.task.policies.check(wanted.rival)]
         drivers = [wanted.player, *rival]
-        replayed = (
-            None
-            if wanted.replays is None
-            else await self._ended_session(wanted.replays, wanted.player)
-        )
+        replayed = None
+        if wanted.replays is not None:
+            replayed = await self._ended_session(wanted.replays, wanted.player)
         is_same = replayed is not None and wanted.leaves_terrain
         again = self.task.again(replayed.current) if replayed and is_same else None
         terrain = again or self.task.first(wanted)
@@ -347,9 +345,8 @@ class Lobby:
             self._groups[board.id] = group
             if not board.is_human:
                 load = partial(self.task.policies.load, board.row.driver_name)
-                group.agents[board.id] = Agent(
-                    board, player if board is rival else None, load, self._decisions
-                )
+                own = player if board is rival else None
+                group.agents[board.id] = Agent(board, own, load, self._decisions)
         return group
 
     def _pair(self, group: BoardGroup) -> None:

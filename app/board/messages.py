@@ -52,6 +52,11 @@ PaceMode = Literal["follow", "timed", "paused"]
 Milliseconds = Annotated[float, Field(allow_inf_nan=False)]
 
 
+def maybe(meaning: str) -> Any:
+    """Return a field that may be left out, and what it means."""
+    return Field(default=None, description=meaning)
+
+
 def _check_printable(text: str) -> str:
     if not text.isprintable():
         raise ValueError(f"an id must be without control characters, got {_shown(text)}")
@@ -90,18 +95,10 @@ class Act(Message):
     episode: str = Field(max_length=64, description="`episode` of the frame the move answers")
     step: int = Field(ge=0, description="`step` of that frame: the number of moves made so far")
     action: str = Field(max_length=64, description="the name of an action")
-    input: Literal["key", "touch"] | None = Field(
-        default=None, description="the page's trusted event, if any"
-    )
-    key_down_ms: Milliseconds | None = Field(
-        default=None, description="when the key went down, client clock"
-    )
-    key_up_ms: Milliseconds | None = Field(
-        default=None, description="when the last key came up, client clock"
-    )
-    client_ms: Milliseconds | None = Field(
-        default=None, description="when the move was sent, client clock"
-    )
+    input: Literal["key", "touch"] | None = maybe("the page's trusted event, if any")
+    key_down_ms: Milliseconds | None = maybe("when the key went down, client clock")
+    key_up_ms: Milliseconds | None = maybe("when the last key came up, client clock")
+    client_ms: Milliseconds | None = maybe("when the move was sent, client clock")
 
 
 class NewEpisode(Message):
@@ -154,12 +151,10 @@ class InputEvent(Message):
     ]  # fmt: skip
     code: str | None = Field(default=None, max_length=64, description="`event.code` of a key")
     repeat: bool | None = None
-    trusted: bool | None = Field(default=None, description="`event.isTrusted`")
+    trusted: bool | None = maybe("`event.isTrusted`")
     client_ms: Milliseconds = Field(description="monotonic client clock")
     step: int | None = Field(default=None, ge=0, description="`step` of the frame on screen")
-    round_trip_ms: Milliseconds | None = Field(
-        default=None, description="from the last move to its frame"
-    )
+    round_trip_ms: Milliseconds | None = maybe("from the last move to its frame")
 
 
 class Events(Message):
@@ -189,10 +184,8 @@ class ChangePace(Message):
         default=None, gt=0, le=60, allow_inf_nan=False, examples=[8]
     )
     pause: Literal[True] | None = None
-    step: Literal[True] | None = Field(default=None, description="pause and make one move")
-    follow: Literal[True] | None = Field(
-        default=None, description="a move after each of a player's"
-    )
+    step: Literal[True] | None = maybe("pause and make one move")
+    follow: Literal[True] | None = maybe("a move after each of a player's")
 
     @model_validator(mode="after")
     def _exactly_one(self) -> ChangePace:

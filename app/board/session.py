@@ -607,11 +607,9 @@ class Session:
         ending  of `prepare_end`
         """
         conditions = self._conditions(current)
-        attested = (
-            None
-            if conditions is None
-            else attest_stored(self._store, current.id, conditions, ending)
-        )
+        attested = None
+        if conditions is not None:
+            attested = attest_stored(self._store, current.id, conditions, ending)
         level, reason = (None, None) if attested is None else (attested.level, attested.reason)
         events = None if ending is None else ending.events
         return Closing(current.id, run.record(), at_ms, level, reason, events), attested

@@ -74,9 +74,9 @@ class Spectators:
         found, run = await self._stored(episode_id, link)
         task, shown = self._lobby.task, run.view()
         about = task.describe(found.episode)
-        whole = (
-            await on_threads(task, task.frames, run.record(), episode_id) if found.ended else None
-        )
+        whole = None
+        if found.ended:
+            whole = await on_threads(task, task.frames, run.record(), episode_id)
         return {
             "episode": episode_id,
             "player": self._who_drives(found, viewer),
@@ -106,11 +106,7 @@ class Spectators:
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                shown = (
-                    (await self._stored(episode_id, link))[1].view()
-                    if board is None
-                    else board.shown
-                )
+                shown = board.shown if board else (await self._stored(episode_id, link))[1].view()
                 frame = shown.frame(episode_id) if board is None else board.frame
                 has_ended, is_behind = shown.ended, shown.steps > steps + 1
                 if frame != newest:

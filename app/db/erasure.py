@@ -96,9 +96,8 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
         finally:
             conn.close()
     except sqlite3.Error as error:
-        raise StoreError(
-            f"the database {database} did not take the erasure: {error}; try again"
-        ) from error
+        why = f"did not take the erasure: {error}; try again"
+        raise StoreError(f"the database {database} {why}") from error
     finally:
         lock.close()
 

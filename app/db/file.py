@@ -145,9 +145,8 @@ class DatabaseLock:
         try:
             handle = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
         except OSError as error:
-            raise StoreError(
-                f"cannot read the database {self._path}: {error.strerror}; give another --database"
-            ) from error
+            why = f"{error.strerror}; give another --database"
+            raise StoreError(f"cannot read the database {self._path}: {why}") from error
         stat = os.fstat(handle)
         identity = stat.st_dev, stat.st_ino
         try:
@@ -214,9 +213,8 @@ def _lock_file_of(path: Path) -> int:
         name = path.with_name(path.name + "-lock")
         handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
-        raise StoreError(
-            f"cannot write the database {path}: {error.strerror}; give another --database"
-        ) from error
+        why = f"{error.strerror}; give another --database"
+        raise StoreError(f"cannot write the database {path}: {why}") from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -168,11 +168,8 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
         hidden["sessions"] -= {row[1] for row in elsewhere}
         if not elsewhere:
             hidden["players"].add(person["player_id"])
-    found = (
-        source.execute("SELECT id, session_id FROM episodes").fetchall()
-        if hidden["sessions"]
-        else []
-    )
+    sql = "SELECT id, session_id FROM episodes"
+    found = source.execute(sql).fetchall() if hidden["sessions"] else []
     hidden["episodes"] = {ident for ident, session in found if session in hidden["sessions"]}
     return hidden
 
@@ -242,14 +239,8 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
 
 def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
-    for name in (
-        "protocol_hash",
-        "commitment",
-        "protocol",
-        "frozen_ms",
-        "beacon",
-        "beacon_signature",
-    ):
+    FIXED = ("protocol_hash", "commitment", "protocol", "frozen_ms", "beacon", "beacon_signature")
+    for name in FIXED:
         if old[name] != row[name]:
             raise MergeError(
                 f"the study {row['name']!r} in {where} has another {name} than before: they are two studies of one name; "

@@ -254,9 +254,8 @@ def _played(
     told = json.loads(policies or "{}").items()
     theirs = {each: moves for each, moves in told if each in MEASURED}
     order = sorted({math.inf if each is None else each for each in (mine, *theirs.values())})
-    place = {
-        each: order.index(math.inf if each is None else each) for each in (mine, *theirs.values())
-    }
+    ranks = {each: math.inf if each is None else each for each in (mine, *theirs.values())}
+    place = {each: order.index(rank) for each, rank in ranks.items()}
     people = {str(trial.owner_id): place[mine]}
     return _Played(people, {each: place[moves] for each, moves in theirs.items()})
 

@@ -129,10 +129,9 @@ class StudyStore:
 
     def is_invitation_forgotten(self, study: str, invitation: str) -> bool:
         """Return whether an invitation was used by somebody who was erased since."""
-        found = self._conn.execute(
-            "SELECT 1 FROM forgotten_people WHERE id_hash = ?", [invitation_hash(study, invitation)]
-        )
-        return found.fetchone() is not None
+        sql = "SELECT 1 FROM forgotten_people WHERE id_hash = ?"
+        known = invitation_hash(study, invitation)
+        return self._conn.execute(sql, [known]).fetchone() is not None
 
     def count_stage_events(self, participant_id: str, kind: str) -> int:
         """Return how many events of a kind a participant has."""

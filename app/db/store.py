@@ -405,10 +405,8 @@ class WriteQueue:
     def _look_at_waiting(self) -> None:
         self._timer = None
         self._drop_answered()
-        while (
-            self._unanswered
-            and self._unanswered[0].deadline - PATIENCE_S + NOTICE_S <= self._loop.time()
-        ):
+        late = self._loop.time() + PATIENCE_S - NOTICE_S
+        while self._unanswered and self._unanswered[0].deadline <= late:
             self._tell_why(self._unanswered.popleft())
             self._drop_answered()
         if self._unanswered:
@@ -475,11 +473,8 @@ class Store(Reader):
         self._is_within, self._began = False, 0.0
         self._undone: StoreError | None = None
         self._step: tuple[str, int] | None = None
-        self.notice = (
-            None
-            if expected is None or holds_step(self._conn, expected)
-            else lost_steps(path, expected)
-        )
+        is_there = expected is None or holds_step(self._conn, expected)
+        self.notice = lost_steps(path, expected) if expected and not is_there else None
 
     def start_threads(self) -> None:
         """From now on write on one thread and read on others; call it on the running event loop."""
@@ -708,9 +703,8 @@ class Store(Reader):
             if row.driver != "human":
                 self._conn.execute(_BECOME_SCRIPT, (row.episode_id,))
             if self._conn.execute(_ADD_STEP, values).rowcount != 1:
-                raise StoreError(
-                    f"step {row.step} is not the next of an open episode {row.episode_id!r}: nothing changed"
-                )
+                what = f"step {row.step} is not the next of an open episode {row.episode_id!r}"
+                raise StoreError(f"{what}: nothing changed")
             self._step = row.episode_id, row.step
             if row.step == 0:
                 chain.append_first_move(self._conn, row.episode_id)

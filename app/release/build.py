@@ -128,9 +128,8 @@ def build_release(
     """
     check_libraries()
     if request.out.exists() and (not request.out.is_dir() or any(request.out.iterdir())):
-        raise ReleaseError(
-            f"{request.out} is there already: a release is written into a new folder; choose another --out"
-        )
+        why = "a release is written into a new folder; choose another --out"
+        raise ReleaseError(f"{request.out} is there already: {why}")
     with reading(request.database) as source:  # one moment, whatever a server writes meanwhile
         header, closed = _new_header(source, request)
         total = 2 * _count_episodes(source, request.study)

@@ -252,9 +252,8 @@ def read_signed(path: Path, form: str) -> dict[str, Any]:
             raise ValueError("it is not signed")
         return dict(content)
     except OSError as error:
-        raise ReleaseError(
-            f"cannot read {path}: {(error.strerror or str(error)).lower()}"
-        ) from error
+        why = (error.strerror or str(error)).lower()
+        raise ReleaseError(f"cannot read {path}: {why}") from error
     except (ValueError, KeyError, TypeError) as error:
         raise ReleaseError(f"{path} is no file of format {form}: {error}") from error
 

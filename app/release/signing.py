@@ -56,9 +56,8 @@ def signing_key(database: Path) -> Any:
 def public_pem(key: Any) -> bytes:
     """Return the public half as PEM, for the release."""
     serialization, _ = _libraries()
-    pem: bytes = key.public_key().public_bytes(
-        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
-    )
+    form = serialization.PublicFormat.SubjectPublicKeyInfo
+    pem: bytes = key.public_key().public_bytes(serialization.Encoding.PEM, form)
     return pem
 
 

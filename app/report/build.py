@@ -169,10 +169,8 @@ def _with_regret(
 def _left(data: StudyData, cohort: Cohort) -> int:
     """Return how many have withdrawn, or had not finished when the study was closed."""
     is_closed = data.closed_ms is not None
-    return sum(
-        person.stage == "withdrawn" or (is_closed and person.completed_ms is None)
-        for person in cohort.people
-    )
+    people = cohort.people
+    return sum(p.stage == "withdrawn" or (is_closed and p.completed_ms is None) for p in people)
 
 
 def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
@@ -254,10 +252,8 @@ def _comparisons_in(
     if not is_tested:
         return [replace(row, p_value=None) for row in rows]
     adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
-    return [
-        replace(row, p_adjusted=p if row.p_value is not None else None)
-        for row, p in zip(rows, adjusted, strict=True)
-    ]
+    pairs = zip(rows, adjusted, strict=True)
+    return [replace(row, p_adjusted=None if row.p_value is None else p) for row, p in pairs]
 
 
 def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:

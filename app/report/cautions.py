@@ -178,9 +178,8 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         found.append("The revealed secret is not the one that was committed to.")
     signature = data.beacon_signature
     if data.beacon and not (signature and data.beacon.has_signed(signature)):
-        found.append(
-            "The beacon's signature is not of the round that was named when the study was frozen."
-        )
+        which = "of the round that was named when the study was frozen"
+        found.append(f"The beacon's signature is not {which}.")
     version = data.protocol.rules.version
     if data.protocol.core_version != version:
         found.append(

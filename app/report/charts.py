@@ -129,10 +129,8 @@ def _players(canvas: Canvas, group: GroupReport) -> None:
         axes.plot(values, heights, "o", color=PEOPLE_COLOUR, **dots)
         metric, estimate = group.metric(name), getattr(group.figure, name)
         assert metric is not None
-        lines = [
-            ("headline", estimate.interval, POLICY_COLOURS[0], 2.6),
-            ("new terrains", metric.new_terrains, GREY, 1.3),
-        ]
+        lines = [("headline", estimate.interval, POLICY_COLOURS[0], 2.6)]
+        lines.append(("new terrains", metric.new_terrains, GREY, 1.3))
         labels = []
         for row, (label, ends, colour, width) in enumerate(lines if len(values) > 1 else []):
             labels.append(label if ends is not None else f"{label} (too few)")

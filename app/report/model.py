@@ -22,9 +22,8 @@ from app.task import Words, rules_of
 from marsexplorer.intervals import Floats
 
 FORMAT = "marsexplorer-report-1"
-SYNTHETIC = (
-    "SYNTHETIC: every number here was produced by scripts. None of it says anything about people."
-)
+_WHO = "every number here was produced by scripts. None of it says anything about people."
+SYNTHETIC = f"SYNTHETIC: {_WHO}"
 
 
 @dataclass(frozen=True)

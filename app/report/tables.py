@@ -195,10 +195,8 @@ def _result(group: GroupReport) -> PageTable | None:
         digits = DIGITS[metric.name]
         columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
     share = [*_share(found.completed).split("\n"), NONE]
-    if found.completed and (found.completed.headline, found.score.headline) == (
-        "guaranteed",
-        "printed",
-    ):
+    kinds = found.completed and (found.completed.headline, found.score.headline)
+    if kinds == ("guaranteed", "printed"):
         share[1] += " (guaranteed)"
     if {each[1] for each in columns} == {NONE}:
         share[1] = NONE

@@ -210,9 +210,8 @@ class Cards:
         if unknown := [name for name in given if name not in DESCRIBED]:
             raise CardError(422, f"expected {', '.join(DESCRIBED)}, got {str(unknown[0])[:40]!r}")
         for name, value in given.items():
-            if not (
-                isinstance(value, str) and len(value) <= MOST_CHARACTERS and value.isprintable()
-            ):
+            is_text = isinstance(value, str) and len(value) <= MOST_CHARACTERS
+            if not (is_text and value.isprintable()):
                 what = f"a text of at most {MOST_CHARACTERS} characters"
                 raise CardError(422, f"{name}: expected {what}")
         async with held.changing:

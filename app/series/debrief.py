@@ -108,9 +108,8 @@ def own_trial(study: Study, trials: Sequence[Trial], phase: Shown, index: int) -
         number = trial.terrain_index if phase == "warm_up" else trial.trial
         if trial.phase == phase and number == index and trial.ended_ms is not None:
             return trial
-    raise NoTerrainError(
-        f"no {phase.replace('_', '-')} terrain {index} that you have played to its end; they count from 0"
-    )
+    what = f"no {phase.replace('_', '-')} terrain {index} that you have played to its end"
+    raise NoTerrainError(f"{what}; they count from 0")
 
 
 def _play(study: Study, phase: Shown) -> list[Record]:

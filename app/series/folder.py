@@ -209,9 +209,8 @@ class Folder:
         raw = read_object(self._existing(name) / "protocol.json")
         protocol = parse_protocol(raw)
         if protocol.name != name:
-            raise StudyError(
-                f"the protocol in {self.path(name)} names the study {protocol.name!r}: rename one of the two"
-            )
+            what = f"the protocol in {self.path(name)} names the study {protocol.name!r}"
+            raise StudyError(f"{what}: rename one of the two")
         return protocol
 
     def study(self, name: str) -> Study:
@@ -417,9 +416,8 @@ class Folder:
 
     def _load(self, name: str, path: Path) -> Study:
         if not (path / "frozen.json").exists():
-            raise DraftStudyError(
-                f"the study {name!r} is a draft: freeze it first with `marsexplorer study freeze {name}`"
-            )
+            way_out = f"freeze it first with `marsexplorer study freeze {name}`"
+            raise DraftStudyError(f"the study {name!r} is a draft: {way_out}")
         frozen, raw = read_object(path / "frozen.json"), read_object(path / "protocol.json")
         if hashlib.sha256(canonical_json(raw)).hexdigest() != frozen.get("protocol_hash"):
             raise StudyError(
@@ -447,9 +445,8 @@ class Folder:
                 f"the files of the study {name!r} are damaged: {error}; restore {path} from a backup"
             ) from error
         if commitment(secret) != fixed["commitment"]:
-            raise StudyError(
-                f"the secret of the study {name!r} is not the one committed to: restore {path} from a backup"
-            )
+            what = f"the secret of the study {name!r} is not the one committed to"
+            raise StudyError(f"{what}: restore {path} from a backup")
         protocol = parse_protocol(raw)
         files = PolicyFiles.of(protocol, path / FOLDER)
         return Study(

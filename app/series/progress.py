@@ -219,9 +219,8 @@ class ParticipantProgress:
         study, participant = self._at(name, player_id, "questions")
         questions = study.protocol.questions
         if len(answers) != len(questions):
-            raise ValueError(
-                f"answers must hold one choice for each of the {len(questions)} questions, got {len(answers)}"
-            )
+            each = f"one choice for each of the {len(questions)} questions"
+            raise ValueError(f"answers must hold {each}, got {len(answers)}")
         for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
             if choice >= len(question.choices):
                 most = len(question.choices) - 1

@@ -130,47 +130,34 @@ _NO_ANSWER = re.compile(
 """A text that stands for one to be written: blank, marks only, or TODO, TBD and the like at its beginning."""
 
 
+def asked(question: str) -> Any:
+    """Return a text that a draft may leave empty, and the question that it answers."""
+    return Field(default="", description=question)
+
+
 class Declarations(_Part):
     """What only the authors know of their study, said before anybody plays; a draft may leave texts empty.
 
     The descriptions are the questions of `study new` and the table of docs/study.md.
     """
 
-    population: Declared = Field(
-        default="", description="Whom do the people stand for, and by which criteria?"
+    population: Declared = asked("Whom do the people stand for, and by which criteria?")
+    sampling_frame: Declared = asked("Where are people found, and how are they picked there?")
+    recruitment_criteria: Declared = asked("Who is admitted, and whom does recruitment turn away?")
+    author_baseliners: Declared = asked("Do members of the team take part?")
+    training_compensation: Declared = asked("What is paid for tutorial, questions and warm-up?")
+    testing_compensation: Declared = asked(
+        "What is paid for the ranked episodes, and by the hour, the piece or the person?"
     )
-    sampling_frame: Declared = Field(
-        default="", description="Where are people found, and how are they picked there?"
+    performance_bonus: Declared = asked("What more is paid for playing well, and by which rule?")
+    ethics_review: Declared = asked(
+        "Which board approved or exempted the study, under which number?"
     )
-    recruitment_criteria: Declared = Field(
-        default="", description="Who is admitted, and whom does recruitment turn away?"
-    )
-    author_baseliners: Declared = Field(default="", description="Do members of the team take part?")
-    training_compensation: Declared = Field(
-        default="", description="What is paid for tutorial, questions and warm-up?"
-    )
-    testing_compensation: Declared = Field(
-        default="",
-        description="What is paid for the ranked episodes, and by the hour, the piece or the person?",
-    )
-    performance_bonus: Declared = Field(
-        default="", description="What more is paid for playing well, and by which rule?"
-    )
-    ethics_review: Declared = Field(
-        default="", description="Which board approved or exempted the study, under which number?"
-    )
-    pilots: Declared = Field(
-        default="", description="Which pilots came before, and what did they change?"
-    )
-    demographics: Declared = Field(
-        default="", description="What is asked of people about themselves and will be reported?"
-    )
-    registration: Declared = Field(
-        default="", description="Where is the study registered publicly before anybody plays?"
-    )
-    data_availability: Declared = Field(
-        default="",
-        description="Where and when will the data be published, or why will they not be?",
+    pilots: Declared = asked("Which pilots came before, and what did they change?")
+    demographics: Declared = asked("What is asked of people about themselves and will be reported?")
+    registration: Declared = asked("Where is the study registered publicly before anybody plays?")
+    data_availability: Declared = asked(
+        "Where and when will the data be published, or why will they not be?"
     )
 
     def unanswered(self) -> list[str]:

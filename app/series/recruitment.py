@@ -303,9 +303,8 @@ def supervise(
     if participant.kind != "human":
         raise StageError("only a person's session can be supervised")
     if study_store.count_stage_events(participant.id, _WRONG_CODE) >= MAX_WRONG_CODES:
-        raise StageError(
-            f"{MAX_WRONG_CODES} wrong codes were typed here: no code is looked at any more, go on without one"
-        )
+        what = "no code is looked at any more, go on without one"
+        raise StageError(f"{MAX_WRONG_CODES} wrong codes were typed here: {what}")
     if not is_code(study, typed, now_ms):
         study_store.add_stage_event(participant.id, now_ms, _WRONG_CODE, {})
         raise StageError("this is not the operator's code of today: ask the operator to type it")

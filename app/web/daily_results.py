@@ -45,9 +45,8 @@ def people_on(
     found.sort(key=_order)
     for number, row in enumerate(found):
         before = found[number - 1] if number else None
-        row["rank"] = (
-            before["rank"] if before is not None and _order(before) == _order(row) else number + 1
-        )
+        is_alike = before is not None and _order(before) == _order(row)
+        row["rank"] = before["rank"] if before and is_alike else number + 1
         if not names_episodes:
             del row["episode"]
     counts = Counter(row["moves"] for row in found if row["moves"] is not None)
@@ -137,10 +136,8 @@ def _row(row: dict[str, Any], cells: int, player_id: str | None) -> dict[str, An
 
 def _order(row: dict[str, Any]) -> tuple[float, float]:
     """Return what rows are sorted by: moves to 99 %, then how little was mapped."""
-    return (
-        float("inf") if row["moves"] is None else row["moves"],
-        -row["coverage"] if row["moves"] is None else 0.0,
-    )
+    moves, mapped = row["moves"], row["coverage"]
+    return (float("inf"), -mapped) if moves is None else (moves, 0.0)
 
 
 class DailyPolicies:
@@ -165,20 +162,15 @@ class DailyPolicies:
         moves     to 99 %, None where it was not reached or is not known yet
         coverage  0..1 at the end; None while it is not known
         """
-        offers = [
-            offer
-            for offer in self._offers
-            if offer.size in (None, (terrain.config.rows, terrain.config.cols))
-        ]
+        size = (terrain.config.rows, terrain.config.cols)
+        offers = [offer for offer in self._offers if offer.size in (None, size)]
         wanted = [Evaluation(offer.source, terrain.config, (terrain.seed,)) for offer in offers]
         found = [
             _described(offer.name, state)
             for offer, state in zip(offers, self._evaluations.request(wanted), strict=True)
         ]
-        return sorted(
-            found,
-            key=lambda each: (each["moves"] is None, each["moves"] or 0, -(each["coverage"] or 0)),
-        )
+        found.sort(key=lambda each: (each["moves"] or 0, -(each["coverage"] or 0)))
+        return sorted(found, key=lambda each: each["moves"] is None)
 
     def close(self) -> None:
         """Begin nothing any more."""

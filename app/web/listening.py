@@ -69,9 +69,8 @@ def listen(host: str, port: int) -> socket.socket:
         sock.close()
         reason = (error.strerror or str(error)).lower()
         option = "--port" if error.errno in (errno.EADDRINUSE, errno.EACCES) else "--host"
-        raise ServerError(
-            f"cannot listen on {host} port {port}: {reason}; choose another with {option}"
-        ) from error
+        why = f"{reason}; choose another with {option}"
+        raise ServerError(f"cannot listen on {host} port {port}: {why}") from error
     sock.set_inheritable(True)
     return sock
 
@@ -94,9 +93,8 @@ def inherited_socket() -> socket.socket | None:
     sock = socket.socket(fileno=FIRST_INHERITED_FD)
     if sock.family not in (socket.AF_INET, socket.AF_INET6):
         sock.close()
-        raise ServerError(
-            "expected a TCP socket from systemd, got another kind: give ListenStream an address and a port"
-        )
+        way_out = "give ListenStream an address and a port"
+        raise ServerError(f"expected a TCP socket from systemd, got another kind: {way_out}")
     return sock
 
 

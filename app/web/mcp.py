@@ -52,9 +52,8 @@ async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
     try:
         call = Call.model_validate_json(await request.body())
     except ValidationError as error:
-        return _told(
-            None, error=(INVALID_REQUEST, describe_errors(error.errors(include_url=False)))
-        )
+        what = describe_errors(error.errors(include_url=False))
+        return _told(None, error=(INVALID_REQUEST, what))
     if call.id is None:
         return Response(status_code=202)
     match call.method:
@@ -84,11 +83,9 @@ async def mcp(request: Request, agent: AgentOf, name: NameOf) -> Response:
 def _told(
     ident: str | int | None, result: Any = None, error: tuple[int, str] | None = None
 ) -> Response:
-    answer = (
-        {"result": result}
-        if error is None
-        else {"error": dict(zip(("code", "message"), error, strict=True))}
-    )
+    answer: dict[str, Any] = {"result": result}
+    if error is not None:
+        answer = {"error": {"code": error[0], "message": error[1]}}
     return JSONResponse({"jsonrpc": "2.0", "id": ident, **answer})
 
 
@@ -114,24 +111,17 @@ async def _use(agent: Agent, params: dict[str, Any]) -> dict[str, Any]:
         if (kind := TOOLS.get(str(params.get("name")))) is None:
             raise CardError(404, f"expected a tool of {', '.join(TOOLS)}")
         wanted = read(kind, params.get("arguments"))
-        seen = await (
-            agent.move(wanted.index, wanted.action)
-            if isinstance(wanted, Move)
-            else agent.begin(wanted.index)
-        )
+        if isinstance(wanted, Move):
+            seen = await agent.move(wanted.index, wanted.action)
+        else:
+            seen = await agent.begin(wanted.index)
     except CardError as error:
         return {"content": [{"type": "text", "text": str(error)}], "isError": True}
     told = told_of(seen)
     picture: str = told["observation"].pop("picture", "")
     stands = "finished" if seen.done else "running"
     text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
-    images = (
-        [{"type": "image", "data": picture.partition(",")[2], "mimeType": "image/png"}]
-        if picture
-        else []
-    )
-    return {
-        "content": [{"type": "text", "text": text}, *images],
-        "structuredContent": told,
-        "isError": False,
-    }
+    image = {"type": "image", "data": picture.partition(",")[2], "mimeType": "image/png"}
+    images = [image] if picture else []
+    content = [{"type": "text", "text": text}, *images]
+    return {"content": content, "structuredContent": told, "isError": False}

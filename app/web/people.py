@@ -26,14 +26,16 @@ SHORTEST, LONGEST = 2, 20
 _LOOKS_LIKE = """0o 1i 3e 4a 5s 7t @a $s !i |i ıi аa вb еe ѕs іi јj кk мm нh оo рp сc тt уy хx гr
     αa βb εe ηn ιi κk νv οo ρp τt υy χx"""
 """Characters, and the letter of the Latin script that each looks like."""
-_SAME = {ord(each[0]): each[1] for each in _LOOKS_LIKE.split()} | dict.fromkeys(
-    map(ord, "'-_. "), ""
-)
+_SAME = {ord(each[0]): each[1] for each in _LOOKS_LIKE.split()}
+_SAME |= dict.fromkeys(map(ord, "'-_. "), "")
 _ANYWHERE = """arschloch asshole bastard bitch cunt faggot fotze fuck hitler hurensohn mierda nazi nigga nigger penis porn
     putain retard schwuchtel shit slut vagina wank whore wichser"""
 _WHOLE = "anus arsch ass cock coon cum dick fag heil hure kike kkk merde nutte paki puta rape salope spic tit twat"
 _RESERVED = """administrator admin moderator operator you somebody nobody anonymous marsexplorer people human script policy
     expert nearest greedy random tidy planner ppo"""
+
+
+NOTHING_PLAYED = "play a terrain first: a name belongs to what was played in this browser"
 
 
 class NewName(Message):
@@ -44,11 +46,8 @@ class NewName(Message):
 
 def likeness(name: str) -> str:
     """Return what a name looks like: the same for names that a reader would take for each other."""
-    plain = "".join(
-        each
-        for each in unicodedata.normalize("NFKD", name.casefold())
-        if not unicodedata.combining(each)
-    )
+    letters = unicodedata.normalize("NFKD", name.casefold())
+    plain = "".join(each for each in letters if not unicodedata.combining(each))
     return plain.translate(_SAME).replace("i", "l").replace("rn", "m").replace("vv", "w")
 
 
@@ -61,17 +60,15 @@ def cleaned(text: str) -> str:
     if wrong or not any(each.isalpha() for each in name):
         raise ValueError("a name is made of letters, with digits, spaces, and - _ . ' if you like")
     scripts = {unicodedata.name(each, "?").split(" ")[0] for each in name if each.isalpha()}
-    if len(scripts - {"CJK", "HIRAGANA", "KATAKANA", "HANGUL"}) > 1 or (
-        "LATIN" in scripts and len(scripts) > 1
-    ):
+    others = scripts - {"CJK", "HIRAGANA", "KATAKANA", "HANGUL"}
+    if len(others) > 1 or ("LATIN" in scripts and len(scripts) > 1):
         raise ValueError("a name is written in one script: letters of two can look alike")
     looks = likeness(name)
     words = {looks, *map(likeness, re.split(r"[ ._-]", name))}
     if looks in map(likeness, _RESERVED.split()):
         raise ValueError("this name stands for something else here: choose another")
-    if any(likeness(each) in looks for each in _ANYWHERE.split()) or words & set(
-        map(likeness, _WHOLE.split())
-    ):
+    is_bad = any(likeness(each) in looks for each in _ANYWHERE.split())
+    if is_bad or words & set(map(likeness, _WHOLE.split())):
         raise ValueError("this name may offend somebody: choose another")
     return name
 
@@ -85,17 +82,14 @@ async def get_people(request: Request) -> dict[str, Any]:
     store, player_id = services_of(request).store, player_of(request)
 
     def read() -> tuple[list[dict[str, Any]], dict[str, Any] | None]:
-        return ratings.people(store), None if player_id is None else ratings.standing(
-            store, player_id
-        )
+        you = None if player_id is None else ratings.standing(store, player_id)
+        return ratings.people(store), you
 
     people, you = await store.read(read)
     for each in people:
         each["you"] = each.pop("player_id") == player_id
-    policies = [
-        {"name": name, "rating": round(ratings.shown(mu, 0))}
-        for name, mu in ratings.MEASURED.items()
-    ]
+    known = ratings.MEASURED.items()
+    policies = [{"name": name, "rating": round(ratings.shown(mu, 0))} for name, mu in known]
     return {"people": people, "policies": policies, "you": you}
 
 
@@ -112,9 +106,7 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
                 return ratings.set_name(store.connection, player_id, name, likeness(name), at_ms)
 
         if not await store.write(write):
-            raise HTTPException(
-                409, "play a terrain first: a name belongs to what was played in this browser"
-            )
+            raise HTTPException(409, NOTHING_PLAYED)
     except ratings.NameTakenError as error:
         raise HTTPException(409, str(error)) from error
     except ValueError as error:
@@ -152,7 +144,5 @@ def _own_player(request: Request) -> str:
     if not has_own_origin(request):
         raise HTTPException(403, "a name is chosen on this server's page /me")
     if (player_id := player_of(request)) is None:
-        raise HTTPException(
-            409, "play a terrain first: a name belongs to what was played in this browser"
-        )
+        raise HTTPException(409, NOTHING_PLAYED)
     return player_id

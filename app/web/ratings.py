@@ -76,9 +76,8 @@ class Ratings:
             return None
         sources = {each: each for each in ratings.MEASURED}
         try:
-            return await self._jobs.run(
-                play_policies, sources, *found, owner="ratings", limit_s=LONGEST_S
-            )
+            asked: Any = {"owner": "ratings", "limit_s": LONGEST_S}
+            return await self._jobs.run(play_policies, sources, *found, **asked)
         except (JobError, GhostError, ValueError) as error:
             _log.warning("the policies could not play the terrain of an episode: %s", error)
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any, cast
 from urllib.parse import quote
 
@@ -53,9 +54,8 @@ async def get_ghost(
     with bad_input():
         chosen = policy or (await replays.replay(episode_id, asker)).preferred
         if chosen is None:
-            raise HTTPException(
-                404, "no policy on offer plays boards of this size; GET /api/policies lists them"
-            )
+            why = "no policy on offer plays boards of this size; GET /api/policies lists them"
+            raise HTTPException(404, why)
         course = await replays.ghost(episode_id, chosen, asker, owner_of(request))
         return cast(dict[str, Any], course.to_dict())
 
@@ -80,10 +80,8 @@ async def replay_file(
         content = await replays.file(episode_id, form, beside, asker, owner_of(request))
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
-    headers = {
-        "Content-Disposition": f'{kind}; filename="marsexplorer-{quote(episode_id)}.{form}"',
-        **SHARED,
-    }
+    name = f"marsexplorer-{quote(episode_id)}.{form}"
+    headers = {"Content-Disposition": f'{kind}; filename="{name}"', **SHARED}
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)
 
 
@@ -97,15 +95,13 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     except UnknownReplayError as error:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
-        watchable = await store.read(
-            lambda: watchable_session(store, episode_id, now, asker.player_id)
-        )
+        found = partial(watchable_session, store, episode_id, now, asker.player_id)
+        watchable = await store.read(found)
         if isinstance(error, NoCourseError) or (watchable is not None and not watchable[1]):
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
-    return HTMLResponse(
-        render(replay.document(), replay.course, offered(), absolute_address(request))
-    )
+    page = render(replay.document(), replay.course, offered(), absolute_address(request))
+    return HTMLResponse(page)
 
 
 def absolute_address(request: Request) -> str:

@@ -27,6 +27,7 @@ mine = APIRouter(prefix="/api/me", tags=["me"])
 """A player's own episodes: by their cookie alone, so nobody sees anybody else's."""
 leaderboard = APIRouter(prefix="/api/leaderboard", tags=["results"])
 Who = Literal["all", "human"]
+UNKNOWN = "no finished episode {!r}; GET /api/episodes lists them"
 
 
 @contextmanager
@@ -104,9 +105,7 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     with _reader(request) as reader:
         found = reader.episode(episode_id)
     if found is None:
-        raise HTTPException(
-            404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
-        )
+        raise HTTPException(404, UNKNOWN.format(episode_id))
     return found
 
 
@@ -143,9 +142,7 @@ def _public_record(request: Request, episode_id: str) -> Record:
     """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
     with _reader(request) as reader:
         if reader.episode(episode_id) is None:
-            raise HTTPException(
-                404, f"no finished episode {episode_id!r}; GET /api/episodes lists them"
-            )
+            raise HTTPException(404, UNKNOWN.format(episode_id))
         return reader.load_record(episode_id)
 
 
@@ -187,11 +184,8 @@ def get_history(
     first = next((at for at, row in enumerate(rows, 1) if row.id == after), None if after else 0)
     if first is None:
         raise HTTPException(404, f"no episode {after!r} of yours to go on after; begin without one")
-    return {
-        "total": len(rows),
-        "episodes": [describe_own(row) for row in rows[first : first + limit]],
-        "bests": bests,
-    }
+    shown = [describe_own(row) for row in rows[first : first + limit]]
+    return {"total": len(rows), "episodes": shown, "bests": bests}
 
 
 @mine.get("/export/{table}.csv", summary="My own episodes, as CSV")
@@ -199,9 +193,8 @@ async def export_own(request: Request, table: ExportTable) -> Response:
     """Export what you have driven, by your cookie alone; 404 without one, 503 as for everybody's."""
     player_id = player_of(request)
     if player_id is None:
-        raise HTTPException(
-            404, "this browser has no player's cookie: nothing was played with it; play at / first"
-        )
+        why = "this browser has no player's cookie: nothing was played with it; play at / first"
+        raise HTTPException(404, why)
     return await _sent(request, f"my-{table}.csv", table, "all", player_id)
 
 

@@ -159,21 +159,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
     # first what is asked for most: routes are tried in turn
     app.mount("/static", pages.static_files, name="static")
     boards = api.board_router(rules_of(settings.task).messages)
-    modules = (
-        pages,
-        sockets,
-        api,
-        watch,
-        results,
-        people,
-        replay,
-        daily,
-        study,
-        evaluations,
-        agents,
-        mcp,
-        viewer,
-    )
+    modules = [pages, sockets, api, watch, results, people, replay, daily, study]
+    modules += [evaluations, agents, mcp, viewer]
     further = (results.mine, results.leaderboard, api.probes)
     for router in (boards, *(module.router for module in modules), *further):
         # as they are: `include_router` would build each again for this app
@@ -191,9 +178,7 @@ def _add_protection(
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
     for kind in WHERE:
-        what = (
-            f"Bytes stored today (UTC) or kept free for open boards, of the {kind} with the most."
-        )
+        what = f"Bytes stored today (UTC) or kept free for boards, of the {kind} with the most."
         metrics.add_gauge(f"stored_bytes_{kind}", what, partial(protection.stored.most, kind))
     app.add_middleware(NotedRoute)
     app.add_middleware(LimitedClients, protection=protection, most_bytes=MAX_MESSAGE_BYTES)
@@ -242,9 +227,8 @@ def _services(
     offers = task.policies.offers() if is_mars else ()
     folder, study_store = Folder(settings.studies), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
-    lobby = Lobby(
-        store, task, sources, settings.idle_s, of_session, settings.limits.decision_s, stored
-    )
+    limits = settings.limits
+    lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
     downloads = Downloads(store.path, jobs)
@@ -292,18 +276,13 @@ def _task(settings: Settings, policies: Policies | None = None) -> Task:
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
     """Let the metrics hold what can be read of the services at any time."""
     metrics.add_gauge("sessions", "Sessions in memory.", lambda: len(lobby))
-    metrics.add_gauge(
-        "waiting_decisions",
-        "Boards of policies that wait for a decision.",
-        lambda: lobby.waiting_decisions,
-    )
-    metrics.add_gauge(
-        "waiting_writes", "Writes that wait to be made.", lambda: len(lobby.store.writes)
-    )
+    what = "Boards of policies that wait for a decision."
+    metrics.add_gauge("waiting_decisions", what, lambda: lobby.waiting_decisions)
+    what = "Writes that wait to be made."
+    metrics.add_gauge("waiting_writes", what, lambda: len(lobby.store.writes))
     metrics.add_gauge("disk_free_bytes", "Free space where the database is.", health.free_bytes)
-    metrics.add_gauge(
-        "database_bytes", "Size of the database without its log.", health.database_bytes
-    )
+    what = "Size of the database without its log."
+    metrics.add_gauge("database_bytes", what, health.database_bytes)
     metrics.add_gauge("database_log_bytes", "Size of the write-ahead log.", health.log_bytes)
 
 
@@ -332,15 +311,13 @@ def _metrics_served(settings: Settings, metrics: Metrics) -> Iterator[None]:
         return
     with ExitStack() as stack:
         try:
-            address = stack.enter_context(
-                metrics.served(settings.metrics_host, settings.metrics_port)
-            )
+            served = metrics.served(settings.metrics_host, settings.metrics_port)
+            address = stack.enter_context(served)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             where = f"{settings.metrics_host} port {settings.metrics_port}"
-            raise ServerError(
-                f"cannot serve metrics on {where}: {reason}; choose another with --metrics-port"
-            ) from error
+            why = f"{reason}; choose another with --metrics-port"
+            raise ServerError(f"cannot serve metrics on {where}: {why}") from error
         print(f"metrics for Prometheus are at {address}", flush=True)
         yield
 
@@ -367,10 +344,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     raise_file_limit()
     metrics = Metrics()
-    with (
-        inherited_socket() or listen(settings.host, settings.port) as sock,
-        _metrics_served(settings, metrics),
-    ):
+    listening = inherited_socket() or listen(settings.host, settings.port)
+    with listening as sock, _metrics_served(settings, metrics):
         bound_connections(sock, settings.limits.answer_s)
         with _file_errors():
             if settings.task == MARS:
@@ -378,32 +353,26 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
 
                 for path in settings.policies:
                     check_file(path)
-        print(
-            "compiling the rules and loading the policies (some seconds on the first start)",
-            flush=True,
-        )
+        once = "some seconds on the first start"
+        print(f"compiling the rules and loading the policies ({once})", flush=True)
         with _file_errors():
             rules_of(settings.task).prepare()
             task = _task(settings)
             if guards := task.guards():
                 print(guards, flush=True)
         # the store comes last: a start that fails leaves no new file behind
-        with closing(
-            Store(settings.database, settings.durable, metrics, settings.accept_loss)
-        ) as store:
+        opened_store = Store(settings.database, settings.durable, metrics, settings.accept_loss)
+        with closing(opened_store) as store:
             # after a clean stop it is checked beside play
             if not store.ended_well and (found := quick_check(store.path)) != "ok":
                 raise StoreError(damaged(store.path, found))
             if store.notice is not None:
-                print(
-                    f"{store.notice}; a power cut can do this, which --durable prevents", flush=True
-                )
+                why = "a power cut can do this, which --durable prevents"
+                print(f"{store.notice}; {why}", flush=True)
             app = _app_of(settings, Prepared(task=task, store=store), password)
             if password is not None and password.drawn:
-                print(
-                    f"the operator's page is /admin, its password until the server stops: {password.drawn}",
-                    flush=True,
-                )
+                what = "the operator's page is /admin, its password until the server stops"
+                print(f"{what}: {password.drawn}", flush=True)
             # a policy that decides in a thread lets a move through within a millisecond
             sys.setswitchinterval(0.001)
             try:

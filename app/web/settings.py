@@ -28,9 +28,8 @@ def _checked_url(url: str) -> str:
         parts, port = urlsplit(""), None
     has_more = "@" in parts.netloc or parts.query or parts.fragment
     if parts.scheme not in ("http", "https") or not parts.hostname or has_more:
-        raise ValueError(
-            "expected the address of the pages, like https://mars.example or https://lab.example/mars"
-        )
+        known = "https://mars.example or https://lab.example/mars"
+        raise ValueError(f"expected the address of the pages, like {known}")
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
     rest = "" if port in (None, {"http": 80, "https": 443}[parts.scheme]) else f":{port}"
     return f"{parts.scheme}://{host}{rest}{parts.path.rstrip('/')}"

@@ -143,9 +143,8 @@ class PlaySocket:
             text = message.get("text")
             if text is None:
                 size = len(message.get("bytes") or b"")
-                answer: str | None = encode_error(
-                    f"a message must be JSON in a text frame, got {size} binary bytes"
-                )
+                what = f"a message must be JSON in a text frame, got {size} binary bytes"
+                answer: str | None = encode_error(what)
             else:
                 answer = await self._answer(text)
             if answer is not None:

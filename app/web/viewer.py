@@ -20,9 +20,8 @@ router = APIRouter(include_in_schema=False)
 async def newest_client(request: Request) -> Response:
     """Send a browser to the client's address of this version, where it keeps it for as long as it likes."""
     query = f"?{request.url.query}" if request.url.query else ""
-    return RedirectResponse(
-        f"{_viewer(request).page.version}/{query}", 307, {"Cache-Control": "no-cache"}
-    )
+    where = f"{_viewer(request).page.version}/{query}"
+    return RedirectResponse(where, 307, {"Cache-Control": "no-cache"})
 
 
 @router.get("/viewer/client/{version}/")

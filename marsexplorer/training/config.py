@@ -132,9 +132,8 @@ def _value(name: str, like: Any, text: str) -> Any:
                 raise ValueError
             return found
         number = type(like)(text)
-        if number != number or (
-            isinstance(like, int) and number < (name != "value_warmup_updates")
-        ):
+        least = name != "value_warmup_updates"
+        if number != number or (isinstance(like, int) and number < least):
             raise ValueError
     except (KeyError, ValueError):
         raise ValueError(f"{name} takes {kind}, got {text!r}") from None

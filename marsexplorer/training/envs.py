@@ -238,6 +238,5 @@ def refuse_evaluation_seeds(seeds: NDArray[np.int64]) -> None:
     """Raise ValueError when a training terrain is one of those kept for evaluation."""
     kept = (seeds >= EVALUATION_SEEDS.start) & (seeds < EVALUATION_SEEDS.stop)
     if kept.any():
-        raise ValueError(
-            f"training met seed {int(seeds[kept][0])}, which is kept for evaluation; train with another seed"
-        )
+        met = f"training met seed {int(seeds[kept][0])}, which is kept for evaluation"
+        raise ValueError(f"{met}; train with another seed")

@@ -133,12 +133,8 @@ class TrainingRun:
     def identity(self) -> dict[str, Any]:
         """What must agree for a checkpoint to go on in this run."""
         hashes = [config.hash for config in self.env_configs]
-        return {
-            "config": self.config.to_dict(),
-            "env_configs": hashes,
-            "seed": self.seed,
-            "num_updates": self.num_updates,
-        }
+        found = {"config": self.config.to_dict(), "env_configs": hashes, "seed": self.seed}
+        return {**found, "num_updates": self.num_updates}
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that changes, as tensors, numbers and lists."""

@@ -78,9 +78,8 @@ class RunFolder:
         """Set the run to where its checkpoint left it; ValueError when the folder holds no checkpoint of this run."""
         path = self.folder / "checkpoint.pt"
         if not path.is_file():
-            raise ValueError(
-                f"no checkpoint in {self.folder}; leave --resume out to begin a run there"
-            )
+            way_out = "leave --resume out to begin a run there"
+            raise ValueError(f"no checkpoint in {self.folder}; {way_out}")
         checkpoint = torch.load(path, weights_only=True)
         if differing := differing_names(checkpoint["identity"], self._run.identity):
             raise ValueError(

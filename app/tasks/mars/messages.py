@@ -89,9 +89,8 @@ class NewEpisode(messages.NewEpisode):
     @model_validator(mode="after")
     def _map_stands_alone(self) -> Self:
         if self.map is not None and (self.level, self.size, self.seed) != (None, None, None):
-            raise ValueError(
-                "a map has a size and a terrain of its own: leave out level, size and seed where map is given"
-            )
+            what = "leave out level, size and seed where map is given"
+            raise ValueError(f"a map has a size and a terrain of its own: {what}")
         return self
 
 

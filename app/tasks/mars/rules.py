@@ -215,9 +215,8 @@ class MarsRules:
                 "where those count that can be discovered"
             )
         if max(config.rows, config.cols) > MAX_API_SIDE:
-            raise ValueError(
-                f"a study's boards have at most {MAX_API_SIDE} cells a side, got {config.rows}x{config.cols}"
-            )
+            got = f"got {config.rows}x{config.cols}"
+            raise ValueError(f"a study's boards have at most {MAX_API_SIDE} cells a side, {got}")
 
     def prepare(self) -> None:
         """Let the rules be compiled now: a moment where it has been done before, seconds else."""

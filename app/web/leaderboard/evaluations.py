@@ -220,11 +220,8 @@ def _read_shipped(path: Path, key: str) -> list[ShippedFigure]:
         found = json.loads(path.read_bytes())
     except OSError:
         return []
-    if (found["format"], found["core_version"], found["depends_on"]) != (
-        FORMAT,
-        rules_of(MARS).version,
-        key,
-    ):
+    names = ("format", "core_version", "depends_on")
+    if [found[name] for name in names] != [FORMAT, rules_of(MARS).version, key]:
         return []
     origin = Origin(found["version"], found["command"])
     return [

@@ -47,9 +47,8 @@ class Leaderboard:
         task: str = MARS,
     ) -> None:
         self._database, self._offers, self._task = database, offers, task
-        self._evaluations = PolicyEvaluations(
-            database.with_name(database.name + "-figures.json"), jobs, ShippedFigures()
-        )
+        figures = database.with_name(database.name + "-figures.json")
+        self._evaluations = PolicyEvaluations(figures, jobs, ShippedFigures())
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
         self._studies = ClosedStudies(studies)

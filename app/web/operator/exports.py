@@ -100,9 +100,8 @@ def make_export(words: Sequence[str], folder: Path, what: ExportKind) -> None:
     """Run the command that makes an export; ExportError with the last line that it wrote to stderr where it fails."""
     command = (sys.executable, "-m", "app.cli", *words)
     nothing, pipe = subprocess.DEVNULL, subprocess.PIPE
-    done = subprocess.run(
-        command, stdin=nothing, stdout=nothing, stderr=pipe, text=True, errors="replace"
-    )
+    pipes: Any = {"stdin": nothing, "stdout": nothing, "stderr": pipe}
+    done = subprocess.run(command, **pipes, text=True, errors="replace")
     if done.returncode:
         said = done.stderr.strip().splitlines() or [f"it ended with code {done.returncode}"]
         raise ExportError(said[-1].removeprefix("marsexplorer: ")[:_MAX_ERROR_CHARS])

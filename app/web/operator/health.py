@@ -59,9 +59,8 @@ class Health:
     def check_whole(self) -> None:
         """Raise StoreError where the last check has found damage."""
         if self._check is not None and not self._check["is_whole"]:
-            raise StoreError(
-                f"the database {self._database.name} is damaged: the server's log says what to do"
-            )
+            what = f"the database {self._database.name} is damaged"
+            raise StoreError(f"{what}: the server's log says what to do")
 
     def try_write(self) -> None:
         """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""

@@ -138,10 +138,8 @@ class AdminLogin:
         who = await self._with_password(name, password) if name else None
         if who is None and (name or not self._password.is_right(password)):
             await self._note_refused(name)
-            what = (
-                "is no operator's name and password" if name else "is not the operator's password"
-            )
-            raise WrongPasswordError(f"this {what}")
+            what = "no operator's name and password" if name else "not the operator's password"
+            raise WrongPasswordError(f"this is {what}")
         await self._log.begin(name or PASSWORD_ALONE, "log_in", status=200)
         self._attempts.forgive(address)
         since = who.created_ms if who else 0

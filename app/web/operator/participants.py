@@ -49,10 +49,8 @@ def list_participants(
     for trial in series.trial_activity(reader, study):
         trials[trial.participant].append(trial)
     events = series.event_summaries(reader, study)
-    left = {
-        event.participant_id: json.loads(event.detail).get("from")
-        for event in series.withdrawals(reader, study)
-    }
+    gone = series.withdrawals(reader, study)
+    left = {event.participant_id: json.loads(event.detail).get("from") for event in gone}
     signs = defaultdict(list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
@@ -100,10 +98,8 @@ def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
 def count_stages(people: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return for each stage how many people and how many scripts are at it."""
     count = Counter((each["stage"], each["kind"]) for each in people)
-    return [
-        {"stage": stage, "human": count[stage, "human"], "script": count[stage, "script"]}
-        for stage in STAGES
-    ]
+    kinds = ("human", "script")
+    return [{"stage": stage, **{each: count[stage, each] for each in kinds}} for stage in STAGES]
 
 
 class LiveFigures:
@@ -137,12 +133,8 @@ class LiveFigures:
         except StudyError:  # nobody has joined
             return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
-        found = [
-            (name, trial.participant)
-            for trial in data.trials
-            if trial.participant in people
-            for name in trial.labels
-        ]
+        own = [trial for trial in data.trials if trial.participant in people]
+        found = [(name, trial.participant) for trial in own for name in trial.labels]
         by_label = []
         for label, number in Counter(name for name, _ in found).most_common():
             who = sorted({participant_label(who) for name, who in found if name == label})

@@ -20,9 +20,8 @@ from starlette.types import Scope
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^:\[\]/?#@\s]+)(:\d{1,5})?")
-_FORWARDED = frozenset(
-    f"x-forwarded-{what}".encode() for what in ("for", "host", "port", "prefix", "proto")
-)
+_SAID = ("for", "host", "port", "prefix", "proto")
+_FORWARDED = frozenset(f"x-forwarded-{each}".encode() for each in _SAID)
 
 MOST_HOSTS = 10
 """Hosts that a request may name: one for each proxy on its way."""

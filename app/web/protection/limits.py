@@ -172,9 +172,8 @@ class Asker:
     def owners(self, study: str) -> tuple[tuple[str, str], ...]:
         """Return against whom what is stored counts, on a board of a study or ("") on another."""
         player = _player_of(self.scope, PARTICIPANT_COOKIE if study else PLAYER_COOKIE)
-        place = (
-            ("study", study) if study else ("address", client_address(HTTPConnection(self.scope)))
-        )
+        address = client_address(HTTPConnection(self.scope))
+        place = ("study", study) if study else ("address", address)
         return (place,) if player is None else (place, ("player", player))
 
 

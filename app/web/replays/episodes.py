@@ -72,9 +72,8 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
     with closing(opened) as reader, reader.snapshot():
         found = reader.episode(episode_id)
         if found is None:
-            raise UnknownReplayError(
-                f"no finished episode {episode_id!r} that can be replayed: check the link"
-            )
+            what = f"no finished episode {episode_id!r} that can be replayed"
+            raise UnknownReplayError(f"{what}: check the link")
         drivers = [reader.who_drove(episode_id, viewer) for viewer in (None, asker.player_id)]
         names = [NAMES.get(each) or each.removeprefix("policy:") for each in drivers]
         return ShownEpisode(episode_id, found["task"], reader.load_record(episode_id), *names)
@@ -91,7 +90,6 @@ def find_episode(database: Path, prefix: str) -> ShownEpisode:
         )
     if len(found) > 1 and prefix not in found:
         named = ", ".join([*found[:MAX_NAMED], *["..."] * (len(found) > MAX_NAMED)])
-        raise UnknownReplayError(
-            f"several episodes begin with {prefix!r}: {named}; give more of the id"
-        )
+        what = f"several episodes begin with {prefix!r}: {named}"
+        raise UnknownReplayError(f"{what}; give more of the id")
     return shown_episode(database, prefix if prefix in found else found[0])

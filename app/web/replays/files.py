@@ -132,9 +132,8 @@ def mp4(courses: Sequence[Course], timing: Timing, progress: Progress | None = N
     try:
         import av
     except ModuleNotFoundError as error:
-        raise VideoMissingError(
-            "an MP4 needs the extra [video]: pip install 'marsexplorer-playground[video]'"
-        ) from error
+        way_out = "pip install 'marsexplorer-playground[video]'"
+        raise VideoMissingError(f"an MP4 needs the extra [video]: {way_out}") from error
     drawn = courses[0].animation(courses[1:], is_large=True)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "replay.mp4"

@@ -99,9 +99,8 @@ class Replays:
         courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
         if ghost is not None:
             courses.append(await self._ghost(shown.episode, ghost, owner))
-        content = await self._jobs.run(
-            file_of, form, episode_id, courses, owner=owner, key=key, limit_s=LONGEST_S
-        )
+        asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
+        content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
         return _keep(self._files, MAX_FILES, key, content)
 
     async def best_of_week(self, now_ms: int) -> dict[str, Any] | None:
