@@ -239,8 +239,8 @@ def _merge_series(target: sqlite3.Connection, source: sqlite3.Connection, where:
 
 def _check_same_series(old: dict[str, Any], row: dict[str, Any], where: str) -> None:
     """Raise MergeError when two studies of one name are not one study."""
-    FIXED = ("protocol_hash", "commitment", "protocol", "frozen_ms", "beacon", "beacon_signature")
-    for name in FIXED:
+    fixed = ("protocol_hash", "commitment", "protocol", "frozen_ms", "beacon", "beacon_signature")
+    for name in fixed:
         if old[name] != row[name]:
             raise MergeError(
                 f"the study {row['name']!r} in {where} has another {name} than before: they are two studies of one name; "
