@@ -44,6 +44,19 @@ SWEEP_S = 60.0
 _log = logging.getLogger(__name__)
 
 
+class Locks:
+    """A lock for each key, there for as long as somebody holds it or waits for it."""
+
+    def __init__(self) -> None:
+        self._known: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def of(self, key: str) -> asyncio.Lock:
+        """Return the lock of a key."""
+        if (lock := self._known.get(key)) is None:
+            lock = self._known[key] = asyncio.Lock()
+        return lock
+
+
 class PageBoards:
     """Begins boards for the page's players, and ends what is left.
 
@@ -53,11 +66,11 @@ class PageBoards:
 
     def __init__(self, lobby: Lobby, abandon_after_s: float, unplayed_h: float = 24.0) -> None:
         self._lobby, self._abandon_after_s, self._unplayed_h = lobby, abandon_after_s, unplayed_h
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._locks = Locks()
 
     async def begin(self, wanted: WantedBoard, player_id: str) -> tuple[Session, bool]:
         """Return a player's board, and whether it is one that was open already; ValueError as `Lobby.create`."""
-        async with self._lock(player_id):
+        async with self._locks.of(player_id):
             return await self._begin(wanted, player_id)
 
     async def begin_next(self, session: Session, wanted: WantedEpisode) -> tuple[Session, bool]:
@@ -69,7 +82,7 @@ class PageBoards:
         if player_id is None or not _is_alone(self._lobby, session):
             await self._lobby.restart(session, wanted)
             return session, False
-        async with self._lock(player_id):
+        async with self._locks.of(player_id):
             found = await self._open(player_id)
             terrain = self._lobby.task.next(session.current, wanted)
             if session in found and not session.shown.steps:
@@ -192,12 +205,6 @@ class PageBoards:
         with suppress(UnknownSessionError):
             return await self._lobby.get(row.session_id)
         return None
-
-    def _lock(self, player_id: str) -> asyncio.Lock:
-        lock = self._locks.get(player_id)
-        if lock is None:
-            lock = self._locks[player_id] = asyncio.Lock()
-        return lock
 
 
 def _waiting(boards: Sequence[Session], config: Configuration) -> Session | None:

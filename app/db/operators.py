@@ -135,20 +135,20 @@ class ActionLog:
         StoreError when that cannot be written: then do nothing.
         """
         values = (now_ms(), operator, action, study, status)
-        return await self._store.write(lambda: self._execute(_ADD_ACTION, values))
+        return await self._store.change(_execute, _ADD_ACTION, values)
 
     async def end(self, number: int, status: int) -> None:
         """Log how an action ended, by the status of its answer."""
         sql = "UPDATE operator_actions SET status = ? WHERE number = ?"
-        await self._store.write(lambda: self._execute(sql, (status, number)))
+        await self._store.change(_execute, sql, (status, number))
 
     async def newest(self, count: int = 20) -> list[dict[str, Any]]:
         """Return the newest actions, the newest first: at_ms, operator, action, study, and status (None: not ended)."""
         return await self._store.read(lambda: rows(self._store.connection, _NEWEST, count))
 
-    def _execute(self, sql: str, values: tuple[Any, ...]) -> int:
-        with self._store.transaction():
-            return self._store.connection.execute(sql, values).lastrowid or 0
+
+def _execute(conn: sqlite3.Connection, sql: str, values: tuple[Any, ...]) -> int:
+    return conn.execute(sql, values).lastrowid or 0
 
 
 def read_actions(database: Path, count: int) -> list[dict[str, Any]]:

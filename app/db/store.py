@@ -509,6 +509,15 @@ class Store(Reader):
         """
         return await self.writes.put(work, notice, then)
 
+    async def change(self, work: Callable[..., T], *given: Any) -> T:
+        """Return the result of `work(connection, *given)`, called in a transaction as `write` calls its work."""
+
+        def write() -> T:
+            with self.transaction():
+                return work(self.connection, *given)
+
+        return await self.write(write)
+
     def put_write(self, work: Callable[[], T]) -> asyncio.Future[T]:
         """Ask for a write that may wait a moment for the next one, and return its result to come; the next is made after it."""
         return self.writes.put(work, is_awaited=False)

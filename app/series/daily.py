@@ -9,7 +9,6 @@ and seed follow from it as from a study's secret (`app.series.seeds`): the proto
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import hmac
 import json
@@ -18,9 +17,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from functools import partial
-from weakref import WeakValueDictionary
 
 from app.board.lobby import Lobby
+from app.board.ranked import Locks
 from app.board.session import Session
 from app.db.reader import Reader, utc_day
 from app.db.series import add_attempt, add_series, attempts_of, daily_secret, find_day
@@ -83,7 +82,7 @@ class DailyBoards:
     def __init__(self, lobby: Lobby) -> None:
         self._lobby = lobby
         self._today: DailyTerrain | None = None
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._locks = Locks()
 
     def day(self) -> str:
         """Return today's date in UTC."""
@@ -116,10 +115,7 @@ class DailyBoards:
 
         DailyPlayedError when the attempt is over.
         """
-        lock = self._locks.get(player_id)
-        if lock is None:
-            lock = self._locks[player_id] = asyncio.Lock()
-        async with lock:
+        async with self._locks.of(player_id):
             terrain = await self.today()
             attempt = await self.attempt(player_id, terrain.day)
             if attempt is None:

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import hmac
 import re
-import secrets
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from app.series.files import iso, locked, now_ms, read_object, stamp_of, write_object
+from app.series.files import iso, now_ms
 from app.series.folder import Folder, Study
-from app.series.invitations import ALPHABET, signature
+from app.series.invitations import ID_LENGTH, Issued, IssuedList, new_id, signature
 from app.series.protocol import Agents, PairedStudy, Protocol, StudyError, default_protocol
 from app.task import Configuration
 
@@ -26,20 +25,16 @@ OPENING, RECEIPTS, POLICIES = "opening.json", "receipts", "policies.json"
 COMPARISON = "comparison.json"
 """What a closed evaluation publishes, in its folder (`app.release.receipts`)."""
 SEEN_BEFORE = "has seen these instances"
-_ID_LENGTH, _SIGNATURE_LENGTH = 4, 20  # 100 bits that nobody can guess
-_FORMAT = "marsexplorer-cards-1"
+_SIGNATURE_LENGTH = 20  # 100 bits that nobody can guess
 _CONSENT = "Agents are evaluated here; no people take part."
 
 
-@dataclass(frozen=True)
-class IssuedCard:
-    """A card as the operator issued it; `number` counts the cards of its author from 1, times are ISO 8601."""
+@dataclass(frozen=True, kw_only=True)
+class IssuedCard(Issued):
+    """A card as the operator issued it; `number` counts the cards of its author from 1."""
 
-    id: str
     author: str
     number: int
-    issued_at: str
-    revoked_at: str | None = None
 
 
 def evaluation_of_study(folder: Folder, name: str, study: str, agents: Agents) -> Protocol:
@@ -66,26 +61,10 @@ def evaluation_of_task(
     return default_protocol(name, config, task, **{**fixed, **rest})
 
 
-class CardList:
-    """The cards of every evaluation in a folder; a file is read again when it has changed."""
+class CardList(IssuedList[IssuedCard]):
+    """The cards of every evaluation in a folder."""
 
-    def __init__(self, folder: Folder) -> None:
-        self._folder = folder
-        self._known: dict[str, tuple[object, dict[str, IssuedCard]]] = {}
-
-    def of(self, name: str) -> dict[str, IssuedCard]:
-        """Return an evaluation's cards by id, in the order of issuing; StudyError when the file is damaged."""
-        path = self._folder.path(name) / "cards.json"
-        stamp = stamp_of(path)
-        known = self._known.get(name)
-        if known is None or known[0] != stamp:
-            try:
-                rows = [] if stamp is None else read_object(path)["cards"]
-                found = {row["id"]: IssuedCard(**row) for row in rows}
-            except (KeyError, TypeError) as error:
-                raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
-            known = self._known[name] = (stamp, found)
-        return known[1]
+    name, kind = "cards", IssuedCard
 
     def issue(self, name: str, author: str) -> IssuedCard:
         """Issue a card to an author and return it, numbered among theirs; StudyError unless the evaluation is open."""
@@ -95,38 +74,32 @@ class CardList:
             raise StudyError(f"{name!r} is {what}: only an open evaluation has cards")
         if not (1 <= len(author) <= 100 and author.isprintable()):
             raise StudyError(f"an author is named by 1 to 100 printable characters, got {author!r}")
-        with locked(self._folder.path(name)):
-            found = dict(self.of(name))
-            number = 1 + sum(_same(each.author, author) for each in found.values())
-            while (ident := "".join(secrets.choice(ALPHABET) for _ in range(_ID_LENGTH))) in found:
-                pass
-            found[ident] = IssuedCard(ident, author, number, iso(now_ms()))
-            self._write(name, found)
-        return found[ident]
+        with self._changing(name) as found:
+            number, ident = (
+                1 + sum(_same(each.author, author) for each in found.values()),
+                new_id(found),
+            )
+            card = IssuedCard(id=ident, author=author, number=number, issued_at=iso(now_ms()))
+            found[ident] = card
+        return card
 
     def revoke(self, name: str, ident: str) -> IssuedCard:
         """Revoke a card and return it: nobody can go on with it, and it counts as it stands; StudyError for an unknown id."""
-        with locked(self._folder.path(name)):
-            found = dict(self.of(name))
+        with self._changing(name) as found:
             if ident not in found:
                 there = ", ".join(found) or "none"
                 raise StudyError(f"the evaluation {name!r} has no card {ident!r}; it has {there}")
             at = found[ident].revoked_at or iso(now_ms())
             found[ident] = replace(found[ident], revoked_at=at)
-            self._write(name, found)
         return found[ident]
 
     def read_token(self, study: Study, token: str) -> IssuedCard | None:
         """Return the card that a token was signed for and that holds; None for any other text."""
-        ident = token[:_ID_LENGTH]
+        ident = token[:ID_LENGTH]
         if not hmac.compare_digest(token.encode(), _signed(study, ident).encode()):
             return None
         card = self.of(study.name).get(ident)
         return None if card is None or card.revoked_at is not None else card
-
-    def _write(self, name: str, found: dict[str, IssuedCard]) -> None:
-        told = {"format": _FORMAT, "cards": [asdict(each) for each in found.values()]}
-        write_object(self._folder.path(name) / "cards.json", told)
 
 
 def card_link(study: Study, ident: str, base: str) -> str:

@@ -12,10 +12,11 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 from app.db.reader import Reader
 from app.db.series import participants
@@ -34,34 +35,86 @@ ALPHABET = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
 """Crockford's base 32, of which codes consist: without I, L, O and U. A typed I or L is read as 1, an O as 0."""
 
 _LOOK_ALIKES = str.maketrans("ILO", "110", " -_")
-_FORMAT = "marsexplorer-invitations-1"
-_ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
+ID_LENGTH, _SIGNATURE_LENGTH = 4, 12  # 60 bits that nobody can guess
 
 
-@dataclass(frozen=True)
-class Invitation:
-    """An invitation; times are milliseconds since 1970, `revoked_ms` is None while it holds."""
+@dataclass(frozen=True, kw_only=True)
+class Issued:
+    """What the operator issued for a study; times are ISO 8601, `revoked_at` is None while it holds."""
 
     id: str
-    issued_ms: int
-    revoked_ms: int | None = None
+    issued_at: str
+    revoked_at: str | None = None
+
+    @property
+    def issued_ms(self) -> int:
+        """When it was issued, in milliseconds since 1970."""
+        return ms_of(self.issued_at)
+
+    @property
+    def revoked_ms(self) -> int | None:
+        """When it was revoked, in milliseconds since 1970; None while it holds."""
+        return None if self.revoked_at is None else ms_of(self.revoked_at)
 
 
-class Invitations:
-    """The invitations of every study in a folder; a file is read again when it has changed."""
+E = TypeVar("E", bound=Issued)
+
+
+class IssuedList(Generic[E]):
+    """What was issued for every study in a folder, of one kind; a file is read again when it has changed."""
+
+    name: str
+    """What the file calls them."""
+    kind: type[E]
 
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
-        self._known: dict[str, tuple[object, dict[str, Invitation]]] = {}
+        self._known: dict[str, tuple[object, dict[str, E]]] = {}
 
-    def of(self, name: str) -> dict[str, Invitation]:
-        """Return a study's invitations by id, in the order of issuing; StudyError when the file is damaged."""
+    def of(self, name: str) -> dict[str, E]:
+        """Return what was issued for a study by id, in the order of issuing; StudyError when the file is damaged."""
         path = self._path(name)
         stamp = stamp_of(path)
         known = self._known.get(name)
         if known is None or known[0] != stamp:
-            known = self._known[name] = (stamp, {} if stamp is None else _read(path))
+            try:
+                rows = [] if stamp is None else read_object(path)[self.name]
+                found = {row["id"]: self.kind(**row) for row in rows}
+                _ = [(each.issued_ms, each.revoked_ms) for each in found.values()]
+            except (KeyError, TypeError, ValueError) as error:
+                raise StudyError(f"{path} is damaged: {error!r}; restore a backup") from error
+            known = self._known[name] = (stamp, found)
         return known[1]
+
+    @contextmanager
+    def _changing(self, name: str) -> Iterator[dict[str, E]]:
+        """Yield what was issued for a study, to be changed, and write it."""
+        with locked(self._folder.path(name)):
+            found = dict(self.of(name))
+            yield found
+            told = [asdict(each) for each in found.values()]
+            content = {"format": f"marsexplorer-{self.name}-1", self.name: told}
+            write_object(self._path(name), content)
+
+    def _path(self, name: str) -> Path:
+        return self._folder.path(name) / f"{self.name}.json"
+
+
+def new_id(known: Container[str]) -> str:
+    """Return an id of four characters that is not known yet."""
+    while (ident := "".join(secrets.choice(ALPHABET) for _ in range(ID_LENGTH))) in known:
+        pass
+    return ident
+
+
+class Invitation(Issued):
+    """An invitation."""
+
+
+class Invitations(IssuedList[Invitation]):
+    """The invitations of every study in a folder."""
+
+    name, kind = "invitations", Invitation
 
     def issue(self, name: str, count: int) -> list[Invitation]:
         """Issue new invitations to an open study and return them; StudyError when it takes none."""
@@ -73,22 +126,17 @@ class Invitations:
                 f"the study {name!r} has recruitment {study.protocol.recruitment!r}: its link is /study/{name}, and only "
                 "a study that was made with `--recruitment invitation` has invitations"
             )
-        with locked(self._folder.path(name)):
-            found = dict(self.of(name))
+        with self._changing(name) as found:
             if not 1 <= count <= MAX_INVITATIONS - len(found):
                 raise StudyError(
                     f"expected 1 to {MAX_INVITATIONS - len(found)} further invitations (a study has at most "
                     f"{MAX_INVITATIONS}), got {count}"
                 )
-            issued: list[Invitation] = []
-            now = now_ms()
-            while len(issued) < count:
-                ident = "".join(secrets.choice(ALPHABET) for _ in range(_ID_LENGTH))
-                if ident not in found:
-                    found[ident] = Invitation(ident, now)
-                    issued.append(found[ident])
-            self._write(name, found)
-        return issued
+            before, now = len(found), iso(now_ms())
+            for _ in range(count):
+                ident = new_id(found)
+                found[ident] = Invitation(id=ident, issued_at=now)
+        return list(found.values())[before:]
 
     def revoke(self, name: str, idents: Sequence[str]) -> list[Invitation]:
         """Revoke invitations by their ids and return them; StudyError for an unknown id, and then none is revoked.
@@ -97,43 +145,26 @@ class Invitations:
         """
         self._folder.study(name)
         # a whole token begins with the id
-        wanted = [read_code(ident)[:_ID_LENGTH] for ident in idents]
-        with locked(self._folder.path(name)):
-            found = dict(self.of(name))
+        wanted = [read_code(ident)[:ID_LENGTH] for ident in idents]
+        with self._changing(name) as found:
             pairs = zip(idents, wanted, strict=True)
-            unknown = [typed for typed, ident in pairs if ident not in found]
-            if unknown:
+            if unknown := [typed for typed, ident in pairs if ident not in found]:
                 raise StudyError(
                     f"the study {name!r} has no invitation {unknown[0]!r}: `marsexplorer study invite {name} --list` shows all"
                 )
-            now = now_ms()
+            now = iso(now_ms())
             for ident in wanted:
-                if found[ident].revoked_ms is None:
-                    found[ident] = Invitation(ident, found[ident].issued_ms, now)
-            self._write(name, found)
+                at = found[ident].revoked_at or now
+                found[ident] = replace(found[ident], revoked_at=at)
         return [found[ident] for ident in wanted]
 
     def read_token(self, study: Study, token: str) -> Invitation | None:
         """Return the invitation, revoked or not, that a token was signed for; None for any other text."""
         typed = read_code(token)
-        ident = typed[:_ID_LENGTH]
+        ident = typed[:ID_LENGTH]
         if not hmac.compare_digest(typed.encode(), _signed(study, ident).encode()):
             return None
         return self.of(study.name).get(ident)
-
-    def _path(self, name: str) -> Path:
-        return self._folder.path(name) / "invitations.json"
-
-    def _write(self, name: str, found: dict[str, Invitation]) -> None:
-        listed = [
-            {
-                "id": each.id,
-                "issued_at": iso(each.issued_ms),
-                "revoked_at": each.revoked_ms and iso(each.revoked_ms),
-            }
-            for each in found.values()
-        ]
-        write_object(self._path(name), {"format": _FORMAT, "invitations": listed})
 
 
 def token_of(study: Study, ident: str) -> str:
@@ -207,15 +238,3 @@ def read_code(typed: str) -> str:
 def _signed(study: Study, ident: str) -> str:
     text = f"{study.protocol_hash}|invitation|{ident}"
     return ident + signature(study.secret, text, _SIGNATURE_LENGTH)
-
-
-def _read(path: Path) -> dict[str, Invitation]:
-    raw = read_object(path)
-    try:
-        rows = [(row["id"], row["issued_at"], row["revoked_at"]) for row in raw["invitations"]]
-        return {
-            ident: Invitation(ident, ms_of(issued), ms_of(revoked) if revoked else None)
-            for ident, issued, revoked in rows
-        }
-    except (KeyError, TypeError, ValueError) as error:
-        raise StudyError(f"{path} is damaged: {error!r}; restore it from a backup") from error

@@ -14,9 +14,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
-from weakref import WeakValueDictionary
 
 from app.board.lobby import Lobby
+from app.board.ranked import Locks
 from app.board.session import RefusedError, Session
 from app.db.file import StoreError
 from app.db.series import StudyStore, add_series
@@ -55,7 +55,7 @@ class ParticipantProgress:
         self._sources = lobby.sources
         self.recruitment = Recruitment(folder, study_store)
         self._participations = Participations(folder, study_store, lobby.sources)
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+        self._locks = Locks()
         self._note_freezings()
         self._note_closed()
 
@@ -240,7 +240,7 @@ class ParticipantProgress:
         """Begin the next episode of the stage; nothing changes while one runs."""
         store = self.lobby.store
         present = await store.read(partial(self.participant, name, player_id))
-        async with self._lock(present.id):
+        async with self._locks.of(present.id):
             planned = await store.write(partial(self._plan, name, player_id))
             if planned is None:
                 return
@@ -379,12 +379,6 @@ class ParticipantProgress:
         number = self.study_store.order_number(participant, self._now())
         terrain = study.balanced_order(participant.kind, number)[trial]
         return terrain, study.seed("ranked", terrain)
-
-    def _lock(self, participant_id: str) -> asyncio.Lock:
-        lock = self._locks.get(participant_id)
-        if lock is None:
-            lock = self._locks[participant_id] = asyncio.Lock()
-        return lock
 
     def _now(self) -> int:
         return self._sources.clock_ms()

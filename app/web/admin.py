@@ -305,12 +305,7 @@ async def download(admin: Operator, name: str, file: str) -> FileResponse:
 async def hide_name(admin: Operator, chosen: ShownName) -> None:
     """Show a player's name no more, or again; 404 where nobody has it."""
     store = admin.progress.lobby.store
-
-    def write() -> bool:
-        with store.transaction():
-            return ratings.hide_name(store.connection, chosen.name, chosen.hidden)
-
-    if not await store.write(write):
+    if not await store.change(ratings.hide_name, chosen.name, chosen.hidden):
         raise HTTPException(404, f"nobody is called {chosen.name!r} any more")
 
 

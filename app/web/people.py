@@ -100,12 +100,8 @@ async def set_name(request: Request, wanted: NewName) -> dict[str, Any]:
     try:
         name = cleaned(wanted.name)
         store, at_ms = services.store, services.lobby.sources.clock_ms()
-
-        def write() -> bool:
-            with store.transaction():
-                return ratings.set_name(store.connection, player_id, name, likeness(name), at_ms)
-
-        if not await store.write(write):
+        chosen = player_id, name, likeness(name), at_ms
+        if not await store.change(ratings.set_name, *chosen):
             raise HTTPException(409, NOTHING_PLAYED)
     except ratings.NameTakenError as error:
         raise HTTPException(409, str(error)) from error
@@ -130,12 +126,7 @@ async def get_rating(
 async def remove_name(request: Request) -> dict[str, Any]:
     """Remove your name; what was played stays, without one."""
     player_id, store = _own_player(request), services_of(request).store
-
-    def write() -> None:
-        with store.transaction():
-            ratings.remove_name(store.connection, player_id)
-
-    await store.write(write)
+    await store.change(ratings.remove_name, player_id)
     return await store.read(partial(ratings.standing, store, player_id))
 
 

@@ -56,12 +56,7 @@ class Ratings:
             policies = None if game.episode_id is None else await self._policies(game.episode_id)
         except JobsFullError:
             return False  # later
-
-        def write() -> None:
-            with store.transaction():
-                ratings.rate(store.connection, game, policies)
-
-        await store.write(write)
+        await store.change(ratings.rate, game, policies)
         return True
 
     async def _policies(self, episode_id: str) -> dict[str, int | None] | None:
