@@ -134,8 +134,8 @@ def check_entries(conn: sqlite3.Connection, study: str | None) -> Iterator[Findi
 def check_owners(conn: sqlite3.Connection) -> Iterator[Finding]:
     """Yield entries of the chain for what is no longer there, and rows that belong to nothing."""
     yield from check_without_owner(conn, _MAY_HAVE_ENTRY)
-    found = conn.execute("PRAGMA foreign_key_check").fetchall()
-    without_owner = Counter(table for table, *_ in found)
+    strays = conn.execute("PRAGMA foreign_key_check").fetchall()
+    without_owner = Counter(table for table, *_ in strays)
     for table, count in sorted(without_owner.items()):
         found = "no episode, participant, session, player or series that they belong to"
         yield Finding(f"table {table}", "keys", count, found)

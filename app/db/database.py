@@ -223,7 +223,7 @@ def open_database(path: Path, durable: bool = False) -> Database:
     """Open the database for writing, recognised and in WAL mode; it is made when absent."""
     check_writable(path)
     try:
-        conn = sqlite3.connect(path, **_CONNECTION)
+        conn: sqlite3.Connection = sqlite3.connect(path, **_CONNECTION)
     except sqlite3.Error as error:
         raise StoreError(f"cannot open the database {path}: {error}") from error
     try:
@@ -256,7 +256,7 @@ def open_read_only(path: Path) -> Database:
     still = "" if has_log or os.access(path.parent, os.W_OK) else "&immutable=1"
     uri = path.resolve().as_uri() + "?mode=ro" + still
     try:
-        conn = sqlite3.connect(uri, uri=True, **_CONNECTION)
+        conn: sqlite3.Connection = sqlite3.connect(uri, uri=True, **_CONNECTION)
     except sqlite3.Error as error:
         raise StoreError(_explain(path, error)) from error
     try:

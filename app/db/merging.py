@@ -169,8 +169,8 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
         if not elsewhere:
             hidden["players"].add(person["player_id"])
     sql = "SELECT id, session_id FROM episodes"
-    found = source.execute(sql).fetchall() if hidden["sessions"] else []
-    hidden["episodes"] = {ident for ident, session in found if session in hidden["sessions"]}
+    every = source.execute(sql).fetchall() if hidden["sessions"] else []
+    hidden["episodes"] = {ident for ident, session in every if session in hidden["sessions"]}
     return hidden
 
 

@@ -160,7 +160,7 @@ def standing(reader: Reader, player_id: str, episode_id: str = "") -> dict[str, 
     `rated` says whether an episode is in it.
     """
     (row,) = reader.query(_STANDING, [player_id, episode_id])
-    none = {"rating": None, "games": 0, "days": 0, "beaten": {}}
+    none: dict[str, Any] = {"rating": None, "games": 0, "days": 0, "beaten": {}}
     rated = none if row["mu"] is None else _told(row)
     before = None if row["before"] is None else round(row["before"])
     is_so = {each: bool(row[each]) for each in ("hidden", "rated")}

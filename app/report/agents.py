@@ -44,8 +44,8 @@ def compare_agents(
     policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
     random = next((run for run in policies if run.name == "random"), None)
     named = ({"kind": "policy", "name": run.name, "rank": None} for run in policies)
-    figures = (_figures(run, tables, random) for run in policies)
-    rows = [{**each, **own} for each, own in zip(named, figures, strict=True)]
+    made = (_figures(run, tables, random) for run in policies)
+    rows = [{**each, **own} for each, own in zip(named, made, strict=True)]
     for receipt in receipts:
         run = _run_of(receipt, protocol)
         about = {name: receipt[name] for name in ("card", "agent", "sees", "seen_by")}

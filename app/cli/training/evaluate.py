@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 import click
 from click import ClickException, UsageError, argument, echo, option
@@ -94,7 +94,7 @@ def evaluate(
         is_long = len(names) * len(configs) * episodes > FEW_EPISODES
         with _errors_of_playing(), Jobs(ray=ray) as jobs, progress("playing") as advance:
             executor, traces = jobs if ray or is_long else None, plots is not None
-            how = {"traces": traces, "executor": executor}
+            how: Any = {"traces": traces, "executor": executor}
             table = evaluate_policies(names, configs, episodes, seed, advance, **how)
         if json_file is not None:
             json_file.write(table.to_json().encode() + b"\n")

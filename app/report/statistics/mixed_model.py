@@ -117,8 +117,8 @@ class _Design:
         trial = trials[known]
         spread = float(trial.std())
         fixed = np.column_stack([np.ones(len(trial)), (trial - trial.mean()) / (spread or 1.0)])
-        each = (np.eye(count)[at] for count, at in zip(known.shape, (player, terrain), strict=True))
-        return cls(known, fixed, *each, spread)
+        players, terrains = np.eye(known.shape[0])[player], np.eye(known.shape[1])[terrain]
+        return cls(known, fixed, players, terrains, spread)
 
 
 @dataclass(frozen=True)
