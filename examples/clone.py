@@ -21,7 +21,7 @@ from torch.nn.functional import cross_entropy
 from marsexplorer import policies
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode, Record
-from marsexplorer.evaluation.agreement import Agreement, agreement_with
+from marsexplorer.evaluation.episodes import Agreement, agreement_with
 from marsexplorer.policies.base import Memory
 from marsexplorer.policies.network.features import RememberedFeatures
 from marsexplorer.training.network import Net, save_network

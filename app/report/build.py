@@ -34,7 +34,7 @@ from app.report.statistics.exclusion_sets import (
 )
 from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
-from app.report.statistics.headline import HEADLINE_RULE
+from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
 from app.report.statistics.mixed_model import fit_mixed_model
 from app.report.statistics.spread import iqm, iqm_interval, variance_components

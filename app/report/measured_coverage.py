@@ -54,7 +54,7 @@ class Cell:
     below, above   the printed interval lies wholly above, or wholly below, the truth
     width          of the printed interval over that of the t interval, the median
     pooled         what a t interval over all episodes would cover, as if they were independent
-    guaranteed_headline  in how many studies rule 2 (`headline.py`) makes the guaranteed interval the headline
+    guaranteed_headline  in how many studies rule 2 (`is_a_few_players`) makes the guaranteed interval the headline
     headline, headline_steps   what the headline by rule 2 covers, of the score and of steps to 99 %
     printed_steps  what the printed interval of steps to 99 % covers
     """

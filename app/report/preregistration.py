@@ -11,7 +11,7 @@ from pathlib import Path
 from app.report.build import ESTIMAND
 from app.report.statistics.exclusion_sets import rule_in_words
 from app.report.statistics.formatting import templates, utc
-from app.report.statistics.headline import HEADLINE_RULE
+from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.planning import plan_study
 from app.series.folder import Study
 from app.series.plausibility import labels_of

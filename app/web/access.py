@@ -3,9 +3,15 @@
 A session that the page began is its player's: only their cookie sees and moves it. One that a script began (`control` is
 "bearer") is anybody's who knows its id. A study's board is its participant's. The operator may see every session. Whoever may
 not see a session gets the answer for an id that does not exist.
+
+The cookies are a player's and a participant's for two years, the operator's for some hours. No script can read any. Who plays
+and who takes part in studies are two people to the server: nothing links a browser's one cookie to its other.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
 
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
@@ -13,10 +19,39 @@ from starlette.websockets import WebSocket
 
 from app.board.lobby import UnknownSessionError
 from app.board.session import Session
-from app.web import cookies
-from app.web.protection import client_address
+from app.web.operator.login import TOKEN_S
+from app.web.protection import client_address, is_secure
 from app.web.replays.episodes import Asker
 from app.web.services import Services
+
+PLAYER_COOKIE = "mars_player"
+PARTICIPANT_COOKIE = "mars_participant"
+ADMIN_COOKIE = "mars_admin"
+
+
+@dataclass(frozen=True)
+class Cookie:
+    """A cookie that lasts some seconds; other sites' pages send it with links to us ("lax"), or never ("strict")."""
+
+    name: str
+    lasts_s: int
+    samesite: Literal["lax", "strict"]
+
+    def token(self, connection: HTTPConnection) -> str:
+        """Return the cookie's value; "" without one."""
+        return connection.cookies.get(self.name, "")
+
+    def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
+        """Set the cookie, Secure when the page came by TLS; an empty token deletes it."""
+        response.set_cookie(
+            self.name, token, max_age=self.lasts_s if token else 0, httponly=True,
+            samesite=self.samesite, secure=is_secure(connection),
+        )  # fmt: skip
+
+
+PLAYER = Cookie(PLAYER_COOKIE, 2 * 365 * 24 * 3600, "lax")
+PARTICIPANT = Cookie(PARTICIPANT_COOKIE, 2 * 365 * 24 * 3600, "lax")
+ADMIN = Cookie(ADMIN_COOKIE, TOKEN_S, "strict")
 
 
 def services_of(connection: HTTPConnection) -> Services:
@@ -33,12 +68,12 @@ async def close(websocket: WebSocket, code: int, reason: str) -> None:
 
 def player_of(connection: HTTPConnection) -> str | None:
     """Return the player's id in a cookie of this server; None without one or when it was tampered with."""
-    return services_of(connection).player_tokens.read(cookies.PLAYER.token(connection))
+    return services_of(connection).player_tokens.read(PLAYER.token(connection))
 
 
 def participant_of(connection: HTTPConnection) -> str | None:
     """Return, as `player_of`, the id under which the asker takes part in studies: another one, linked to nothing played."""
-    return services_of(connection).player_tokens.read(cookies.PARTICIPANT.token(connection))
+    return services_of(connection).player_tokens.read(PARTICIPANT.token(connection))
 
 
 def asker_of(connection: HTTPConnection) -> Asker:
@@ -52,10 +87,7 @@ def owner_of(connection: HTTPConnection) -> str:
 
 
 def remember_player(
-    response: Response,
-    connection: HTTPConnection,
-    player_id: str,
-    cookie: cookies.Cookie = cookies.PLAYER,
+    response: Response, connection: HTTPConnection, player_id: str, cookie: Cookie = PLAYER
 ) -> None:
     """Set the player's cookie, or the participant's."""
     cookie.set(response, connection, services_of(connection).player_tokens.sign(player_id))
@@ -66,7 +98,7 @@ async def is_operator(connection: HTTPConnection) -> bool:
     admin = services_of(connection).admin
     if admin is None:
         return False
-    return await admin.login.operator_of(cookies.ADMIN.token(connection)) is not None
+    return await admin.login.operator_of(ADMIN.token(connection)) is not None
 
 
 def is_owner(connection: HTTPConnection, session: Session) -> bool:

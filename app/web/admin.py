@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import aclosing, closing
 from functools import partial
 from typing import Annotated, Any
@@ -18,18 +18,21 @@ from fastapi.responses import FileResponse
 from fastapi.routing import APIRoute
 from pydantic import Field
 
+from app.board.lobby import Lobby
 from app.board.messages import Message
 from app.board.session import Session
 from app.db import ratings
 from app.db.reader import Reader
+from app.db.series import StudyStore
+from app.db.study_rows import Participant, participant_label
+from app.db.trial import Trial
 from app.series.closing import close_study as close_study_of
 from app.series.folder import SEALED
 from app.series.invitations import MAX_INVITATIONS, token_of
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
-from app.web import cookies
-from app.web.access import close, is_operator, services_of
+from app.web.access import ADMIN, close, is_operator, services_of
 from app.web.errors import status_of
-from app.web.operator import live_boards, participants
+from app.web.operator import participants
 from app.web.operator.exports import ExportError, ExportKind
 from app.web.operator.login import TooManyAttemptsError, WrongPasswordError
 from app.web.operator.participants import recruiting
@@ -39,6 +42,8 @@ from app.web.sockets import ignore_all, send_while, serve_session
 
 NOT_LOGGED_IN, NOT_OUR_PAGE = 4401, 4403
 """Close codes of a socket without the operator's cookie, and of one that no page of this server opened."""
+MAX_BOARDS = 60
+"""Boards in a list."""
 
 
 class Login(Message):
@@ -133,7 +138,7 @@ class LoggedRoute(APIRoute):
 
         async def logged(request: Request) -> Response:
             admin = _admin_of(request)
-            who = await admin.login.operator_of(cookies.ADMIN.token(request))
+            who = await admin.login.operator_of(ADMIN.token(request))
             if who is None:
                 return await handler(request)
             number = await admin.actions.begin(who, self.name, request.path_params.get("name"))
@@ -173,15 +178,15 @@ async def login(request: Request, response: Response, given: Login) -> dict[str,
         raise HTTPException(401, str(error)) from error
     except TooManyAttemptsError as error:
         raise HTTPException(429, str(error), {"Retry-After": str(error.wait_s)}) from error
-    cookies.ADMIN.set(response, request, token)
+    ADMIN.set(response, request, token)
     return {"in": True}
 
 
 @router.post("/api/admin/logout", dependencies=[Depends(check_page)])
 async def logout(request: Request, response: Response) -> dict[str, Any]:
     """Log out: revoke the token and delete the cookie."""
-    await _admin_of(request).login.revoke(cookies.ADMIN.token(request))
-    cookies.ADMIN.set(response, request, "")
+    await _admin_of(request).login.revoke(ADMIN.token(request))
+    ADMIN.set(response, request, "")
     return {"in": False}
 
 
@@ -194,7 +199,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
     owners = request.app.state.protection.stored.largest()
     return {
         "studies": await asyncio.to_thread(admin.studies),
-        "boards": await live_boards.list_boards(lobby, admin.progress.study_store),
+        "boards": await list_boards(lobby, admin.progress.study_store),
         "health": {
             **health,
             "watched": watched,
@@ -202,7 +207,7 @@ async def overview(request: Request, admin: Operator) -> dict[str, Any]:
             "sessions": len(lobby),
             "up_s": round(time.monotonic() - admin.began),
         },
-        "operator": await admin.login.operator_of(cookies.ADMIN.token(request)),
+        "operator": await admin.login.operator_of(ADMIN.token(request)),
         "actions": await admin.actions.newest(),
         "names": await lobby.store.read(partial(ratings.newest_names, lobby.store)),
         "core_version": lobby.task.version,
@@ -334,9 +339,67 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
 
 async def _send(websocket: WebSocket, session: Session) -> None:
     """Send each message of a board for as long as the operator is logged in."""
-    async with aclosing(live_boards.board_messages(session)) as messages:
+    async with aclosing(board_messages(session)) as messages:
         async for message in messages:
             if not await is_operator(websocket):
                 await close(websocket, NOT_LOGGED_IN, "logged out")
                 return
             await websocket.send_text(message)
+
+
+async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
+    """Return the boards that a person or a script plays now, those of participants first; no player's id."""
+    live = (each for each in lobby.sessions() if each.is_human and each.channel.subscribers)
+    listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
+
+    def newest(present: Participant | None) -> Trial | None:
+        trials = [] if present is None else study_store.trials(present.id)
+        return trials[-1] if trials else None
+
+    def read() -> list[tuple[Participant | None, Trial | None]]:
+        present = (study_store.participant_of_session(session.id) for session in listed)
+        return [(each, newest(each)) for each in present]
+
+    found = []
+    for session, (participant, trial) in zip(listed, await lobby.store.read(read), strict=True):
+        found.append(
+            {
+                "session": session.id,
+                "study": participant and participant.study,
+                "label": participant and participant_label(participant.id),
+                "kind": participant.kind if participant else session.current.driver,
+                "phase": trial and trial.phase,
+                "trial": trial and trial.trial,
+                "ended": session.shown.ended,
+                "level": session.current.config.level,
+            }
+        )
+    return sorted(
+        found, key=lambda each: (each["study"] is None, str(each["label"] or each["session"]))
+    )
+
+
+async def board_messages(session: Session) -> AsyncGenerator[str, None]:
+    """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
+
+    Scores of a person in a study are left out while it is open.
+    The operator is no subscriber: a board that its player has left is not kept alive by being watched.
+    """
+    frame, episode, steps = "", "", 0
+    hides = session.participation is not None and session.participation.hides_figures()
+    woken = asyncio.Event()
+    woken.set()
+    leave = session.channel.add_listener(woken.set)
+    try:
+        while await woken.wait():
+            woken.clear()
+            newest = session.shown.frame(session.current.id, hides)
+            if newest == frame:
+                continue
+            frame = newest
+            yield frame
+            if session.current.id != episode or session.shown.steps > steps + 1:
+                yield session.history()
+            episode, steps = session.current.id, session.shown.steps
+    finally:
+        leave()

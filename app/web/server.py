@@ -37,11 +37,11 @@ from app.series.participation import Participations
 from app.series.progress import ParticipantProgress
 from app.task import MARS, Policies, Task, rules_of
 from app.web import (
+    access,
     admin,
     agents,
     api,
     api_docs,
-    cookies,
     daily,
     evaluations,
     mcp,
@@ -187,7 +187,7 @@ def _add_protection(
         names=own_names(settings.public_url, settings.host),
         proxies=Proxies(settings.trusted_proxies, settings.public_url),
         public_url=settings.public_url,
-        cookies=(cookies.PLAYER_COOKIE, cookies.PARTICIPANT_COOKIE, cookies.ADMIN_COOKIE),
+        cookies=(access.PLAYER_COOKIE, access.PARTICIPANT_COOKIE, access.ADMIN_COOKIE),
         answer=answer,
     )
     app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse

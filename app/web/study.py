@@ -24,9 +24,8 @@ from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.series.recruitment import Arrival, supervised_until_ms
 from app.series.templates import placeholder_values
 from app.task import describe
-from app.web.access import participant_of, remember_player, services_of
+from app.web.access import PARTICIPANT, participant_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.cookies import PARTICIPANT
 from app.web.results import regret_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])

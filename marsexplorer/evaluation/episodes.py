@@ -17,7 +17,7 @@ import numpy as np
 
 from marsexplorer import policies as policy_files
 from marsexplorer.config import OBSTACLE, EnvConfig
-from marsexplorer.episode import Episode, Record, steps_to_target
+from marsexplorer.episode import Episode, Record, moves_of, steps_to_target
 from marsexplorer.policies import Policy, begin
 
 EPISODES_PER_CHUNK = 5
@@ -187,3 +187,29 @@ def play_sent_chunk(chunk: EpisodeChunk, content: bytes | None) -> list[Result]:
         path.write_bytes(content)
         results = play_chunk(replace(chunk, policy=str(path)))
     return [replace(result, policy=chunk.policy) for result in results]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Moves made, and how many of them a policy would have made too."""
+
+    moves: int = 0
+    agreed: int = 0
+
+    def __add__(self, other: Agreement) -> Agreement:
+        return Agreement(self.moves + other.moves, self.agreed + other.agreed)
+
+    @property
+    def share(self) -> float:
+        """Agreed moves over all moves, 0..1; NaN without a move."""
+        return self.agreed / self.moves if self.moves else float("nan")
+
+
+def agreement_with(policy: Policy, record: Record, seed: int = 0) -> Agreement:
+    """Return how many moves of an episode agree with a policy that is shown what the rover saw, from the first move on.
+
+    seed  of what the policy draws, if it draws anything
+    """
+    begin(policy, record.config.level, seed)
+    agreed = sum(policy.act(episode.codes) == action for episode, action in moves_of(record))
+    return Agreement(len(record.actions), agreed)

@@ -1,4 +1,4 @@
-"""What every policy shares: the protocol, the errors, and what is remembered of an episode."""
+"""What every policy shares: the protocol, the errors, what is remembered of an episode; and random moves."""
 
 from __future__ import annotations
 
@@ -8,8 +8,15 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from marsexplorer.observation import DISPLACEMENTS, EAST, Codes, decode, rover_position
-from marsexplorer.random_numbers import mix
+from marsexplorer.observation import (
+    DISPLACEMENTS,
+    EAST,
+    Codes,
+    decode,
+    rover_position,
+    valid_actions,
+)
+from marsexplorer.random_numbers import draw_below, mix
 
 INVALID_LOGIT = -1e9
 """The logit of a move that is not valid."""
@@ -121,3 +128,28 @@ class Memory:
         self.codes, self.position = codes, position
         self.visited[position] = 1
         self.steps += 1
+
+
+class RandomPolicy:
+    """The floor that every policy is measured from: draw uniformly from the moves known to be valid; go north without one.
+
+    The draws are a pure function of (seed, number of moves made), the same on every platform and library version.
+    """
+
+    name = "random"
+
+    def __init__(self) -> None:
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Start the stream that `seed` names."""
+        self._seed, self._steps = seed, 0
+
+    def act(self, observation: NDArray[Any]) -> int:
+        """Return an action 0..3."""
+        codes = decode(observation)
+        actions = valid_actions(codes, *rover_position(codes))
+        self._steps += 1
+        if not actions:
+            return 0
+        return actions[draw_below(self._seed, self._steps, len(actions))]

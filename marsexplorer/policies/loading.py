@@ -12,13 +12,12 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from marsexplorer.config import FREE, MAX_RADIUS, ROVER, UNKNOWN
-from marsexplorer.policies.base import Policy, PolicyNotFoundError, check_onnx
+from marsexplorer.policies.base import Policy, PolicyNotFoundError, RandomPolicy, check_onnx
 from marsexplorer.policies.files.card import SUFFIX, of_paper, read_card, refuse, shipped
 from marsexplorer.policies.frontier import FrontierCost, FrontierUtility
 from marsexplorer.policies.lookahead import TITLE, Lookahead
 from marsexplorer.policies.planner import Planner
 from marsexplorer.policies.priced import FrontierPriced
-from marsexplorer.policies.random_policy import RandomPolicy
 
 if TYPE_CHECKING:
     from marsexplorer.policies.network.policy import OnnxNet

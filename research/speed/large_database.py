@@ -26,7 +26,7 @@ import httpx
 import numpy as np
 
 from app.board.sources import PlayerTokens
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from tests.support.many_episodes import make_episodes, public_reads
 

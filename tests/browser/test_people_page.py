@@ -7,7 +7,7 @@ import pytest
 
 from app.db import ratings
 from app.db.store import Store
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 from tests.support.browser import AS_A_PERSON, NO_3D, judged, violations
 from tests.support.recorded import NOW, play
 

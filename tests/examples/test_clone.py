@@ -10,8 +10,7 @@ import torch
 from app.release.build import ReleaseRequest, build_release
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.agreement import Agreement, agreement_with
-from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.evaluation.episodes import Agreement, agreement_with, play_episode
 from marsexplorer.policies import load
 from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.network import Net, save_network

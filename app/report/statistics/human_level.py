@@ -20,8 +20,7 @@ from app.db.trial import parse_config
 from app.db.volunteers import Sums, played_configs, players_of
 from app.report.statistics.exclusion_sets import MetricName
 from app.report.statistics.formatting import counted
-from app.report.statistics.headline import is_a_few_players
-from app.report.statistics.intervals import Interval, estimate
+from app.report.statistics.intervals import Interval, estimate, is_a_few_players
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
 from marsexplorer.intervals import t_interval

@@ -6,7 +6,14 @@ measures the very code that the report prints with.
 The rule, fixed before any data (RULE): the t interval, and on the side of the longer tail, as the sample's skewness says, the
 further of t and Hall's transformed t. Under symmetry that costs little; under skewness t alone misses the truth on the side of
 the long tail two to four times as often as it should. No interval made from the sample's spread can know of a catastrophe that
-happened to nobody in it; `guaranteed` is given for that, and `headline.py` says when it becomes the headline.
+happened to nobody in it; `guaranteed` is given for that, and it
+becomes the headline where failures are a few players'.
+
+A failure is a ranked episode that ends short of 99 %: it costs far more than players differ otherwise. Where nearly all
+failures are a few players', the sample's spread depends on how many of these players it happens to hold, and every interval
+made from that spread misses too often. HEADLINE_RULE, fixed before any data, then makes the guaranteed interval the headline.
+It looks at the failures alone, never at the figure. No rule can see a kind of player who is not in the sample:
+`research.coverage` measures how often the headline misses (docs/report.md).
 """
 
 from __future__ import annotations
@@ -27,6 +34,16 @@ Ends = tuple[Floats, Floats]
 
 TAIL = (1 - CONFIDENCE) / 2
 RULE = "t interval on player means, widened on the side of the longer tail to Hall's transformed t where that reaches further"
+FEW_PLAYERS = 5
+"""Fewer players than this, by the effective number, are a few."""
+CHANCE = 0.05
+"""Level of the test that all players fail alike."""
+HEADLINE_RULE = (
+    f"{RULE}; where failures are a few players', the guaranteed interval is the headline instead. They are when one "
+    "player alone has all of them, or when their numbers differ between players more than chance lets them (chi-squared test "
+    f"of equal rates, p < {CHANCE:g}) and fewer than {FEW_PLAYERS} players hold them (effective number: squared sum over sum "
+    "of squares)"
+)
 
 _FLAT = 1e-9
 """A spread below this share of the largest value is rounding."""
@@ -54,7 +71,7 @@ class Estimate:
 def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric within `bounds`.
 
-    is_guaranteed  whether the interval is the guaranteed one (`app.report.statistics.headline`)
+    is_guaranteed  whether the interval is the guaranteed one (`is_a_few_players`)
 
     ValueError when a value lies outside the bounds.
     """
@@ -204,3 +221,28 @@ def _is_rejected(share: Floats, mean: Floats) -> NDArray[np.bool_]:
     most = wealth.max(-1)
     average = most + np.log(np.exp(wealth - most[..., None]).mean(-1))
     return np.asarray(average >= -np.log(TAIL))
+
+
+def is_a_few_players(failed: Floats, episodes: Floats) -> NDArray[np.bool_]:
+    """Return whether failures are a few players'; without failures they are nobody's.
+
+    failed, episodes  float64[..., players]: how many ranked episodes a player failed and played; at least two players
+    """
+    total = failed.sum(-1)
+    alone = (failed > 0).sum(-1) == 1
+    many = np.full_like(total, np.inf)
+    held_by = np.divide(total**2, (failed**2).sum(-1), out=many, where=total > 0)
+    is_unequal = _p_of_equal_rates(failed, episodes) < CHANCE
+    return np.asarray(alone | (is_unequal & (held_by < FEW_PLAYERS)))
+
+
+def _p_of_equal_rates(failed: Floats, episodes: Floats) -> Floats:
+    """Return the p of Pearson's chi-squared test that all players fail at one rate; 1 where none or all episodes failed."""
+    rate = failed.sum(-1, keepdims=True) / episodes.sum(-1, keepdims=True)
+    spread = rate * (1 - rate)
+    is_open = spread > 0
+    expected = episodes * rate
+    none = np.zeros_like(expected)
+    squares = np.divide((failed - expected) ** 2, episodes * spread, out=none, where=is_open)
+    p = scipy.special.chdtrc(failed.shape[-1] - 1, squares.sum(-1))
+    return np.asarray(np.where(is_open[..., 0], p, 1.0))

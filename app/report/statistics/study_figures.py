@@ -19,8 +19,7 @@ from app.report.statistics.exclusion_sets import (
     rule_in_words,
 )
 from app.report.statistics.formatting import counted
-from app.report.statistics.headline import is_a_few_players
-from app.report.statistics.intervals import Estimate, Interval, estimate
+from app.report.statistics.intervals import Estimate, Interval, estimate, is_a_few_players
 from app.series.data import StudyData
 from app.task import Configuration, Rules, Words
 

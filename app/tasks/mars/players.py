@@ -19,9 +19,10 @@ from app.tasks.mars.run import MarsRun
 from marsexplorer import policies
 from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.agreement import Agreement, agreement_with
 from marsexplorer.evaluation.episodes import (
     FEW_CHUNKS,
+    Agreement,
+    agreement_with,
     make_chunks,
     play_chunks,
     play_out,

@@ -10,7 +10,7 @@ import pytest
 from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from app.web.cookies import ADMIN_COOKIE
+from app.web.access import ADMIN_COOKIE
 from app.web.operator.health import Health
 from app.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
 from app.web.settings import Settings

@@ -9,7 +9,7 @@ from app.db.reader import Reader
 from app.report.statistics.exclusion_sets import members, people_of
 from app.series.data import load, trial_records
 from app.web.leaderboard.entries import human_likeness
-from marsexplorer.evaluation.agreement import agreement_with
+from marsexplorer.evaluation.episodes import agreement_with
 from marsexplorer.policies import load as load_policy
 from tests.support.stored_studies import freeze, play_study
 

@@ -6,7 +6,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from app.board.sources import WatchIds
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from app.tasks.mars.run import View
-from app.web.operator.live_boards import board_messages
+from app.web.admin import board_messages
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.servers import eventually

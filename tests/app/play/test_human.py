@@ -4,7 +4,7 @@ import secrets
 
 import pytest
 
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 
 
 def finish(server, begun, client, *acts, **socket):

@@ -8,8 +8,12 @@ import scipy
 
 from app.report import build
 from app.report.page import render
-from app.report.statistics.headline import HEADLINE_RULE, is_a_few_players
-from app.report.statistics.intervals import guaranteed_interval, printed_interval
+from app.report.statistics.intervals import (
+    HEADLINE_RULE,
+    guaranteed_interval,
+    is_a_few_players,
+    printed_interval,
+)
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
 from tests.support.made_studies import CONFIG, FROZEN_MS, played, run, study, trial

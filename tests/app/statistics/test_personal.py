@@ -7,7 +7,7 @@ import pytest
 from app.db.export import export_table
 from app.db.reader import Reader
 from app.db.store import Store
-from app.report.statistics.personal import describe_own, personal_bests
+from app.web.results import describe_own, personal_bests
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import DAY, play_daily

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import pytest
 
 from app.db.reader import Reader
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 from tests.support.many_episodes import make_episodes, public_reads
 from tests.support.recorded import SMALL
 from tests.support.servers import eventually, hasty_limits, running_server

@@ -15,7 +15,7 @@ from app.db.reader import utc_day
 from app.db.store import Store
 from app.series.daily import day_before
 from app.series.verification import verify_database
-from app.web.cookies import PARTICIPANT_COOKIE, PLAYER_COOKIE
+from app.web.access import PARTICIPANT_COOKIE, PLAYER_COOKIE
 from app.web.people import cleaned, likeness
 from tests.support.command import command
 from tests.support.recorded import NOW, play

@@ -5,7 +5,7 @@ import pytest
 from app.cli.main import main
 from app.db.reader import now_ms, utc_day
 from app.db.store import Store
-from app.web.cookies import PLAYER_COOKIE
+from app.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play, tour
 from tests.support.recorded_daily import play_daily

@@ -8,8 +8,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.episodes import play_episode
 from marsexplorer.observation import decode
-from marsexplorer.policies.base import Memory
-from marsexplorer.policies.random_policy import RandomPolicy
+from marsexplorer.policies.base import Memory, RandomPolicy
 
 BUILT_IN = [
     "frontier-priced",
