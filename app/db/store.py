@@ -665,8 +665,8 @@ class Store(Reader):
         sql = "SELECT value FROM meta WHERE name = 'secret'"
         if self.connection.execute(sql).fetchone() is None:
             with self.transaction():
-                sql = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
-                self._conn.execute(sql, [secrets.token_urlsafe(32)])
+                made = "INSERT OR IGNORE INTO meta VALUES ('secret', ?)"
+                self._conn.execute(made, [secrets.token_urlsafe(32)])
         return str(self.connection.execute(sql).fetchone()[0])
 
     def add_player(self, player_id: str, at_ms: int) -> None:
