@@ -67,7 +67,8 @@ def merge(
     MergeError when there is a file at `out` already, or two contents under one id; then nothing is written.
     """
     if out.exists():
-        raise MergeError(f"{out} exists: a merge is written into a new file; choose another --out")
+        why = "a merge is written into a new file; choose another --out"
+        raise MergeError(f"{out} is there already: {why}")
     total = MergeCounts()
     with _new_database(out) as conn, transaction(conn):
         for path in sources:
