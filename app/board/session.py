@@ -702,12 +702,10 @@ class Session:
             what = f"episode {events.episode!r} is none of this board's"
             raise RefusedError(f"{what}: no input events were kept")
         unknown = self._unknown_codes(events)
-        rows = [
-            InputEventRow(**{**event.model_dump(), "code": UNIDENTIFIED})
-            if event.code in unknown
-            else InputEventRow(**event.model_dump())
-            for event in events.events
-        ]
+        told = [event.model_dump() for event in events.events]
+        for each in told:
+            each["code"] = UNIDENTIFIED if each["code"] in unknown else each["code"]
+        rows = [InputEventRow(**each) for each in told]
         if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
             raise RefusedError(TOO_MANY_EVENTS)
 

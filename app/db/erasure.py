@@ -214,11 +214,8 @@ def _entries_of(
     """Return what may have an entry in the chain of the person: them, their sessions and all episodes of these."""
     of_session = "SELECT id FROM episodes WHERE session_id = ?"
     episodes = [row[0] for session in sessions for row in conn.execute(of_session, [session])]
-    return [
-        Thing("participant", person["id"]),
-        *(Thing("session", ident) for ident in sessions),
-        *(Thing("episode", ident) for ident in episodes),
-    ]
+    things = [("session", each) for each in sessions] + [("episode", each) for each in episodes]
+    return [Thing("participant", person["id"]), *(Thing(*each) for each in things)]
 
 
 def _renew_chain(

@@ -199,15 +199,8 @@ def _rows_of(
                 "actions": " ".join(actions[step["action"]] for step in steps),
             }
         ]
-    return [
-        {
-            **step,
-            **common,
-            **(episode.place(step["step"] + 1) if episode else {}),
-            "action": actions[step["action"]],
-        }
-        for step in steps
-    ]
+    moves = [{**step, **common, "action": actions[step["action"]]} for step in steps]
+    return [{**each, **episode.place(each["step"] + 1)} for each in moves] if episode else moves
 
 
 def _encoded(found: list[dict[str, Any]], columns: Sequence[Column]) -> bytes:

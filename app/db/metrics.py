@@ -6,6 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 from prometheus_client.process_collector import ProcessCollector
@@ -31,47 +32,22 @@ class Metrics:
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        registry = self.registry
-        ProcessCollector(registry=registry)
-        moves = Counter(
-            "marsexplorer_moves", "Moves that were committed.", ["driver"], registry=registry
-        )
+        ProcessCollector(registry=self.registry)
+        counter = partial(Counter, namespace="marsexplorer", registry=self.registry)
+        histogram = partial(Histogram, namespace="marsexplorer", registry=self.registry)
+        moves = counter("moves", "Moves that were committed.", ["driver"])
         self.moves = {name: moves.labels(name) for name in ("human", "script", "policy")}
-        self.step = Histogram(
-            "marsexplorer_step_seconds",
-            "A move, from its check to its frame.",
-            buckets=_SHORT_S,
-            registry=registry,
-        )
-        self.commit = Histogram(
-            "marsexplorer_commit_seconds",
-            "A transaction of the writer.",
-            buckets=_SHORT_S,
-            registry=registry,
-        )
-        self.dropped_frames = Counter(
-            "marsexplorer_dropped_frames",
-            "Frames that a newer one replaced before a subscriber got them.",
-            registry=registry,
-        )
-        self._requests = Counter(
-            "marsexplorer_http_requests",
-            "Requests that were answered.",
-            ["status"],
-            registry=registry,
-        )
-        self._refusals = Counter(
-            "marsexplorer_refusals",
-            "Requests, sockets and moves that were refused.",
-            ["reason"],
-            registry=registry,
-        )
-        self.event_loop_lag = Histogram(
-            "marsexplorer_event_loop_lag_seconds",
-            "How late the event loop came back.",
-            buckets=_LONG_S,
-            registry=registry,
-        )
+        what = "A move, from its check to its frame."
+        self.step = histogram("step_seconds", what, buckets=_SHORT_S)
+        what = "A transaction of the writer."
+        self.commit = histogram("commit_seconds", what, buckets=_SHORT_S)
+        what = "Frames that a newer one replaced before a subscriber got them."
+        self.dropped_frames = counter("dropped_frames", what)
+        self._requests = counter("http_requests", "Requests that were answered.", ["status"])
+        what = "Requests, sockets and moves that were refused."
+        self._refusals = counter("refusals", what, ["reason"])
+        what = "How late the event loop came back."
+        self.event_loop_lag = histogram("event_loop_lag_seconds", what, buckets=_LONG_S)
 
         self.newest_s = deque[float](maxlen=1000)
         what = "99 of 100 of the last 1,000 moves took no longer; 0: there was none."

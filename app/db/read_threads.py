@@ -74,11 +74,8 @@ class ReadThreads(Generic[C]):
         if (found := getattr(self._own, "connection", None)) is not None:
             return found  # type: ignore[no-any-return]
         if _runs_a_loop():
-            warnings.warn(
-                "a database is read on the event loop: await Store.read or Store.write",
-                RuntimeWarning,
-                stacklevel=4,
-            )
+            what = "a database is read on the event loop: await Store.read or Store.write"
+            warnings.warn(what, RuntimeWarning, stacklevel=4)
         self._own.connection = found = self._connect()
         with self._opening:
             self._connections.append(found)

@@ -109,15 +109,10 @@ def write_manifest(folder: Path, header: ReleaseHeader, rows: Mapping[str, int],
     rows  by file, where a file has rows
     """
     (folder / PUBLIC_KEY).write_bytes(signing.public_pem(key))
-    files = {
-        name: {
-            "sha256": sha256(folder / name),
-            "bytes": (folder / name).stat().st_size,
-            "rows": rows.get(name),
-        }
-        for name in listing(folder)
-        if name not in UNLISTED
-    }
+    files = {}
+    for name in (each for each in listing(folder) if each not in UNLISTED):
+        size, digest = (folder / name).stat().st_size, sha256(folder / name)
+        files[name] = {"sha256": digest, "bytes": size, "rows": rows.get(name)}
     signer = signing.fingerprint((folder / PUBLIC_KEY).read_bytes())
     content = {**header.to_dict(), "signer": signer, "files": files}
     data = json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"

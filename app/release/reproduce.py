@@ -227,12 +227,9 @@ class _Derivation:
                 wrong = list(check_receipt(receipt, of=path.name))
                 wrong += check_opened(receipt, found.opening)
                 where = f"{path.name}, card {receipt['card']['id']}"
-                self._made.compare(
-                    "receipts of agents",
-                    where,
-                    "nothing wrong",
-                    "; ".join(map(str, wrong)) or "nothing wrong",
-                )
+                nothing = "nothing wrong"
+                told = "; ".join(map(str, wrong)) or nothing
+                self._made.compare("receipts of agents", where, nothing, told)
             for each in found.episodes:
                 run = each.replay(found.protocol.rules, found.protocol.env_config)
                 made = (run.record().trajectory_hash, seed_of(found.opening, each.terrain))

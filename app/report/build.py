@@ -213,15 +213,8 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
     trials = cohort.ranked[person]
     score, steps = (float(player_means(cohort.table([person], metric))[0]) for metric in METRICS)
     explored = sum(trial.succeeded for trial in trials)
-    return PlayerRow(
-        name=f"P{number:02d}",
-        episodes=len(trials),
-        score=score,
-        steps=steps,
-        explored=explored,
-        failed=len(trials) - explored,
-        in_primary=is_in,
-    )
+    counts = {"episodes": len(trials), "explored": explored, "failed": len(trials) - explored}
+    return PlayerRow(name=f"P{number:02d}", score=score, steps=steps, in_primary=is_in, **counts)
 
 
 def _comparisons(

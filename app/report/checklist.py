@@ -93,11 +93,8 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
 def _power(data: StudyData) -> dict[str, str]:
     """Return whether the number of players was planned, as the protocol says."""
     protocol = data.protocol
-    effects = [
-        f"{each.what}: 80 % power from {each.least:.1f} steps"
-        for each in plan_study(protocol).comparisons
-        if each.least is not None
-    ]
+    planned = [each for each in plan_study(protocol).comparisons if each.least is not None]
+    effects = [f"{each.what}: 80 % power from {each.least:.1f} steps" for each in planned]
     details = "; ".join(effects) or "Nothing is compared."
     effect = {"effect": "Computed" if effects else "None", "effect_details": details}
     if protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None:

@@ -192,13 +192,9 @@ class Cards:
         """Return which attempts were begun and which are finished; no score."""
         held = self._count(card)
         finished = [i for i, attempt in held.attempts.items() if attempt.has_ended]
-        return {
-            "instances": self._study(held).protocol.ranked,
-            "begun": sorted(held.attempts),
-            "finished": sorted(finished),
-            "calls": held.calls,
-            "closed": held.is_closed,
-        }
+        instances = self._study(held).protocol.ranked
+        told = {"begun": sorted(held.attempts), "finished": sorted(finished)}
+        return {"instances": instances, **told, "calls": held.calls, "closed": held.is_closed}
 
     async def close(self, card: Card) -> None:
         """Close the card: what runs is abandoned, and its address answers as one that is unknown."""
@@ -247,12 +243,10 @@ class Cards:
             return participant, trials, len(trials) + self._known.count_moves(participant.id)
 
         participant, trials, calls = await self._store.read(read)
-        attempts = {
-            each.terrain_index: _Attempt(
-                each.session_id, each.started_ms, each.ended_ms is not None
-            )
-            for each in trials
-        }
+        attempts = {}
+        for each in trials:
+            made = _Attempt(each.session_id, each.started_ms, each.ended_ms is not None)
+            attempts[each.terrain_index] = made
         return _Held(evaluation, self._list.of(evaluation)[ident], participant, attempts, calls)
 
     def _of(self, card: Card) -> _Held:

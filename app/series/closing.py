@@ -72,11 +72,8 @@ def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
         and person.completed_ms is None
         and person.stage not in ("withdrawn", "complete")
     }
-    moved = {
-        trial.participant
-        for trial in trial_activity(reader, name)
-        if trial.moved_ms is not None and now_ms - trial.moved_ms < ACTIVE_MS
-    }
+    acts = [each for each in trial_activity(reader, name) if each.moved_ms is not None]
+    moved = {each.participant for each in acts if now_ms - (each.moved_ms or 0) < ACTIVE_MS}
     return sorted(unfinished & moved)
 
 

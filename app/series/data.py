@@ -120,18 +120,9 @@ def _unfinished(trial: Trial) -> Trial:
     """Return an episode without anything that its end would tell; the tutorial's tells nothing."""
     if trial.phase == "tutorial":
         return trial
-    return replace(
-        trial,
-        outcome=None,
-        steps=None,
-        score=None,
-        total=None,
-        discovered=None,
-        ended_ms=None,
-        trajectory_hash=None,
-        pause_share=0.0,
-        labels=(),
-    )
+    ends = ("outcome", "steps", "score", "total", "discovered", "ended_ms", "trajectory_hash")
+    unknown: Any = dict.fromkeys(ends)
+    return replace(trial, **unknown, pause_share=0.0, labels=())
 
 
 def load(source: Reader | Path | str, study: str) -> StudyData:

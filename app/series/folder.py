@@ -216,19 +216,8 @@ class Folder:
     def study(self, name: str) -> Study:
         """Return a frozen study, read again when its files have changed; StudyError for a draft or a thawed protocol."""
         path = self._existing(name)
-        stamp = tuple(
-            map(
-                stamp_of,
-                (
-                    path / "protocol.json",
-                    path / "frozen.json",
-                    path / "opened.json",
-                    path / "sealed.json",
-                    path / "closed.json",
-                    path / "secret",
-                ),
-            )
-        )
+        files = [f"{each}.json" for each in ("protocol", "frozen", "opened", "sealed", "closed")]
+        stamp = tuple(stamp_of(path / each) for each in (*files, "secret"))
         known = self._known.get(name)
         if known is not None and known[0] == stamp:
             of = known[1].paired

@@ -135,13 +135,9 @@ class ParticipantProgress:
         rules = study.protocol.rules
         unlike = rules.unlike(study.protocol.lock)
         if study.protocol.core_version != rules.version or unlike:
-            _log.warning(
-                "study %s is for core version %s, this is %s; here is: %s",
-                name,
-                study.protocol.core_version,
-                rules.version,
-                unlike or "nothing else that differs",
-            )
+            what = "study %s is for core version %s, this is %s; here is: %s"
+            other = unlike or "nothing else that differs"
+            _log.warning(what, name, study.protocol.core_version, rules.version, other)
             raise StageError(NOT_HERE.format(name))
         return study
 

@@ -48,11 +48,9 @@ def balanced_order(
     group  "human" or "script"; scripts have squares of their own, so that they unbalance nothing
     """
     square, place = divmod(number, ranked)
+    named = f"{protocol_hash}|square|{group}|{square}"
     rows, labels = (
-        sorted(
-            range(ranked),
-            key=lambda i: _hmac(key, f"{protocol_hash}|square|{group}|{square}|{what}|{i}"),
-        )
+        sorted(range(ranked), key=lambda i: _hmac(key, f"{named}|{what}|{i}"))
         for what in ("row", "label")
     )
     # 0, 1, n-1, 2, n-2, ...

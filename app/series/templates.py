@@ -122,15 +122,8 @@ def _filled(where: str, text: str, values: dict[str, str]) -> str:
         for literal, name, form, conversion in Formatter().parse(text):
             found.append(literal)
             if name is not None:
-                found.append(
-                    _value(
-                        where,
-                        name
-                        + (f"!{conversion}" if conversion else "")
-                        + (f":{form}" if form else ""),
-                        values,
-                    )
-                )
+                rest = (f"!{conversion}" if conversion else "") + (f":{form}" if form else "")
+                found.append(_value(where, name + rest, values))
     except ValueError as error:
         raise StudyError(
             f"{where} has a brace without its pair: write {{{{ and }}}} for braces that stand for themselves"

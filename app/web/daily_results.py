@@ -91,14 +91,9 @@ def streak(attempts: Sequence[Trial], today: str) -> int:
 def calendar(attempts: Sequence[Trial]) -> list[dict[str, Any]]:
     """Return what a player's newest attempts came to, at most CALENDAR, the oldest first; `moves` is None without 99 %."""
     ended = sorted((each for each in attempts if each.ended_ms is not None), key=_day)[-CALENDAR:]
-    return [
-        {
-            "day": each.day,
-            "outcome": each.outcome,
-            "moves": each.moves if each.outcome == "explored" else None,
-        }
-        for each in ended
-    ]
+    moves = [each.moves if each.outcome == "explored" else None for each in ended]
+    told = zip(ended, moves, strict=True)
+    return [{"day": each.day, "outcome": each.outcome, "moves": count} for each, count in told]
 
 
 def _day(attempt: Trial) -> str:

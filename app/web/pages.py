@@ -66,11 +66,8 @@ class PageFiles(StaticFiles):
                     return kept.response(headers)
             response.headers.update(NO_CACHE)
             return response
-        return (
-            NotModifiedResponse(kept.headers)
-            if self.is_not_modified(kept.headers, headers)
-            else kept.response(headers)
-        )
+        is_known = self.is_not_modified(kept.headers, headers)
+        return NotModifiedResponse(kept.headers) if is_known else kept.response(headers)
 
 
 class KeptFile:

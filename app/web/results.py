@@ -200,11 +200,8 @@ def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, An
 
 def _figure(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict[str, Any]:
     explored = [trial for trial in own if trial.outcome == "explored"]
-    fresh = [
-        trial
-        for trial in explored
-        if trial.driver == "human" and not trial.seed_chosen and not trial.terrain_met_before
-    ]
+    unchosen = [trial for trial in explored if trial.driver == "human" and not trial.seed_chosen]
+    fresh = [trial for trial in unchosen if not trial.terrain_met_before]
     best = min(fresh, key=lambda trial: (trial.steps or 0, trial.ended_ms or 0), default=None)
     return {
         "level": config.level,

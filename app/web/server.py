@@ -295,11 +295,8 @@ def _backups(settings: Settings, store: Store) -> Backups | None:
     metrics.add_gauge(
         "backup_age_seconds", what, lambda: -1.0 if backups is None else backups.age_s()
     )
-    metrics.add_gauge(
-        "backup_failures",
-        "Backups that could not be made.",
-        lambda: 0 if backups is None else backups.failures,
-    )
+    what = "Backups that could not be made."
+    metrics.add_gauge("backup_failures", what, lambda: 0 if backups is None else backups.failures)
     return backups
 
 

@@ -171,12 +171,9 @@ def _asked() -> dict[str, str]:
     echo(
         'The report will say what only you know. "none" is an answer; Enter leaves one for later, before freezing.'
     )
-    return {
-        name: click.prompt(
-            f"{name}: {field.description}\n", default="", show_default=False, prompt_suffix="> "
-        )
-        for name, field in Declarations.model_fields.items()
-    }
+    form: Any = {"default": "", "show_default": False, "prompt_suffix": "> "}
+    fields = Declarations.model_fields.items()
+    return {name: click.prompt(f"{name}: {each.description}\n", **form) for name, each in fields}
 
 
 @study.command(short_help="Fix the protocol and draw the secret.")

@@ -87,13 +87,9 @@ def refine(
     echo(f"{file}: {measure_policy(file, output.save_policy, [EnvConfig()])}")
 
 
-ROUND_LOG_COLUMNS = {
-    "round": "round",
-    "num_pairs": "pairs",
-    "better_share": "better",
-    "loss": "loss",
-    "episode_steps": "steps",
-}
+_SAME = {"round": "round", "loss": "loss"}
+_NAMED = {"num_pairs": "pairs", "better_share": "better", "episode_steps": "steps"}
+ROUND_LOG_COLUMNS = {**_SAME, **_NAMED}
 """Field of RoundMetrics -> its name in log.jsonl and in the policy's card, which stays what it was."""
 
 

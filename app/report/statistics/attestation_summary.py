@@ -33,11 +33,8 @@ class AttestationSummary:
 def attestation_summary(data: StudyData) -> AttestationSummary:
     """Return the summary of a study."""
     required = data.protocol.required_attestation
-    ranked = [
-        each
-        for each in data.trials
-        if each.kind == "human" and each.phase == "ranked" and each.attestation and each.ended_ms
-    ]
+    of_people = [each for each in data.trials if each.kind == "human" and each.phase == "ranked"]
+    ranked = [each for each in of_people if each.attestation and each.ended_ms]
     played = [each for each in ranked if each.attestation != "spoilt"]
     below = [each for each in played if not level_reaches(each.attestation, required)]
     given = [each.attestation_reason for each in ranked if each.attestation_reason]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -49,11 +50,6 @@ def utc(ms: int) -> str:
 
 def templates(folder: Path, is_html: bool) -> Environment:
     """Return the templates of a folder, escaping what HTML does not let through; a name that nobody gives is an error."""
-    return Environment(
-        loader=FileSystemLoader(folder),
-        autoescape=is_html,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    blocks: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    loader = FileSystemLoader(folder)
+    return Environment(loader=loader, autoescape=is_html, undefined=StrictUndefined, **blocks)

@@ -218,12 +218,9 @@ def _in_units(
     count = int(design.known.sum())
     errors = unit * np.sqrt(np.maximum(np.diag(covariance), 0))
     each = variances.rest / count
-    freedom = satterthwaite(
-        np.asarray(variances.player / players + each),
-        np.asarray(variances.terrain / terrains + each),
-        np.asarray(each),
-        design.known,
-    )
+    of_players = np.asarray(variances.player / players + each)
+    of_terrains = np.asarray(variances.terrain / terrains + each)
+    freedom = satterthwaite(of_players, of_terrains, np.asarray(each), design.known)
     mean, half = middle + unit * float(effects[0]), t_quantile(float(freedom)) * float(errors[0])
     slope, slope_half = None, 0.0
     if design.trial_sd > 0:

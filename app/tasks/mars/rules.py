@@ -139,12 +139,8 @@ class MarsRules:
 
     def placeholders(self, config: EnvConfig) -> Mapping[str, Any]:
         """Return what texts may name of a configuration."""
-        return {
-            "coverage": f"{100 * config.beta:g} %",
-            "lidar_radius": config.sensor_radius,
-            "rows": config.rows,
-            "cols": config.cols,
-        }
+        size, share = {"rows": config.rows, "cols": config.cols}, f"{100 * config.beta:g} %"
+        return {"coverage": share, "lidar_radius": config.sensor_radius, **size}
 
     def where(self, config: EnvConfig) -> str:
         """Return level and size in words."""

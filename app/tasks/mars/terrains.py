@@ -51,16 +51,9 @@ class MapCatalogue:
 
     def listed(self) -> list[dict[str, Any]]:
         """Return what may be chosen, as the API lists it."""
-        what = "what can be seen from where the rover can go counts"
-        sizes = {name: (each.config.rows, each.config.cols) for name, each in self._maps.items()}
-        return [
-            {
-                "name": name,
-                "summary": f"a map of {rows} × {cols} cells; {what}",
-                "size": [rows, cols],
-            }
-            for name, (rows, cols) in sizes.items()
-        ]
+        what = "a map of {} × {} cells; what can be seen from where the rover can go counts"
+        sizes = [(name, (each.config.rows, each.config.cols)) for name, each in self._maps.items()]
+        return [{"name": name, "summary": what.format(*of), "size": [*of]} for name, of in sizes]
 
     def name_of(self, row: Cause) -> str | None:
         """Return the name of the map that an episode is played on; None for a seed's terrain and a map not on offer."""

@@ -295,11 +295,9 @@ class StoredBytes:
     def _check_disk(self) -> None:
         free = self._limits.free_mb
         if shutil.disk_usage(self._folder).free < free * 1e6:
-            raise RefusedRequestError(
-                507,
-                f"the server's disk has less than {free:g} MB left: what is open goes on, and new boards begin once its "
-                "operator has made room",
-            )
+            why = f"the server's disk has less than {free:g} MB left: what is open goes on"
+            way_out = "new boards begin once its operator has made room"
+            raise RefusedRequestError(507, f"{why}, and {way_out}")
 
     def _check_budget(self, kind: str, name: str) -> None:
         most = self._budget(kind)
