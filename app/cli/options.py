@@ -93,11 +93,6 @@ def database_option(text: str) -> Callable[[F], F]:
 
 
 DATABASE = database_option("The database it was played in; a running server may go on writing.")
-STUDIES = option(
-    "--studies",
-    "folder",
-    type=PATH,
-    callback=_folder,
-    help="The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]",
-)
+_WHERE = "The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]"
+STUDIES = option("--studies", "folder", type=PATH, callback=_folder, help=_WHERE)
 """The option --studies, which a command is given as its `folder`."""

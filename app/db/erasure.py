@@ -137,10 +137,8 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
     if not keeps and person["kind"] == "human":
         note_erased(conn, person, now, closed_ms is not None)
-    elsewhere = conn.execute(
-        "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?",
-        (person["player_id"], person["id"]),
-    ).fetchall()
+    sql = "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?"
+    elsewhere = conn.execute(sql, (person["player_id"], person["id"])).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
     entries = _entries_of(conn, person, sessions)
     stored = {each: chain.unsound_hash(conn, each.kind, each.id) for each in entries if keeps}

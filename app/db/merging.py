@@ -159,13 +159,9 @@ def _hidden(target: sqlite3.Connection, source: sqlite3.Connection) -> dict[str,
         sessions = "SELECT id FROM sessions WHERE ? IN (player_id, owner_id) OR id = ?"
         found = source.execute(sessions, (person["player_id"], person["session_id"]))
         hidden["sessions"] |= {row[0] for row in found}
-        elsewhere = [
-            row
-            for row in source.execute(
-                "SELECT id, session_id FROM participants WHERE player_id = ?", [person["player_id"]]
-            )
-            if row[0] not in hidden["participants"]
-        ]
+        sql = "SELECT id, session_id FROM participants WHERE player_id = ?"
+        found = source.execute(sql, [person["player_id"]])
+        elsewhere = [row for row in found if row[0] not in hidden["participants"]]
         hidden["sessions"] -= {row[1] for row in elsewhere}
         if not elsewhere:
             hidden["players"].add(person["player_id"])

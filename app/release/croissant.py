@@ -97,15 +97,10 @@ class _Builder:
     def file(self, name: str, encoding: str) -> Any:
         """Return the FileObject of a file, by its size and SHA-256."""
         path = self._folder / name
-        return self._mlc.FileObject(
-            ctx=self.context,
-            id=name,
-            name=name,
-            content_url=name,
-            content_size=f"{path.stat().st_size} B",
-            encoding_formats=[encoding],
-            sha256=sha256(path),
-        )
+        size = f"{path.stat().st_size} B"
+        facts = {"id": name, "name": name, "content_url": name, "sha256": sha256(path)}
+        kind = {"ctx": self.context, "encoding_formats": [encoding]}
+        return self._mlc.FileObject(**kind, **facts, content_size=size)
 
     def record_set(self, table: str, file: str) -> Any:
         """Return the RecordSet of a table that is read from a file."""

@@ -119,11 +119,9 @@ def reproduce(
     """
     with Bundle(folder) as bundle:
         expected = None if key is None else fingerprint_of(key)
-        made = Reproduction(
-            files=len(bundle.manifest["files"]),
-            findings=list(check_files(folder, bundle.manifest, expected)),
-            signer=check_signer(bundle.manifest, expected, pins),
-        )
+        found = list(check_files(folder, bundle.manifest, expected))
+        signer = check_signer(bundle.manifest, expected, pins)
+        made = Reproduction(files=len(bundle.manifest["files"]), findings=found, signer=signer)
         _Derivation(bundle, made, bar, plays_again).run()
         return made
 

@@ -182,11 +182,8 @@ def regret_of_study(
         raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
     names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
     own = cohort.ranked if is_closed else cohort.warm_up
-    rows = [
-        {"player": names[person], **asdict(row)}
-        for person in ids
-        for row in regret_rows(reader, data, own[person], estimator)
-    ]
+    told = ((each, regret_rows(reader, data, own[each], estimator)) for each in ids)
+    rows = [{"player": names[each], **asdict(row)} for each, found in told for row in found]
     players = tuple(replace(each, player=names[each.player]) for each in summary.by_player)
     return replace(summary, by_player=players), rows
 

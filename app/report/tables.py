@@ -222,11 +222,9 @@ def _exclusion_sets(group: GroupReport) -> PageTable:
         )
         for each in group.figures
     ]
-    return PageTable(
-        f"The figure under each exclusion set; who enters: {rules}",
-        ("set", "players", "episodes", *both, f"{group.words.reached} (95 % interval)"),
-        rows,
-    )
+    caption = f"The figure under each exclusion set; who enters: {rules}"
+    heads = ("set", "players", "episodes", *both, f"{group.words.reached} (95 % interval)")
+    return PageTable(caption, heads, rows)
 
 
 def _attestation(group: GroupReport) -> PageTable | None:
@@ -417,13 +415,12 @@ def _model_column(model: MixedModel) -> tuple[str, ...]:
 def _difficulties(group: GroupReport) -> PageTable | None:
     """Return a row for each terrain that a model has a difficulty of."""
     models = [metric.mixed_model for metric in group.metrics]
-    cells = [
-        {
-            each.terrain: _with_interval(each.effect, each.interval, DIGITS[model.metric])
-            for each in model.terrains
-        }
-        for model in models
-    ]
+    cells = []
+    for model in models:
+        digits, of = DIGITS[model.metric], model.terrains
+        cells.append(
+            {each.terrain: _with_interval(each.effect, each.interval, digits) for each in of}
+        )
     every = sorted(set().union(*cells))
     rows = [(str(at), *(column.get(at, NONE) for column in cells)) for at in every]
     heads = ("terrain", *(_heading(group, model.metric) for model in models))

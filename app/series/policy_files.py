@@ -102,11 +102,8 @@ def record_files(policies: Iterable[str], folder: Path, players: Any) -> dict[st
 
     PolicyError for a policy that is not there; StudyError when a file cannot be read or written. players: `Rules.players`
     """
-    return {
-        policy: _keep(players.file_of(policy), folder)
-        for policy in sorted(set(policies))
-        if not players.is_rule(policy)
-    }
+    kept = [each for each in sorted(set(policies)) if not players.is_rule(each)]
+    return {each: _keep(players.file_of(each), folder) for each in kept}
 
 
 def _keep(path: Path, folder: Path) -> str:

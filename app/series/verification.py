@@ -390,13 +390,9 @@ def _derive_level(
         known = (s for at_ms, s in given.settings if until_ms is None or at_ms <= until_ms)
         settings = [json.loads(detail) for detail in known]
         rules = rules_of(task)
-        conditions = Conditions(
-            started_ms,
-            key_map_of(rules.keys, settings),
-            tuple(given.supervised_ms),
-            not given.is_studys,
-            controls_of(rules, settings) if rules.clock else (),
-        )
+        controls = controls_of(rules, settings) if rules.clock else ()
+        asked = tuple(given.supervised_ms), not given.is_studys, controls
+        conditions = Conditions(started_ms, key_map_of(rules.keys, settings), *asked)
         found = attest(steps, given.events, conditions)
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
         return None, f"rows that cannot be read: {error}"

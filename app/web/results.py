@@ -219,11 +219,9 @@ def _standing(reader: Reader, config: Configuration, own: Sequence[Trial]) -> di
     """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
     volunteers = players_of(reader, config.hash)
     ranked = [trial.steps_to_target or 0 for trial in own if trial.counts]
-    return {
-        "means": sorted(round(each.steps / each.episodes, 1) for each in volunteers),
-        "you": round(math.fsum(ranked) / len(ranked), 1) if ranked else None,
-        "ranked": len(ranked),
-    }
+    means = sorted(round(each.steps / each.episodes, 1) for each in volunteers)
+    yours = round(math.fsum(ranked) / len(ranked), 1) if ranked else None
+    return {"means": means, "you": yours, "ranked": len(ranked)}
 
 
 @mine.get("/history", summary="My own episodes and bests")

@@ -190,14 +190,11 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
     failed = np.array(counts, np.float64)
     is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
     shares = 1 - failed / episodes
-    score, steps = (
-        estimate(
-            player_means(cohort.table(ids, metric)),
-            metric_bounds(data.protocol.rules, data.protocol.env_config, metric),
-            is_guaranteed,
-        )
-        for metric in METRICS
-    )
+    rules, config = data.protocol.rules, data.protocol.env_config
+    means = [player_means(cohort.table(ids, each)) for each in METRICS]
+    bounds = [metric_bounds(rules, config, each) for each in METRICS]
+    of_both = zip(means, bounds, strict=True)
+    score, steps = (estimate(*each, is_guaranteed) for each in of_both)
     return StudyFigure(
         name,
         rule,
