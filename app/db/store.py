@@ -687,10 +687,6 @@ class Store(Reader):
                 (mode, moves_per_second, session_id),
             )
 
-    def open_episode(self, row: Trial) -> None:
-        """Open an episode, and note whether its player had met the terrain before."""
-        self.next_episode((), (row,))
-
     def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> None:
         """Close the given episodes and open the next ones, all of it or nothing."""
         with self.transaction():
@@ -727,17 +723,6 @@ class Store(Reader):
                 return False
             self._step = values[0], values[1]
         return True
-
-    def close_episode(
-        self,
-        episode_id: str,
-        record: Record,
-        at_ms: int,
-        attestation: str | None = None,
-        reason: str | None = None,
-    ) -> None:
-        """Close an episode under its record's outcome, with the level of its attestation."""
-        self.next_episode((Closing(episode_id, record, at_ms, attestation, reason),), ())
 
     def is_episode_of(self, session_id: str, episode_id: str) -> bool:
         """Return whether an episode is one of a session's."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 
 from app.db.input_events import InputEventRow, add_input_events
-from app.db.store import Resumable, SessionRow, StepRow, Store, Trial
+from app.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
 
@@ -59,7 +59,7 @@ def open_episode(
         terrain=episode.record().terrain, start=episode.start, policy_seed=3, **given,
     )  # fmt: skip
     with store.transaction():
-        store.open_episode(row)
+        store.next_episode((), [row])
         after(row)
     return row, episode
 
@@ -88,7 +88,9 @@ def add_steps(
         )  # fmt: skip
         store.add_step(step)
         if episode.ended:
-            store.close_episode(row.id, episode.record(), at, level or level_of(driver))
+            store.next_episode(
+                [Closing(row.id, episode.record(), at, level or level_of(driver))], ()
+            )
 
 
 def level_of(driver: str) -> str | None:
@@ -125,7 +127,9 @@ def play(
     add_steps(store, row, episode, tour(episode) if explore else free_moves(episode)[:2], driver)
     if not episode.ended:
         episode.abandon()
-        store.close_episode(row.id, episode.record(), row.started_ms + 1000, level_of(driver))
+        store.next_episode(
+            [Closing(row.id, episode.record(), row.started_ms + 1000, level_of(driver))], ()
+        )
     return row
 
 

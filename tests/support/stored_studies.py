@@ -9,7 +9,7 @@ import secrets
 
 from app.db import chain
 from app.db.series import StudyStore, add_series
-from app.db.store import SessionRow, StepRow, Store, Trial
+from app.db.store import Closing, SessionRow, StepRow, Store, Trial
 from app.db.study_rows import Participant
 from app.series.folder import Folder
 from app.series.protocol import default_protocol
@@ -133,14 +133,13 @@ class StudyRecorder:
         config = study.protocol.env_config
         episode = Episode.begin(config, seed=seed)
         ident = f"episode-{self.token()[:12]}"
-        self.store.open_episode(
-            Trial(
-                id=ident, session_id=session, number=number, task="mars", core_version=CORE_VERSION,
-        config=config, seed=seed, seed_chosen=False,
-                terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
-                started_ms=self.tick(),
-            )
+        row = Trial(
+            id=ident, session_id=session, number=number, task="mars", core_version=CORE_VERSION,
+            config=config, seed=seed, seed_chosen=False,
+            terrain=episode.record().terrain, start=episode.start, policy_seed=3, driver=driver, assisted=False,
+            started_ms=self.tick(),
         )  # fmt: skip
+        self.store.next_episode((), [row])
         self.insert("series_episodes", ident, study.name, participant, None, phase, trial, terrain)
         self._events(ident, 0, 0)
         self.tick()
@@ -159,10 +158,10 @@ class StudyRecorder:
         if episode.ended:
             missing = f"step {spoil}: no press of its own was received before the move"
             level = ("attested", None) if spoil is None else ("spoilt", missing)
-            self.store.close_episode(ident, episode.record(), self.clock, *level)
+            self.store.next_episode([Closing(ident, episode.record(), self.clock, *level)], ())
         if how in ("abandon", "dawdle", "idle") and not episode.ended:
             episode.abandon()
-            self.store.close_episode(ident, episode.record(), self.tick(), "attested")
+            self.store.next_episode([Closing(ident, episode.record(), self.tick(), "attested")], ())
         self.tick()
         self._events(ident, 1000, episode.steps)
         return ident

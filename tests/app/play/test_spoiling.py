@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 
 from app.db.reader import Reader
-from app.db.store import Store
+from app.db.store import Closing, Store
 from app.db.trial import Trial
 from app.report.statistics.human_level import human_level
 from app.series.verification import verify_database
@@ -112,7 +112,9 @@ def _play(store, seed, how, worse_than=10**9):
     if is_bad and how == "left":
         add_steps(store, row, episode, whole[:-1])
         episode.abandon()
-        store.close_episode(row.id, episode.record(), row.started_ms + 10**6, "attested")
+        store.next_episode(
+            [Closing(row.id, episode.record(), row.started_ms + 10**6, "attested")], ()
+        )
     elif is_bad and how == "spoilt":
         add_steps(store, row, episode, whole[:-1])
         add_steps(store, row, episode, whole[-1:], level="spoilt")

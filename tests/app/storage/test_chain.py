@@ -62,7 +62,7 @@ def test_a_session_enters_with_its_first_move_and_an_episode_when_it_ends(store)
     add_steps(store, row, episode, free_moves(episode)[:4])
     assert kinds(store) == ["session"]
     episode.abandon()
-    store.close_episode(row.id, episode.record(), row.started_ms + 1000, "attested")
+    store.next_episode([Closing(row.id, episode.record(), row.started_ms + 1000, "attested")], ())
     again, second = open_episode(store, session, seed=2, number=1)
     add_steps(store, again, second, free_moves(second)[:1])
     assert kinds(store) == ["session", "episode"]
@@ -109,7 +109,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
-    store.close_episode(row.id, episode.record(), row.started_ms + 1000, "attested")
+    store.next_episode([Closing(row.id, episode.record(), row.started_ms + 1000, "attested")], ())
     before = store.connection.execute("SELECT * FROM chain").fetchall()
     for batch, name in (
         (events[2:5], "batch-1"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from app.db.export import COLUMNS, export_table, export_to, new_key
-from app.db.store import Store
+from app.db.store import Closing, Store
 from marsexplorer.episode import replay
 from tests.support import golden_study
 from tests.support.exported import rows_of
@@ -192,13 +192,13 @@ def test_an_unknown_table_or_filter_is_refused_before_anything_is_read(store, wr
 
 def test_a_given_terrain_without_a_seed_is_exported_and_verified(store):
     row = play(store, seed=1)
-    store.open_episode(replace(row, id="given", session_id=add_session(store), seed=None))
+    store.next_episode((), [replace(row, id="given", session_id=add_session(store), seed=None)])
     record = replace(store.load_record(row.id), actions=b"", steps=0)
     from marsexplorer.episode import Episode
 
     episode = Episode.begin(row.config, terrain=record.terrain_map())
     episode.abandon()
-    store.close_episode("given", episode.record(), NOW)
+    store.next_episode([Closing("given", episode.record(), NOW)], ())
     line = next(line for line in table(store, "episodes") if line["episode"] == "given")
     assert (line["seed"], line["actions"], line["verified"]) == (None, "", True)
 

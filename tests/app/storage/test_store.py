@@ -19,7 +19,7 @@ from app.db.columns import TABLES
 from app.db.database import APPLICATION_ID, StoreError
 from app.db.operators import add_operator
 from app.db.reader import Reader
-from app.db.store import DAY_MS, StepRow, Store
+from app.db.store import DAY_MS, Closing, StepRow, Store
 from marsexplorer.episode import Episode, replay
 from tests.support.recorded import (
     NOW,
@@ -85,7 +85,7 @@ def test_a_step_is_taken_once_and_in_order_and_never_after_the_end(store):
         with pytest.raises(StoreError, match="nothing changed"):
             store.add_step(wrong)
     episode.abandon()
-    store.close_episode(row.id, episode.record(), NOW)
+    store.next_episode([Closing(row.id, episode.record(), NOW)], ())
     with pytest.raises(StoreError, match="nothing changed"):
         store.add_step(replace(step, step=2))
     assert len(store.steps(row.id)) == 2
@@ -150,7 +150,7 @@ def test_an_episode_counts_only_when_human_unassisted_unchosen_and_signed(store,
 def test_an_episode_without_a_move_does_not_count(store):
     row, episode = open_episode(store, add_session(store), seed=1)
     episode.abandon()
-    store.close_episode(row.id, episode.record(), NOW)
+    store.next_episode([Closing(row.id, episode.record(), NOW)], ())
     assert store.episode(row.id)["counts"] is False
 
 
@@ -168,7 +168,7 @@ def test_the_same_bits_in_another_shape_are_another_terrain(store):
     first = play(store, seed=1)
     other = replace(first.config, rows=7, cols=5)
     row = replace(first, id="turned", session_id=add_session(store), config=other)
-    store.open_episode(row)
+    store.next_episode((), [row])
     assert store._db.execute(
         "SELECT terrain_met_before FROM episodes WHERE id = 'turned'"
     ).fetchone() == (0,)
@@ -197,7 +197,7 @@ def test_a_rival_that_ended_first_does_not_tell_the_terrain_its_player_is_on(sto
     assert store.episodes() == []
     assert store.episode(its_row.id) is None
     episode.abandon()
-    store.close_episode(row.id, episode.record(), NOW)
+    store.next_episode([Closing(row.id, episode.record(), NOW)], ())
     assert {each["episode"] for each in store.episodes()} == {row.id, its_row.id}
 
 
