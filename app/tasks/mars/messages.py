@@ -42,7 +42,8 @@ def parse_size(value: object) -> tuple[int, int]:
     """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
-            raise ValueError(f"size must be a whole number or [rows, cols], got {len(value)}")
+            given = f"got {len(value)} values"
+            raise ValueError(f"size must be a whole number or [rows, cols], {given}")
         return _check_side("rows", value[0]), _check_side("cols", value[1])
     if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError(f"size must be a whole number or [rows, cols], got {value!r}")
