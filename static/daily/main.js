@@ -153,7 +153,7 @@ const policyRows = (policies) => policies.map((policy) => row(task.nameOf(policy
 function paintCalendar(past) {
   by("calendar").replaceChildren(...past.map((each) => {
     const { short, long } = pastText(task, each);
-    return create("li", [create("span", short, { "aria-hidden": "true" }), create("span", long, { class: "unseen" })], { title: long, class: each.moves === null ? "bad" : "good" });
+    return create("li", [create("small", String(Number(each.day.slice(8))), { "aria-hidden": "true" }), create("span", short, { "aria-hidden": "true" }), create("span", long, { class: "unseen" })], { title: long, class: each.moves === null ? "bad" : "good" });
   }));
   by("calendar-part").hidden = past.length === 0;
 }
@@ -186,7 +186,7 @@ function paintResults({ day, attempt, people, policies }) {
   put(by("end-rank"), rankText(attempt, people, policies));
   area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href, state.player?.progress, days);
   by("replay").setAttribute("href", `watch/${encodeURIComponent(attempt.episode)}`);
-  const marks = policies.flatMap(({ name, moves }) => (moves === null ? [] : [{ name, moves }]));
+  const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
   by("policies").replaceChildren(...policyRows(policies));

@@ -33,7 +33,7 @@ export async function load(index) {
 /** Show the runs of a terrain from their start.
  * @param {number} index @param {Study.Runs} answer */
 function show(index, { own, policy }) {
-  const runs = { own: task.courseOf("You", own), policy: task.courseOf(policy.name, policy.frames) };
+  const runs = { own: task.courseOf("You", own), policy: task.courseOf(task.nameOf(policy.name), policy.frames) };
   const last = Math.max(0, ...Object.values(runs).map((course) => (course ? course.actions.length : 0)));
   player?.goTo(0); // the clock of the one before stops
   player = createPlayer(begun(last, task.clock ?? SPEED), (playback) =>
@@ -51,7 +51,7 @@ function paintFigures(debrief) {
   put(by("own-score"), score(mean_score));
   put(by("own-steps"), mean_steps === null ? "\u2013" : mean_steps.toFixed(1));
   put(by("own-explored"), `${episodes.filter(({ outcome }) => outcome === "explored").length} of ${episodes.length}`);
-  put(by("debrief-line"), debriefLine(debrief));
+  put(by("debrief-line"), debriefLine(task, debrief));
   by("trials").replaceChildren(create("h2", `${capital(task.round)} by ${task.round}`), trialTable(episodes));
   const choice = by("replay-index", HTMLSelectElement);
   put(by("replay-label"), ranked ? capital(task.round) : `Warm-up ${task.round}`);
@@ -112,9 +112,9 @@ function lossLine({ step, regret, action, best_action, kind }) {
 
 /** @param {Regret} regret @returns the sentence above the list */
 function regretLine({ policy, losses, given_up }) {
-  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there.`;
+  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${task.nameOf(policy)} would have finished from there.`;
   if (!losses.length) return "No single move cost you much.";
-  return `Judged with the whole terrain known, and ${policy} going on after each move.`;
+  return `Judged with the whole terrain known, and ${task.nameOf(policy)} going on after each move.`;
 }
 
 /** Fill a place with the losses of an episode, the greatest first, each with a button.

@@ -76,11 +76,11 @@ function endGo(participant, phase) {
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 
-/** @param {Study.Debrief} debrief @returns the debrief in one sentence */
-export function debriefLine({ policy }) {
+/** @param {Task} task @param {Study.Debrief} debrief @returns the debrief in one sentence */
+export function debriefLine(task, { policy }) {
   const { mean_steps_warm_up: theirs = null, own_mean_steps_warm_up: mine = null } = policy ?? {};
   if (!policy || theirs === null || mine === null) return "";
   const gap = Math.abs(mine - theirs);
   const comparison = gap < 0.05 ? "as many as you" : `${gap.toFixed(1)} ${theirs < mine ? "fewer" : "more"} than you`;
-  return `On the warm-up terrains the policy ${policy.name} needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
+  return `On the warm-up terrains ${task.nameOf(policy.name)}, a policy, needed ${theirs.toFixed(1)} moves on average, ${comparison} (${mine.toFixed(1)}).`;
 }

@@ -4,6 +4,7 @@ import { create, put } from "../../common/page.js";
 import { many } from "../../common/words.js";
 import { cellAfter, markAt, WAYS } from "./ground.js";
 import { chartMarkAt, numberAt, paintOnCurve, placeOnCurve } from "./loss_marks.js";
+import { policyName } from "./names.js";
 
 const ASK = "Where did I lose moves?";
 /** Where the newest episode that tries another again is kept. */
@@ -233,8 +234,8 @@ export function triedText(before, now, move) {
 
 /** @param {Mars.Analysis} analysis @returns the sentence above the list of moves */
 export function summaryOf({ policy, losses, given_up }) {
-  const judged = `Judged by how ${policy} would have finished from each move, with the whole terrain known.`;
-  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policy} would have finished from there. ${judged}`;
+  const judged = `Judged by how ${policyName(policy)} would have finished from each move, with the whole terrain known.`;
+  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${policyName(policy)} would have finished from there. ${judged}`;
   if (!losses.length) return `No single move cost you much. ${judged}`;
   return losses.length === 1 ? `One move cost you the most. ${judged}` : `These ${losses.length} moves cost you the most. ${judged}`;
 }

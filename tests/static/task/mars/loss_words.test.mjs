@@ -35,7 +35,7 @@ test("cells lie in a corner, at an edge, or anywhere", () => {
 
 test("the summary says by what moves are judged", () => {
   const analysis = (rest = {}) => ({ policy: "ppo", total: 9, given_up: 0, losses: [loss(), loss()], ...rest });
-  assert.match(summaryOf(analysis()), /^These 2 moves cost you the most\. Judged by how ppo would have finished/);
+  assert.match(summaryOf(analysis()), /^These 2 moves cost you the most\. Judged by how Expert would have finished/);
   assert.match(summaryOf(analysis({ losses: [] })), /^No single move cost you much/);
   assert.match(summaryOf(analysis({ given_up: 7 })), /^Giving up cost 7 moves/);
 });
