@@ -12,11 +12,21 @@ from pathlib import Path
 
 import pytest
 
+from app import jobs as module
 from app.jobs import JobError, Jobs, JobsFullError
 from tests.support import job_functions as functions
 from tests.support.servers import eventually
 
 pytestmark = pytest.mark.timeout(120)
+
+
+PROCESS = module._Process
+"""Taken before the tests' own are put in its place."""
+
+
+@pytest.fixture(autouse=True)
+def real_workers(monkeypatch):
+    monkeypatch.setattr(module, "_Process", PROCESS)
 
 
 @pytest.fixture

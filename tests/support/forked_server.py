@@ -1,8 +1,9 @@
-"""Servers in processes of their own that start at once: forked from one process that has imported the app already.
+"""Servers, and workers of jobs, in processes of their own that start at once: forked from one that has imported the app.
 
 That process is one for a whole run of pytest, however many processes test. `python -m tests.support.forked_server FD` is it: it
 answers at the listening socket FD, imports the app with the first request, and ends with its standard input, hence with the
-run. Each fork runs `app.web.server.run` with its own settings, database and port; it can be stopped, killed and waited for.
+run. A fork runs `app.web.server.run` with its own settings, database and port, or `app.jobs.work`; it can be stopped, killed
+and waited for. A worker that has to import what its jobs need costs more than a second of processor.
 """
 
 import os
@@ -13,12 +14,18 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from contextlib import suppress
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
+
+import pytest
+
+from app import jobs
 
 ADDRESS = "MARS_TESTS_FORK_AT"
 """The environment variable that says where the process listens; processes that test inherit it."""
@@ -50,30 +57,33 @@ def main(listener):
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
         answers = Connection(listener.accept()[0].detach())
-        settings, log, environment = request = answers.recv()
-        if "LISTEN_FDS" in environment:
-            request = (settings, log, environment, recv_handle(answers))
+        what, given, has_handle = answers.recv()
+        handles = [recv_handle(answers)] if has_handle else []
         import tests.support.loaded_app  # noqa: F401
 
         if os.fork() == 0:
             listener.close()
-            serve_and_wait(answers, request)
+            run_and_wait(answers, {"serve": serve, "work": work}[what], (*given, *handles))
         answers.close()
+        for handle in handles:
+            os.close(handle)
 
 
-def serve_and_wait(answers, request):
-    """Fork a server and answer with its process id; once it has ended, answer with its exit code and end."""
+def run_and_wait(answers, run, given):
+    """Fork a process and answer with its id; once it has ended, answer with its exit code and end."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = os.fork()
     if pid == 0:
         answers.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            serve(*request)
+            run(*given)
         except BaseException:  # it ends here, and not as the process from which it was forked
             traceback.print_exc()
             os._exit(1)
         os._exit(0)
+    if run is work:
+        os.setpgid(pid, pid)  # it is ended with what it began
     with suppress(ConnectionError):  # a test that failed asks no more
         answers.send(pid)
         answers.send(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
@@ -98,21 +108,70 @@ def serve(settings, log, environment, listening=None):
     sys.stdout.flush()
 
 
-class ServerProcess:
-    """A server's process, with the members of `subprocess.Popen` that the tests use; `stdout` reads what it printed."""
+def work(nice, environment, folder, connection):
+    """Be a worker of jobs that come over the descriptor of a connection, as `python -m app.jobs` is."""
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    os.nice(nice)
+    jobs.work(Connection(connection))
+
+
+class Forked:
+    """A forked process, with the members of `subprocess.Popen` that are used of it."""
+
+    def __init__(self, what, *given, handle=None):
+        self.returncode, self._lock = None, threading.Lock()
+        sock = socket.socket(socket.AF_UNIX)
+        sock.connect(os.environ[ADDRESS])
+        self._answers = Connection(sock.detach())
+        self._answers.send((what, given, handle is not None))
+        if handle is not None:
+            send_handle(self._answers, handle, None)
+        self.pid = self._answers.recv()
+
+    def poll(self, seconds=0.0):
+        """Return the exit code, None while it runs; wait for it for `seconds`, for None without end."""
+        with self._lock:
+            if self.returncode is None and self._answers.poll(seconds):
+                self.returncode = self._answers.recv()
+                self._answers.close()
+            return self.returncode
+
+    def wait(self, seconds=None):
+        """Return the exit code once it has ended; fail after `seconds`."""
+        assert self.poll(seconds) is not None, f"the process did not end within {seconds} s"
+        return self.returncode
+
+
+class Worker(jobs._Process):
+    """A worker of jobs that is forked."""
+
+    def __init__(self, nice):
+        self._connection, others = Pipe()
+        environment = {**os.environ, **jobs.ONE_THREAD}
+        given = nice, environment, str(Path.cwd())
+        self._process = Forked("work", *given, handle=others.fileno())
+        others.close()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def forked_workers():
+    """Workers of jobs are forked, of servers and commands alike; `test_jobs.py` is about real ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "_Process", Worker)
+        yield
+
+
+class ServerProcess(Forked):
+    """A server's process; `stdout` reads what it printed."""
 
     def __init__(self, settings, log, listening=None):
         log.touch()
         self.stdout = log.open()
-        self.returncode = None
-        sock = socket.socket(socket.AF_UNIX)
-        sock.connect(os.environ[ADDRESS])
-        self._answers = Connection(sock.detach())
         passed_on = {} if listening is None else {"LISTEN_FDS": "1"}
-        self._answers.send((settings, str(log), dict(os.environ) | passed_on))
-        if listening is not None:
-            send_handle(self._answers, listening.fileno(), None)
-        self.pid = self._answers.recv()
+        handle = None if listening is None else listening.fileno()
+        super().__init__("serve", settings, str(log), dict(os.environ) | passed_on, handle=handle)
 
     def lines(self):
         """Yield the lines it prints, as they come, until it has ended."""
@@ -137,18 +196,6 @@ class ServerProcess:
 
     def terminate(self):
         self.send_signal(signal.SIGTERM)
-
-    def poll(self, seconds=0.0):
-        """Return the exit code, None while it runs; wait for it for `seconds`, for None without end."""
-        if self.returncode is None and self._answers.poll(seconds):
-            self.returncode = self._answers.recv()
-            self._answers.close()
-        return self.returncode
-
-    def wait(self, seconds=None):
-        """Return the exit code once it has ended; fail after `seconds`."""
-        assert self.poll(seconds) is not None, f"the server did not end within {seconds} s"
-        return self.returncode
 
 
 if __name__ == "__main__":

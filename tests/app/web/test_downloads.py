@@ -207,8 +207,8 @@ def test_a_server_that_stops_while_a_table_is_written_and_sent_ends_soon_and_lea
         begun(slow)
         with asking(server):
             eventually(lambda: list(folder.glob("*/steps.csv")))
-            for worker in children(server.process.pid):
-                os.kill(worker, signal.SIGSTOP)  # so that it is being written when the server stops
+            (writer,) = eventually(lambda: writers(folder))
+            os.kill(writer, signal.SIGSTOP)  # so that it is being written when the server stops
             assert list(folder.glob("*/steps.csv"))
         began = time.monotonic()
         server.process.send_signal(signal.SIGTERM)
@@ -219,17 +219,18 @@ def test_a_server_that_stops_while_a_table_is_written_and_sent_ends_soon_and_lea
     assert not [line for line in said if "Cancel 1 running task(s)" not in line], said
 
 
-def children(process):
-    """The processes that a process has started."""
-    tasks = Path(f"/proc/{process}/task").iterdir()
-    return [int(each) for task in tasks for each in (task / "children").read_text().split()]
+def writers(folder):
+    """The processes that hold files of a folder open."""
+    return [
+        int(each.name) for each in Path("/proc").glob("[0-9]*") if open_downloads(each.name, folder)
+    ]
 
 
-def open_downloads(process):
-    """The tables that a process holds open; their files have no name any more."""
+def open_downloads(process, folder="-downloads/"):
+    """The tables that a process holds open; where they are sent, their files have no name any more."""
     found = []
-    for each in Path(f"/proc/{process}/fd").iterdir():
-        with contextlib.suppress(OSError):
-            target = str(each.readlink())
-            found += [target] if "-downloads/" in target else []
+    with contextlib.suppress(OSError):
+        for each in Path(f"/proc/{process}/fd").iterdir():
+            with contextlib.suppress(FileNotFoundError):
+                found += [target] if str(folder) in (target := str(each.readlink())) else []
     return found
