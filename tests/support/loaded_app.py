@@ -1,18 +1,24 @@
 """The app imported and every policy loaded once, for the process from which servers and workers of the tests are forked.
 
-What a server does at its start it still does; what it would read from the disk or compile is in its memory already.
+What a server does at its start it still does; what it would read from the disk, compile or import is in its memory already.
 """
 
 import gc
 
 from app import jobs
+from app.task import MARS, rules_of
 from app.tasks.mars.policies import PolicyCatalogue
+from app.tasks.mars.viewer3d import viewer
 from app.web.server import run
+from marsexplorer.intervals import t_quantile
 from tests.support.forked_server import Worker
 
 __all__ = ["run"]
 
 jobs._Process = Worker
+rules_of(MARS).prepare()
 PolicyCatalogue()
+viewer.ClientPage.load()
+t_quantile(1)  # scipy loads its parts when they are needed
 gc.collect()
 gc.freeze()  # or the collection at each server's start would walk, and so copy, all of it
