@@ -155,7 +155,7 @@ class Run(Protocol):
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return what an agent may see of the run as it stands, ready for JSON; None for what is not asked for or not there.
 
-        `picture` (a PNG as a data URL) is what people see, `observation` what policies are given; `text` says in words what
+        `picture` (a data URL) is what people see, `observation` what policies are given; `text` says in words what
         people see where that is a text, or what is in the observation.
         """
 

@@ -1,8 +1,9 @@
-"""Pictures as PNG: the difference of each row to the one above it, which is what changes little in a game's picture."""
+"""Pictures as JPEG, or as PNG: the difference of each row to the one above it, which changes little in a game's picture."""
 
 from __future__ import annotations
 
 import base64
+import io
 import struct
 import zlib
 
@@ -27,6 +28,15 @@ def png(pixels: np.ndarray, quick: bool = False) -> str:
     packed = zlib.compress(filtered.data, 1 if quick else 4)
     chunks = _chunk(b"IHDR", size) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
     return f"data:image/png;base64,{base64.b64encode(SIGNATURE + chunks).decode()}"
+
+
+def jpeg(pixels: np.ndarray) -> str:
+    """Return uint8[height, width, 3] as the data URL of a JPEG, a fraction of a PNG's bytes where it is like a photograph."""
+    from PIL import Image
+
+    out = io.BytesIO()
+    Image.fromarray(pixels).save(out, "JPEG", quality=90)
+    return f"data:image/jpeg;base64,{base64.b64encode(out.getvalue()).decode()}"
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:

@@ -121,7 +121,7 @@ async def _use(agent: Agent, params: dict[str, Any]) -> dict[str, Any]:
     picture: str = told["observation"].pop("picture", "")
     stands = "finished" if seen.done else "running"
     text = f"instance {seen.index}, step {seen.step}, {stands}\n{seen.text or json.dumps(seen.observation)}"
-    image = {"type": "image", "data": picture.partition(",")[2], "mimeType": "image/png"}
-    images = [image] if picture else []
+    mime, _, data = picture.removeprefix("data:").partition(";base64,")
+    images = [{"type": "image", "data": data, "mimeType": mime}] if picture else []
     content = [{"type": "text", "text": text}, *images]
     return {"content": content, "structuredContent": told, "isError": False}

@@ -33,8 +33,6 @@ PACKAGES = {
     "gymnasium.envs.box2d": "Box2D", "gymnasium.envs.mujoco": "mujoco", "app.tasks.gymnasium.adapters:Crafter": "crafter",
 }  # fmt: skip
 """Beginnings of entry points -> the package whose code an environment is, where another one brings it."""
-GROUP = "marsexplorer.tasks"
-"""The entry points by which packages offer environments under names of their own."""
 PRINTED = "printed in preregistration, report and datasheet"
 
 
@@ -80,6 +78,7 @@ class Description(BaseModel):
         "reset", description="kwarg: it is made with seed= and ignores the seed of reset"
     )
     memory_mb: int = Field(512, ge=16, le=2**20, description="MB that a board may take by itself")
+    codec: Literal["png", "jpeg"] = Field("png", description="jpeg: smaller, with loss")
     people_see: str = Field("", max_length=200, description=f"what the picture shows; {PRINTED}")
     agents_see: str = Field("", max_length=200, description=f"what agents observe; {PRINTED}")
 
@@ -203,12 +202,12 @@ def completed(given: Description) -> Description:
 def told_of(given: str) -> str:
     """Return what describes an environment that is named by a TOML file, by what a package offers, or by its id.
 
-    A package offers a dictionary of the fields under the entry-point group GROUP. ValueError where what is said is wrong,
-    OSError where a file cannot be read.
+    A package offers a dictionary of the fields under the entry-point group `marsexplorer.tasks`. ValueError where what is
+    said is wrong, OSError where a file cannot be read.
     """
     if given.endswith(".toml"):
         return read_description(Path(given)).told
-    for offer in entry_points(group=GROUP, name=given):
+    for offer in entry_points(group="marsexplorer.tasks", name=given):
         try:
             return Description.model_validate(offer.load()).told
         except ValidationError as error:

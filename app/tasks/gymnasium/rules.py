@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from app.board.messages import NewBoard, NewEpisode
-from app.board.pictures import png
+from app.board.pictures import jpeg, png
 from app.task import Cause, Messages, Metric, Words
 from app.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
@@ -195,7 +195,9 @@ class GymnasiumRun:
         shown = self._env.render()
         if isinstance(shown, str):
             return GymnasiumView(self, None, re.sub(r"\x1b\[[0-9;]*m", "", shown))
-        return GymnasiumView(self, png(np.asarray(shown), quick=self.is_live), None)
+        pixels = np.asarray(shown)
+        packed = jpeg(pixels) if self._described.codec == "jpeg" else png(pixels, self.is_live)
+        return GymnasiumView(self, packed, None)
 
     def seen(self, picture: bool, observation: bool) -> dict[str, Any]:
         """Return picture or text, and the observation as numbers, texts, lists and objects."""
@@ -235,7 +237,7 @@ class GymnasiumRun:
 class GymnasiumView:
     """What is seen of a run after some of its moves (`app.task.View`): its picture as it was then.
 
-    picture  a PNG as a data URL, None for an environment that is shown as text
+    picture  a data URL, None for an environment that is shown as text
     """
 
     def __init__(self, run: GymnasiumRun, picture: str | None, text: str | None) -> None:
@@ -287,7 +289,7 @@ class Frame(BaseModel):
     kind: Literal["frame"]
     episode: str
     step: int
-    picture: str | None = Field(description="a PNG as a data URL; null where it is shown as text")
+    picture: str | None = Field(description="a data URL; null where it is shown as text")
     text: str | None
     reward: float | None = Field(description="of the last move")
     return_: float | None = Field(alias="return", description="sum of the rewards")
@@ -366,9 +368,8 @@ class GymnasiumRules:
         """Moves after which an episode times out: the description's, the environment's own, else a thousand."""
         if said := self.description.max_steps or spec_of(self.level).max_episode_steps:
             return int(said)
-        env = self.description.make(self.description.kwargs, MAX_LIMIT, 0)
-        own = getattr(env.unwrapped, "max_steps", None)
-        env.close()
+        with closing(self.description.make(self.description.kwargs, MAX_LIMIT, 0)) as env:
+            own = getattr(env.unwrapped, "max_steps", None)
         return own if isinstance(own, int) and 0 < own <= MAX_LIMIT else DEFAULT_LIMIT
 
     @property

@@ -1,5 +1,7 @@
 """What is derived of an environment, what its file may say, and what is said of one that cannot be played."""
 
+import base64
+import io
 import json
 import os
 import signal
@@ -8,7 +10,9 @@ import subprocess
 import sys
 from contextlib import closing
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from app.cli.main import main
 from app.series.verification import verify_database
@@ -201,6 +205,20 @@ def test_what_is_seen_is_said_of_the_arguments_that_it_holds_for_alone():
     rules = GymnasiumRules(said.told)
     assert rules.sees(rules.default) == "People see 7x7 cells; agents are given the same."
     assert rules.sees(rules.configuration({"kwargs": {"agent_pov": False}})) == ""
+
+
+def test_a_photograph_is_shown_as_jpeg_and_everything_else_as_it_is():
+    shown = {}
+    for codec in ("png", "jpeg"):
+        here = GymnasiumRules(Description(id="FrozenLake-v1", codec=codec).told)
+        run = here.run(here.default, 1)
+        mime, _, packed = run.view().picture.partition(";base64,")
+        assert mime == f"data:image/{codec}"
+        shown[codec] = np.asarray(Image.open(io.BytesIO(base64.b64decode(packed)))).astype(int)
+        drawn = run._env.render()
+        assert shown[codec].shape == drawn.shape
+    assert (shown["png"] == drawn).all()
+    assert 0 < abs(shown["jpeg"] - drawn).mean() < 5
 
 
 def test_a_wrapper_makes_actions_of_a_wheel():
