@@ -42,9 +42,9 @@ outcome, total, score, steps, discovered, trajectory_hash, core_version  as the 
 Course = Any
 """An episode as a replay draws it, where a task's episodes have courses; the task's own type.
 
-name, config, moves  who drove, the configuration, how many moves
+name, moves, is_large  who drove, how many moves, whether one changes much of a large picture
 headline, place      who did what, and where, in words
-to_dict()            what the page reads
+about(), to_dict()   what the page reads: of where it was played, and of the course
 preview()            the end as a PNG
 animation(others, is_large)  draws the course, and others beside it: `size` in pixels, `at(step, before)` a picture
 """

@@ -82,12 +82,9 @@ def _find(database: Path, prefix: str) -> ShownEpisode:
 
 def _courses(shown: ShownEpisode, ghost: str | None) -> list[Course]:
     """Return the course of the episode and, unless none is wanted, that of the policy."""
-    from app.web.replays.episodes import NoCourseError, courses_of
+    from app.web.replays.episodes import courses_of
 
-    try:
-        courses = courses_of(shown)
-    except NoCourseError as error:
-        raise UsageError(f"{error} of a server, and cannot be written") from error
+    courses = courses_of(shown)
     own = courses.course_of(shown.name, shown.record)
     chosen = ghost or courses.preferred(shown.name)
     if chosen is None or chosen == NO_GHOST:

@@ -13,7 +13,7 @@ from app.db.playground import watchable_session
 from app.web.access import asker_of, owner_of, services_of
 from app.web.errors import bad_input
 from app.web.protection import SHARED, is_secure
-from app.web.replays.episodes import NoCourseError, UnknownReplayError
+from app.web.replays.episodes import UnknownReplayError
 from app.web.replays.files import MEDIA_TYPES, Format, offered
 from app.web.replays.page import render
 
@@ -92,12 +92,12 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     try:
         with bad_input():
             replay = await services_of(request).replays.replay(episode_id, asker)
-    except UnknownReplayError as error:
+    except UnknownReplayError:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()
         found = partial(watchable_session, store, episode_id, now, asker.player_id)
         watchable = await store.read(found)
-        if isinstance(error, NoCourseError) or (watchable is not None and not watchable[1]):
+        if watchable is not None and not watchable[1]:
             return RedirectResponse(f"../watch/{episode_id}", 303)
         raise
     page = render(replay.document(), replay.course, offered(), absolute_address(request))

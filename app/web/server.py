@@ -252,7 +252,7 @@ def _services(
         cards=Cards(progress),
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
-        replays=Replays(store.path, offers, jobs),
+        replays=Replays(store.path, offers, jobs, task),
         ratings=Ratings(lobby, jobs),
         health=health,
         admin=None

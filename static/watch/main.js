@@ -9,8 +9,6 @@ import { endedLine, idInPath, liveHeadline, watchedName } from "./words.js";
 
 const id = idInPath(location.pathname) ?? "";
 const part = partsOf(document);
-/** How long each frame of an ended episode is shown; where time runs, as long as it was. */
-const FRAME_MS = 250;
 const chart = by("chart");
 
 let state = initialState();
@@ -79,28 +77,11 @@ async function showEnd({ episode, player }) {
   by("ended").hidden = false;
 }
 
-/** Show an ended episode of a task that draws no replay from its start, frame by frame; nothing more will come.
- * @param {Watched} watched @param {Frame[]} frames */
-function playFrames(watched, [first, ...rest]) {
-  const history = { ...watched.history, actions: [] };
-  dispatch({ kind: "watched", watched: { ...watched, frame: first, history }, name: watchedName(watched.player) });
-  dispatch({ kind: "link", link: "open" });
-  put(by("badge"), "replay");
-  put(by("watching-text"), watched.task.title);
-  put(by("watching-line"), "");
-  const { clock } = watched.task;
-  const at_ms = (/** @type {number} */ index) => (clock && rest[index] ? rest[index].step / clock * 1000 : FRAME_MS * (index + 1));
-  for (const [index, message] of rest.entries()) setTimeout(() => dispatch({ kind: "received", role: "player", message }), at_ms(index));
-  setTimeout(() => put(by("watching-text"), watched.task.ending(watched.frame).title), at_ms(rest.length - 1));
-  return false;
-}
-
 /** Ask for the episode as it stands; return whether more will come: a board's next episode does, after one that was linked nothing. */
 async function load() {
   const mine = ++asked;
   const watched = await api.watched(id);
   if (mine !== asked) return true;
-  if (watched.frames && !watched.task.play) return playFrames(watched, watched.frames);
   dispatch({ kind: "watched", watched, name: watchedName(watched.player) });
   if (!watched.frames) showLive(watched.player);
   else await showEnd(watched);

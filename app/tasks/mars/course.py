@@ -22,6 +22,8 @@ from marsexplorer.policies import names as shipped
 
 NEVER = -1
 """The move at which a cell became known that never did."""
+LARGE_SIDE = 60
+"""A board with a longer side than this, cells, is large in an animation."""
 PREFERRED = ("ppo", "frontier-cost")
 """The policy that is shown when none is asked for: the first of these that did not drive the episode itself."""
 
@@ -103,6 +105,16 @@ class Course:
 
         look = Look(board=540, margin=30, text=24) if is_large else Look()
         return AnimationPicture([self, *others], look)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a move changes much of a picture of the board."""
+        return max(self.config.rows, self.config.cols) > LARGE_SIDE
+
+    def about(self) -> dict[str, Any]:
+        """Return what the page is told of where it was played."""
+        config = self.config
+        return {"level": config.level, "rows": config.rows, "cols": config.cols}
 
     def to_dict(self) -> dict[str, Any]:
         """Return the course as the page reads it."""

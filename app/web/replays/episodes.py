@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from app.db.reader import Reader
-from app.task import Record, rules_of
+from app.task import Record, Rules, rules_of
+from app.web.replays.frames import FrameCourses
 
 NAMES = {"you": "You", "human": "A person", "synthetic": "A synthetic player", "script": "A script"}
 """Who drove an episode -> how a replay names them; a policy has its own name."""
@@ -18,10 +19,6 @@ MAX_NAMED = 5
 
 class UnknownReplayError(LookupError):
     """There is no episode with this id of which the asker may see a replay."""
-
-
-class NoCourseError(UnknownReplayError):
-    """The episode is shown by its frames alone, which `/watch` plays: its task draws no course."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +52,10 @@ class ShownEpisode:
     asker_name: str
 
 
-def courses_of(episode: ShownEpisode) -> Any:
-    """Return what makes courses of an episode's task (`Rules.courses`); NoCourseError where it has none."""
-    if (courses := rules_of(episode.task).courses) is None:
-        raise NoCourseError(f"episode {episode.id!r} is shown at /watch/{episode.id}")
-    return courses
+def courses_of(episode: ShownEpisode, served: Rules | None = None) -> Any:
+    """Return what makes courses of an episode's task; `served` is that of a server, whose runs are guarded."""
+    rules = served if served and served.name == episode.task else rules_of(episode.task)
+    return rules.courses or FrameCourses(rules)
 
 
 def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> ShownEpisode:

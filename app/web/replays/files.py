@@ -29,8 +29,8 @@ MEDIA_TYPES: dict[Format, str] = {
 }  # fmt: skip
 MOST_PICTURES = 300
 """Pictures of moves in an animation at most; of longer replays every second, third, ... move is drawn."""
-LARGE_SIDE, MOST_LARGE_PICTURES = 60, 125
-"""A GIF of boards with a longer side than this, cells, has fewer: each move changes much of its picture."""
+MOST_LARGE_PICTURES = 125
+"""A GIF of large boards has fewer: each move changes much of its picture."""
 FASTEST = 25.0
 """Pictures per second at most: a GIF counts in hundredths of a second, and browsers slow down what is faster than 50."""
 LONGEST_S = 15.0
@@ -102,8 +102,7 @@ class Timing:
 
 def most_gif_pictures(courses: Sequence[Course]) -> int:
     """Return how many pictures of moves a GIF of these courses has at most."""
-    side = max(courses[0].config.rows, courses[0].config.cols)
-    return MOST_LARGE_PICTURES if side > LARGE_SIDE else MOST_PICTURES
+    return MOST_LARGE_PICTURES if courses[0].is_large else MOST_PICTURES
 
 
 def gif(courses: Sequence[Course], timing: Timing, progress: Progress | None = None) -> bytes:

@@ -42,7 +42,10 @@ def render(
     address  of the page, absolute, for whoever shows a preview of the link
     inlined  what a page that stands in one file holds itself, see `_inlined`
     """
-    terrain = f"{course.place}, {course.config.rows} \u00d7 {course.config.cols} cells"
+    about = course.about()
+    terrain = course.place
+    if "task" not in about:
+        terrain += f", {about['rows']} \u00d7 {about['cols']} cells"
     text: str = environment.get_template("replay/index.html").render(
         root="../", data=data, headline=course.headline, terrain=terrain,
         formats=formats, address=address, inlined=inlined,
@@ -54,11 +57,8 @@ def document(
     episode_id: str, course: Course, ghosts: Sequence[str], preferred: str | None
 ) -> dict[str, Any]:
     """Return what the page of a replay reads; no seed, no player and no session is in it."""
-    config = course.config
-    return {
-        "episode": episode_id, "level": config.level, "rows": config.rows, "cols": config.cols,
-        "run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred,
-    }  # fmt: skip
+    told = {"run": course.to_dict(), "ghosts": list(ghosts), "preferred": preferred}
+    return {"episode": episode_id, **course.about(), **told}
 
 
 def single_file(episode_id: str, course: Course, ghost: Course | None) -> str:

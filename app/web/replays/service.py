@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from app.db.reader import Reader
 from app.db.store import DAY_MS
 from app.jobs import Jobs
-from app.task import Course, GhostError, PolicyOffer, Record, rules_of
+from app.task import MARS, Course, GhostError, PolicyOffer, Record, RunEndedError, Task, on_threads
 from app.web.replays.episodes import (
     STRANGER,
     Asker,
@@ -56,13 +56,16 @@ class Replay:
 class Replays:
     """Replays of one server; every call asks the database again whether the episode may be seen."""
 
-    def __init__(self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs) -> None:
-        self._database, self._jobs = database, jobs
+    def __init__(
+        self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs, task: Task
+    ) -> None:
+        self._database, self._jobs, self._task = database, jobs, task
         self._offers = {offer.name: offer for offer in offers}
         self._courses: dict[Hashable, Course] = {}
         self._files: dict[Hashable, bytes] = {}
         self._best: tuple[int, dict[str, Any] | None] = (0, None)
-        self._looking = asyncio.Lock()
+        self._looking, self._playing = asyncio.Lock(), asyncio.Lock()
+        self._replays: dict[Hashable, Replay] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
         """Return whether there is a replay of an episode for whoever asks."""
@@ -70,14 +73,27 @@ class Replays:
             found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return rules_of(found.task).courses is not None
+        return found.task in (MARS, self._task.name)
 
     async def replay(self, episode_id: str, asker: Asker) -> Replay:
         """Return the replay of an episode.
 
         UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
         """
-        return await asyncio.to_thread(self._replay, episode_id, asker)
+        episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
+        if episode.task == MARS:
+            return await asyncio.to_thread(self._replay, episode)
+        if episode.task != self._task.name:
+            raise UnknownReplayError(f"this server plays no episodes of {episode.task}")
+        key = ("frames", episode_id, episode.record.trajectory_hash, episode.asker_name)
+        async with self._playing:  # one at a time: it plays all of its moves again
+            if (kept := self._replays.get(key)) is not None:
+                return kept
+            try:
+                found = await on_threads(self._task, self._replay, episode)
+            except RunEndedError as error:
+                raise ValueError(str(error)) from error
+            return _keep(self._replays, MAX_FILES, key, found)
 
     async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
         """Return the course of a policy on the terrain of an episode.
@@ -119,15 +135,16 @@ class Replays:
         with closing(Reader.open(self._database, public=True, at_ms=now_ms)) as reader:
             episode_id = reader.best_since(now_ms - 7 * DAY_MS, MOST_CELLS)
         try:
-            return None if episode_id is None else self._replay(episode_id, STRANGER).document()
+            if episode_id is None:
+                return None
+            return self._replay(shown_episode(self._database, episode_id, STRANGER)).document()
         except (UnknownReplayError, ValueError):
             return None  # it was erased meanwhile, or by rules that are gone
 
-    def _replay(self, episode_id: str, asker: Asker) -> Replay:
-        episode = shown_episode(self._database, episode_id, asker)
-        courses = courses_of(episode)
+    def _replay(self, episode: ShownEpisode) -> Replay:
+        courses = courses_of(episode, self._task)
         course = courses.course_of(episode.asker_name, episode.record)
-        ghosts = courses.choices(list(self._offers.values()), course.config)
+        ghosts = courses.choices(list(self._offers.values()), episode.record.config)
         return Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
 
     async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:

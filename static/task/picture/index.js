@@ -58,7 +58,14 @@ export function taskOf(about) {
   /** @param {number} value */
   const shown = (value) => `${tickText(value)}${metric.unit ? ` ${metric.unit}` : ""}`;
   /** @param {Picture.Course} course @param {number} step */
-  const frameAt = ({ frames }, step) => frames.filter((frame, index) => index === 0 || frame.step <= step).slice(-1)[0];
+  const frameAt = ({ frames }, step) => {
+    let [low, high] = [0, frames.length]; // the last one that is no later is in low..high-1
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (frames[middle].step <= step) low = middle; else high = middle;
+    }
+    return frames[low];
+  };
   /** @param {Picture.Frame} frame */
   const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${took(about.clock, step)}`, line: outcome === "environment_failed" ? FAILED : "" });
   return {

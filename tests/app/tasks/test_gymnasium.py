@@ -16,7 +16,11 @@ from PIL import Image
 from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import Choice, describe, rules_of
+from app.tasks.gymnasium.description import Description
+from app.tasks.gymnasium.rules import GymnasiumRules
 from app.tasks.gymnasium.task import GymnasiumTask
+from app.web.replays import frames as of_frames
+from app.web.replays.frames import FrameCourses
 from app.web.settings import Settings
 
 LAKE, ROOMS = "gymnasium:FrozenLake-v1", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
@@ -81,8 +85,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert (mine["episode"], mine["moves"]) == (last["episode"], last["step"])
     again = client.get(f"/api/watch/{last['episode']}").json()
     assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
-    answer = client.get(f"/replay/{last['episode']}", follow_redirects=False)
-    assert (answer.status_code, answer.headers["location"]) == (303, f"../watch/{last['episode']}")
+    answer = client.get(f"/watch/{last['episode']}", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"../replay/{last['episode']}")
     answer = client.get(f"/api/episodes/{last['episode']}/regret")
     assert (answer.status_code, "have no regrets" in answer.text) == (422, True)
     assert verify_database(tmp_path / "playground.db").findings == ()
@@ -166,14 +170,57 @@ def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     assert " ".join(step["action"] for step in steps) == row["actions"]
 
 
-def test_its_episode_is_no_file_of_a_replay(lake, tmp_path, capsys):
+def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys):
     client = lake.page()
-    last = play(lake, client, begin(lake, client))[-1]
+    frames = play(lake, client, begin(lake, client))
+    last = frames[-1]
+    at, shown = f"/replay/{last['episode']}", [frame["picture"] for frame in frames]
+    told = client.get(f"/api{at.replace('replay', 'episodes')}/replay").json()
+    assert (told["run"]["name"], told["ghosts"], told["task"]) == (
+        "You",
+        [],
+        describe(rules_of(LAKE)),
+    )
+    assert [frame["picture"] for frame in told["run"]["frames"]] == shown
+    assert told["run"]["sentence"].endswith(
+        f"after {last['step']} moves: return {last['return']:g}"
+    )
+    page = client.get(at).text
+    assert told["run"]["sentence"] in page
+    assert "#challenge" not in page
+    alone = client.get(f"{at}.html").text
+    assert all(picture in alone for picture in shown)
+    assert "A person " in alone, "a file is for everybody"
+    with Image.open(io.BytesIO(client.get(f"{at}.gif").content)) as animation:
+        assert animation.size == (256, 256)
+        assert animation.n_frames > 1
+    assert Image.open(io.BytesIO(client.get(f"{at}.png").content)).size == (1200, 630)
+    assert (
+        client.get(f"/api{at.replace('replay', 'episodes')}/ghost?policy=random").status_code == 422
+    )
     lake.stop()
-    args = ["--database", str(tmp_path / "playground.db"), "--out", str(tmp_path / "replay.gif")]
+    out = tmp_path / "replay.html"
+    args = ["--database", str(tmp_path / "playground.db"), "--out", str(out)]
     with pytest.raises(SystemExit) as left:
         main(["replay", last["episode"], *args])
-    assert (left.value.code, "is shown at /watch/" in capsys.readouterr().err) == (2, True)
+    assert (left.value.code, f"{last['step']} moves" in capsys.readouterr().out) == (0, True)
+    assert told["run"]["sentence"] in out.read_text()
+
+
+def test_a_replay_of_texts_is_drawn_and_one_of_many_pictures_leaves_some_out(monkeypatch):
+    here = GymnasiumRules(Description(id="tests.support.environments:Path-v0").told)
+    run = here.run(here.default, 1, bytes([1, 0] * 20))
+    run.abandon()
+    course = FrameCourses(here).course_of("A person", run.record())
+    assert course.sentence.startswith("left after 40 moves")
+    drawn = course.animation((), is_large=False)
+    assert (np.asarray(drawn.at(0, 0)) != np.asarray(drawn.at(1, 0))).any(), "it has moved"
+    assert (np.asarray(drawn.at(0, 0)) == np.asarray(drawn.at(2, 1))).all(), "and come back"
+    size = sum(len(frame["text"]) for frame in course.frames)
+    monkeypatch.setattr(of_frames, "MOST_BYTES", size // 3)
+    fewer = FrameCourses(here).course_of("A person", run.record())
+    assert len(fewer.frames) < len(course.frames) / 3
+    assert (fewer.frames[0], fewer.frames[-1]) == (course.frames[0], course.frames[-1])
 
 
 @pytest.mark.parametrize(
