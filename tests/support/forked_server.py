@@ -108,12 +108,12 @@ def serve(settings, log, environment, listening=None):
     sys.stdout.flush()
 
 
-def work(nice, environment, folder, connection):
-    """Be a worker of jobs that come over the descriptor of a connection, as `python -m app.jobs` is."""
+def work(environment, folder, connection):
+    """Be a worker of jobs that come over the descriptor of a connection, as `python -m app.jobs` is, but no nicer than others:
+    beside other tests it would wait for ever."""
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
-    os.nice(nice)
     jobs.work(Connection(connection))
 
 
@@ -149,9 +149,9 @@ class Worker(jobs._Process):
 
     def __init__(self, nice):
         self._connection, others = Pipe()
+        del nice
         environment = {**os.environ, **jobs.ONE_THREAD}
-        given = nice, environment, str(Path.cwd())
-        self._process = Forked("work", *given, handle=others.fileno())
+        self._process = Forked("work", environment, str(Path.cwd()), handle=others.fileno())
         others.close()
 
 
