@@ -3,7 +3,7 @@ import { span, ticks, tickText } from "../../common/chart_scale.js";
 import { create } from "../../common/page.js";
 import { capital, many, score } from "../../common/words.js";
 
-/** A picture with a shorter side, pixels, is enlarged without smoothing. */
+/** A picture with a shorter side, pixels, is enlarged without smoothing, from twice its size on. */
 const SMALL = 256;
 
 const FAILED = "It failed twice at the next move, which was not your doing. The round counts up to there.";
@@ -17,7 +17,7 @@ const words = (outcome) => (outcome ?? "").replaceAll("_", " ");
 /** @param {TaskAbout} about @returns the actions that have a key */
 const reached = ({ actions, keys }) => actions.filter((action) => keys[action]?.length);
 
-/** Show a picture as large as its place, a small one in whole multiples where that makes it larger.
+/** Show a picture as large as its place, a small one in whole multiples from twice its size on.
  * @param {HTMLElement} place @param {{frame: Picture.Frame}} board @param {Look} look @param {number | null} [clock] */
 function paint(place, { frame }, { name, width_px, height_px, dpr }, clock = null) {
   const canvas = place.querySelector("canvas");
@@ -34,9 +34,9 @@ function paint(place, { frame }, { name, width_px, height_px, dpr }, clock = nul
   const fit = () => {
     const { naturalWidth: width, naturalHeight: height } = img;
     const scale = Math.min(width_px / width, height_px / height);
-    const isSmall = Math.min(width, height) <= SMALL, whole = isSmall && scale * dpr >= 1 ? Math.floor(scale * dpr) / dpr : scale;
+    const isSharp = Math.min(width, height) <= SMALL && scale * dpr >= 2, whole = isSharp ? Math.floor(scale * dpr) / dpr : scale;
     if (!(whole > 0 && Number.isFinite(whole))) return;
-    Object.assign(img.style, { width: `${width * whole}px`, height: `${height * whole}px`, imageRendering: isSmall ? "pixelated" : "auto" });
+    Object.assign(img.style, { width: `${width * whole}px`, height: `${height * whole}px`, imageRendering: isSharp ? "pixelated" : "auto" });
   };
   img.onload = fit;
   if (img.src !== shown) img.src = shown;
