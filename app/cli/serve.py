@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 @option("--host", help="Address to listen on; 0.0.0.0 lets others in.  [default: 127.0.0.1]")
 @option("--port", type=PORT, help="Port to listen on; 0 takes a free one.  [default: 8000]")
 @path_option("--database", "SQLite file to record in; made if absent.  [default: below]")
-@option(
+@several(
     "--env",
-    "task",
+    "envs",
+    "Play another environment: Gymnasium's id, or a TOML file; repeatable.  [default: MarsExplorer]",
     metavar="ENV",
-    help="Play another environment: Gymnasium's id, or a TOML file.  [default: MarsExplorer]",
 )
 @path_option("--studies", "Folder of studies to offer.  [default: studies, beside the database]")
 @several(
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 @argument("more", type=PATH, nargs=-1, metavar="")
 def serve(
     more: tuple[Path, ...],
+    envs: tuple[str, ...],
     policies: tuple[Path, ...],
     maps: tuple[Path, ...],
     trusted_proxies: tuple[str, ...],
@@ -74,7 +75,8 @@ def serve(
 
     --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
     picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
-    with: pip install 'marsexplorer-playground[any]'
+    with: pip install 'marsexplorer-playground[any]'. Given again, the first is at /, each further one at /play/NAME with a
+    database of its own beside the first one's, and /play lists them; --env mars is MarsExplorer. --policy is the first one's.
 
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.
@@ -98,6 +100,7 @@ def serve(
       marsexplorer serve --host 0.0.0.0 --policy mine.onnx
       marsexplorer serve --paper                          ppo-paper, ppo-works, a2c-works, rainbow-works, sac-works too
       marsexplorer serve --env FrozenLake-v1 --database lake.db
+      marsexplorer serve --env mars --env FrozenLake-v1 --env ale_py:ALE/Breakout-v5
       marsexplorer serve --map office.yaml --map garage.yaml
     """
     check_more(more, policies)
@@ -107,8 +110,8 @@ def serve(
 
         of_the_paper = of_paper().values()
     flags = {name: value for name, value in given.items() if value is not None}
-    if "task" in flags:
-        flags["task"] = task_name(flags["task"])
+    if envs:
+        flags["task"], *flags["more"] = map(task_name, envs)
     if trusted_proxies:
         flags["trusted_proxies"] = trusted_proxies
     if maps:

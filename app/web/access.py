@@ -39,12 +39,12 @@ class Cookie:
 
     def token(self, connection: HTTPConnection) -> str:
         """Return the cookie's value; "" without one."""
-        return connection.cookies.get(self.name, "")
+        return connection.cookies.get(self.name + connection.app.state.cookies, "")
 
     def set(self, response: Response, connection: HTTPConnection, token: str) -> None:
         """Set the cookie, Secure when the page came by TLS; an empty token deletes it."""
         response.set_cookie(
-            self.name, token, max_age=self.lasts_s if token else 0, httponly=True,
+            self.name + connection.app.state.cookies, token, max_age=self.lasts_s if token else 0, httponly=True,
             samesite=self.samesite, secure=is_secure(connection),
         )  # fmt: skip
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Any
 
 import uvicorn
-from fastapi import FastAPI
 from h11 import LocalProtocolError
+from starlette.types import ASGIApp
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import ServerState
 
@@ -158,7 +158,7 @@ def websocket_protocol(
     return protocol
 
 
-def uvicorn_config(app: FastAPI, **changes: Any) -> uvicorn.Config:
+def uvicorn_config(app: ASGIApp, **changes: Any) -> uvicorn.Config:
     """Return uvicorn's configuration for the app, with some options changed."""
     options: dict[str, Any] = {
         "http": "h11", "h11_max_incomplete_event_size": HEAD_BYTES,

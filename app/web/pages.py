@@ -148,6 +148,18 @@ _serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(
 # it stands in no frame: nobody can be made to press a button that they do not see
 
 
+@router.get("/play")
+async def offers_page(request: Request) -> Response:
+    """Serve the list of the environments that can be played here."""
+    first, *others = request.app.state.offers.items()
+    root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
+    offers = [(root or "./", first[1]), *((f"{root}play/{name}/", each) for name, each in others)]
+    text = environment.get_template("offers/index.html").render(
+        root=root_of(request), offers=offers
+    )
+    return HTMLResponse(text, headers=NO_CACHE)
+
+
 @router.get("/studies")
 async def studies_page() -> Response:
     """Lead whoever guesses the address of the studies to their page."""

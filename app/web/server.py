@@ -7,15 +7,25 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import signal
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import ExitStack, aclosing, asynccontextmanager, closing, contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import (
+    AsyncExitStack,
+    ExitStack,
+    aclosing,
+    asynccontextmanager,
+    closing,
+    contextmanager,
+)
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
+from starlette.types import Receive, Scope, Send
 
 from app.board.lobby import Lobby
 from app.board.messages import MAX_MESSAGE_BYTES
@@ -35,7 +45,7 @@ from app.series.debrief import Debriefs
 from app.series.folder import Folder
 from app.series.participation import Participations
 from app.series.progress import ParticipantProgress
-from app.task import MARS, Policies, Task, rules_of
+from app.task import MARS, Policies, Rules, Task, rules_of
 from app.web import (
     access,
     admin,
@@ -119,7 +129,9 @@ def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
     return _app_of(settings, prepared or Prepared(), AdminPassword.of(settings))
 
 
-def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | None) -> FastAPI:
+def _app_of(
+    settings: Settings, prepared: Prepared, password: AdminPassword | None, name: str = ""
+) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
     protection = Protection(settings.limits, settings.database, metrics.count_refusal)
 
@@ -154,7 +166,8 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
         title="MarsExplorer Playground", version=rules_of(settings.task).version, description=api_docs.DESCRIPTION,
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
-    _add_protection(app, settings, metrics, protection)
+    _add_protection(app, settings, metrics, protection, name)
+    app.state.offers = {offer_name(rules_of(settings.task)): rules_of(settings.task)}
     add_error_handlers(app)
     # first what is asked for most: routes are tried in turn
     app.mount("/static", pages.static_files, name="static")
@@ -171,10 +184,10 @@ def _app_of(settings: Settings, prepared: Prepared, password: AdminPassword | No
 
 
 def _add_protection(
-    app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection
+    app: FastAPI, settings: Settings, metrics: Metrics, protection: Protection, name: str
 ) -> None:
-    """Put the middleware around the app; what is added last sees a request first."""
-    app.state.protection = protection
+    """Put the middleware around the app; what is added last sees a request first. Its cookies end with its name."""
+    app.state.protection, app.state.cookies = protection, f"_{name}" if name else ""
     what = "Sockets that are open."
     metrics.add_gauge("sockets", what, lambda: protection.sockets)
     for kind in WHERE:
@@ -187,7 +200,10 @@ def _add_protection(
         names=own_names(settings.public_url, settings.host),
         proxies=Proxies(settings.trusted_proxies, settings.public_url),
         public_url=settings.public_url,
-        cookies=(access.PLAYER_COOKIE, access.PARTICIPANT_COOKIE, access.ADMIN_COOKIE),
+        cookies=tuple(
+            each.name + app.state.cookies
+            for each in (access.PLAYER, access.PARTICIPANT, access.ADMIN)
+        ),
         answer=answer,
     )
     app.add_middleware(ObservedRequests, metrics=metrics)  # it counts what the others refuse
@@ -261,7 +277,57 @@ def _services(
     )
 
 
-def _task(settings: Settings, policies: Policies | None = None) -> Task:
+class Offered:
+    """Apps of several environments behind one address: the first, and each of the others below /play/NAME."""
+
+    def __init__(self, first: FastAPI, others: Mapping[str, FastAPI]) -> None:
+        self._first, self._others = first, others
+        own = first.router.lifespan_context
+
+        @asynccontextmanager
+        async def together(app: FastAPI) -> AsyncIterator[None]:
+            async with AsyncExitStack() as stack:
+                await stack.enter_async_context(own(app))
+                for other in others.values():
+                    await stack.enter_async_context(other.router.lifespan_context(other))
+                yield
+
+        first.router.lifespan_context = together
+        for app in (first, *others.values()):
+            app.state.offers = first.state.offers | {
+                name: offer for each in others.values() for name, offer in each.state.offers.items()
+            }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand a request to its app."""
+        parts = scope.get("path", "").split("/", 3)  # "", "play", NAME, the rest
+        if parts[1:2] == ["play"] and len(parts) == 4 and parts[2] in self._others:
+            root = f"{scope.get('root_path', '')}/play/{parts[2]}"
+            await self._others[parts[2]]({**scope, "root_path": root}, receive, send)
+        else:
+            await self._first(scope, receive, send)
+
+
+def offer_name(rules: Rules) -> str:
+    """Return what an environment is called in addresses: its title in small letters."""
+    return re.sub(r"[^a-z0-9.]+", "-", rules.title.lower()).strip("-")
+
+
+def _of_another(settings: Settings, task: str) -> Settings:
+    """Return the settings of a further environment: its database stands beside the first one's."""
+    name, database = offer_name(rules_of(task)), settings.database
+    return settings.model_copy(
+        update={
+            "task": task, "more": (), "policies": (), "maps": (),
+            "database": database.with_name(f"{database.stem}-{name}{database.suffix}"),
+            "backup_to": settings.backups / name,
+        }
+    )  # fmt: skip
+
+
+def _task(
+    settings: Settings, policies: Policies | None = None, hidden: Sequence[Path] = ()
+) -> Task:
     """Return the task that the settings name; ValueError, LookupError or OSError where it, or a file of it, is none."""
     if settings.task == MARS:
         from app.tasks.mars.task import served
@@ -269,8 +335,8 @@ def _task(settings: Settings, policies: Policies | None = None) -> Task:
         return served(settings.policies, settings.maps, settings.cell_m, policies)
     from app.tasks.gymnasium.task import GymnasiumTask
 
-    hidden = (settings.database, settings.studies, settings.backups)
-    return GymnasiumTask(settings.task.partition(":")[2], map(str, settings.policies), hidden)
+    hides = (settings.database, settings.studies, settings.backups, *hidden)
+    return GymnasiumTask(settings.task.partition(":")[2], map(str, settings.policies), hides)
 
 
 def _add_gauges(metrics: Metrics, lobby: Lobby, health: Health) -> None:
@@ -352,29 +418,45 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                     check_file(path)
         once = "some seconds on the first start"
         print(f"compiling the rules and loading the policies ({once})", flush=True)
-        with _file_errors():
-            rules_of(settings.task).prepare()
-            task = _task(settings)
-            if guards := task.guards():
-                print(guards, flush=True)
-        # the store comes last: a start that fails leaves no new file behind
-        opened_store = Store(settings.database, settings.durable, metrics, settings.accept_loss)
-        with closing(opened_store) as store:
-            # after a clean stop it is checked beside play
-            if not store.ended_well and (found := quick_check(store.path)) != "ok":
-                raise StoreError(damaged(store.path, found))
-            if store.notice is not None:
-                why = "a power cut can do this, which --durable prevents"
-                print(f"{store.notice}; {why}", flush=True)
-            app = _app_of(settings, Prepared(task=task, store=store), password)
+        with _file_errors(), ExitStack() as stack:
+            served = [settings, *(_of_another(settings, task) for task in settings.more)]
+            names = [offer_name(rules_of(each.task)) for each in served]
+            if len(set(names)) < len(names):
+                said = f"two environments are called alike: {', '.join(names)}"
+                raise ValueError(f"{said}; give one another title in its file")
+            tasks = []
+            for each in served:
+                rules_of(each.task).prepare()
+                task = _task(each, hidden=[other.database for other in served])
+                tasks.append(stack.enter_context(closing(task)))
+                if guards := task.guards():
+                    print(guards, flush=True)
+            stack.pop_all()  # each app closes its own
+        with ExitStack() as stack:
+            apps = []
+            for each, name, task in zip(served, ["", *names[1:]], tasks, strict=True):
+                counted = Metrics() if name else metrics
+                # the store comes last: a start that fails leaves no new file behind
+                opened_store = Store(each.database, each.durable, counted, each.accept_loss)
+                store = stack.enter_context(closing(opened_store))
+                # after a clean stop it is checked beside play
+                if not store.ended_well and (found := quick_check(store.path)) != "ok":
+                    raise StoreError(damaged(store.path, found))
+                if store.notice is not None:
+                    why = "a power cut can do this, which --durable prevents"
+                    print(f"{store.notice}; {why}", flush=True)
+                apps.append(_app_of(each, Prepared(task=task, store=store), password, name))
             if password is not None and password.drawn:
                 what = "the operator's page is /admin, its password until the server stops"
                 print(f"{what}: {password.drawn}", flush=True)
+            app = Offered(apps[0], dict(zip(names[1:], apps[1:], strict=True)))
             # a policy that decides in a thread lets a move through within a millisecond
             sys.setswitchinterval(0.001)
             try:
                 logging.captureWarnings(True)
-                config = uvicorn_config(app, log_config=log_config(settings.log_format))
+                config = uvicorn_config(
+                    app if settings.more else apps[0], log_config=log_config(settings.log_format)
+                )
                 AnnouncingServer(config, address_of(sock), opened).run(sockets=[sock])
             except KeyboardInterrupt:
                 return

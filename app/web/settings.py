@@ -124,6 +124,7 @@ class Settings(BaseSettings):
     host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
     database     the SQLite file; made on first start
     task         what is played: mars, or gymnasium: with an id or a description as JSON (`serve --env ENV`)
+    more         further ones, each below /play/NAME with a database of its own beside the first one's
     studies      the folder of studies; need not exist
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
@@ -154,6 +155,7 @@ class Settings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     database: Path = DEFAULT_DATABASE
     task: str = "mars"
+    more: tuple[str, ...] = ()
     studies: Path = DEFAULT_STUDIES
     signers: Path | None = None
     policies: tuple[Path, ...] = ()

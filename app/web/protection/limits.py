@@ -409,7 +409,7 @@ def _action_of(scope: Scope) -> str | None:
 
 def _player_of(scope: Scope, name: str) -> str | None:
     """Return a digest of a cookie of that name as it came: whoever forges many is one address."""
-    cookie = HTTPConnection(scope).cookies.get(name)
+    cookie = HTTPConnection(scope).cookies.get(name + scope["app"].state.cookies)
     return None if cookie is None else hashlib.sha256(cookie.encode()).hexdigest()
 
 

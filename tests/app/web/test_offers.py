@@ -1,0 +1,49 @@
+"""Several environments on one server: the first at /, each further one below /play with a database of its own."""
+
+from app.series.verification import verify_database
+
+LAKE, CLIFF = "gymnasium:FrozenLake-v1", "gymnasium:CliffWalking-v1"
+
+
+def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, tmp_path):
+    server = spawn(task=LAKE, more=(CLIFF, "mars"))
+    person = server.page()
+    listed = person.get("/play").text
+    assert all(
+        f'href="{address}"' in listed
+        for address in ("./", "play/cliffwalking-v1/", "play/marsexplorer/")
+    )
+    begun = {}
+    for at, title in (
+        ("", "FrozenLake-v1"),
+        ("/play/cliffwalking-v1", "CliffWalking-v1"),
+        ("/play/marsexplorer", "MarsExplorer"),
+    ):
+        page = person.get(f"{at}/")
+        assert page.status_code == 200
+        assert person.get(f"{at}/static/play/main.js").status_code == 200
+        answer = person.post(f"{at}/api/sessions", json={})
+        assert answer.status_code == 201, answer.text
+        begun[at] = answer.json()
+        assert begun[at]["task"]["title"] == title
+    for at, board in begun.items():
+        found = person.get(f"{at}/api/me/session").json()
+        assert found["session"] == board["session"], "no board takes another's cookie"
+        assert server.client().get(f"{at}/api/sessions/{board['session']}").status_code == 404
+    action = begun["/play/cliffwalking-v1"]["task"]["actions"][0]
+    with server.socket(
+        begun["/play/cliffwalking-v1"]["session"], person, path="/play/cliffwalking-v1/ws/sessions/"
+    ) as socket:
+        frame = socket.receive("frame")
+        socket.act(frame, action)
+        socket.frame_after(0)
+    assert person.get("/play/nowhere/").status_code == 404
+    assert "../../" in person.get("/play/marsexplorer/play").text
+    server.kill()
+    again = spawn(task=LAKE, more=(CLIFF, "mars"))
+    at = "/play/cliffwalking-v1"
+    person = again.page(cookies=person.cookies)
+    assert person.get(f"{at}/api/me/session").json()["frame"]["step"] == 1
+    again.kill()
+    for name in ("playground.db", "playground-cliffwalking-v1.db", "playground-marsexplorer.db"):
+        assert verify_database(tmp_path / name).findings == (), name
