@@ -256,7 +256,7 @@ async function countedEnded() {
   if (about?.not_attested) {
     dispatch({ kind: "begun", about });
     dispatch({ kind: "notice", text: notCounted(about.not_attested, about.attestation), tone: "note" });
-  } else if (about) sayRating(about.frame.episode);
+  } else if (about && modules) sayRating(about.frame.episode); // other environments have no ratings
 }
 
 /** Say on the end card what became of the rating: it is worked out some seconds after the end.

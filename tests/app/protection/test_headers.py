@@ -10,7 +10,7 @@ from app.board.messages import MAX_MESSAGE_BYTES
 from tests.support.study import freeze
 
 SAME_FOR_ALL = {
-    "/", "/study/{name}", "/leaderboard", "/about", "/study", "/daily", "/me", "/docs", "/evaluations",
+    "/", "/study/{name}", "/leaderboard", "/about", "/study", "/daily", "/me", "/docs", "/evaluations", "/play",
 }  # fmt: skip
 """Pages that are the same for everybody: what is on them comes over the API. All other answers are stored nowhere."""
 VIEWER = {"/viewer/client/", "/viewer/client/{version}/", "/viewer/{session_id}/"}
