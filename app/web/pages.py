@@ -160,6 +160,15 @@ async def offers_page(request: Request) -> Response:
     return HTMLResponse(text, headers=NO_CACHE)
 
 
+@router.get("/play/{name}")
+async def offer_page(request: Request, name: str) -> Response:
+    """Lead to an environment that can be played here; 404 for none."""
+    names = list(request.app.state.offers)
+    if name not in names:
+        raise HTTPException(404, f"no environment {name!r} is played here; /play lists them")
+    return RedirectResponse("../" if name == names[0] else f"{name}/", 308)
+
+
 @router.get("/studies")
 async def studies_page() -> Response:
     """Lead whoever guesses the address of the studies to their page."""

@@ -37,7 +37,9 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
         frame = socket.receive("frame")
         socket.act(frame, action)
         socket.frame_after(0)
-    assert person.get("/play/nowhere/").status_code == 404
+    for name, leads in (("frozenlake-v1", "../"), ("marsexplorer", "marsexplorer/")):
+        assert person.get(f"/play/{name}").headers["location"] == leads
+    assert "/play lists them" in person.get("/play/nowhere").text
     assert "../../" in person.get("/play/marsexplorer/play").text
     server.kill()
     again = spawn(task=LAKE, more=(CLIFF, "mars"))
