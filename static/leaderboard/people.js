@@ -16,7 +16,7 @@ export function paintPeople(table, own, { people, policies, you }) {
     const name = create("th", [each.name, ...(each.isPolicy ? [create("small", "policy")] : each.you ? [create("small", "you")] : [])], { scope: "row" });
     return create("tr", [create("td", each.isPolicy ? "" : String(++place), { class: "number place" }), name, create("td", String(each.rating), { class: "number" }), ...cells], each.you ? { "aria-current": "true" } : {});
   }));
-  if (!people.length) table.tBodies[0].append(create("tr", [create("td", "Nobody has chosen a name yet. Play ranked, choose one, and you are the first.", { colspan: "7" })]));
+  if (!people.length) table.tBodies[0].append(create("tr", [create("td", "Nobody has chosen a name yet. Play ranked, choose one, and you are the first.", { class: "empty", colspan: "7" })]));
   own.replaceChildren(...(you?.rating ? [`${beatenText(you)} `] : ["You have no rating yet: it begins with your first ranked terrain. ", create("a", "Play", { href: "./" })]),
     ...(you?.rating && !you.name ? [create("a", "Choose a name to stand here", { href: "me#name" })] : []));
 }
