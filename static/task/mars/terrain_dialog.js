@@ -83,7 +83,7 @@ export function createTerrainDialog(dialog, handlers) {
     /** @type {HTMLFieldSetElement} */ (form.querySelector("fieldset")).disabled = value.startsWith(MAP);
     input("seed").disabled = value.startsWith(MAP);
     custom.hidden = side.value !== "custom";
-    hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary ?? "";
+    hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary?.replace(" (section 3.2)", "") ?? "";
   }
   form.addEventListener("change", follow);
   pictures.addEventListener("click", ({ target }) => {
