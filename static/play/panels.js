@@ -130,9 +130,10 @@ export function paintBar(state, rival) {
   put(by("standing"), standing(state, rival));
   const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
   put(by("tab-player"), named(player) ?? "You");
-  put(by("tab-rival"), named(state.rival) ?? "Policy");
+  const beside = task && state.opponent && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
+  put(by("tab-rival"), beside ?? "Policy");
   put(by("key-player"), named(player) ?? "you");
-  put(by("key-rival"), named(state.rival) ?? "policy");
+  put(by("key-rival"), beside ?? "policy");
   document.body.dataset.mode = state.mode;
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }

@@ -69,7 +69,7 @@ export function taskOf(about) {
   /** @param {Picture.Frame} frame */
   const ending = ({ outcome, step }) => ({ title: `${capital(words(outcome))} after ${took(about.clock, step)}`, line: outcome === "environment_failed" ? FAILED : "" });
   return {
-    ...about, nameOf: (policy) => policy, order: reached(about), round: "round", target: "the end", standing: "",
+    ...about, nameOf: (policy) => (policy === "random" ? "Random" : policy), order: reached(about), round: "round", target: "the end", standing: "",
     chart: {
       title: metric.name, say: shown,
       axis(_, values) {
