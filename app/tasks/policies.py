@@ -236,7 +236,8 @@ def _function(source: str) -> Callable[[Any], int]:
     try:
         function: Callable[[Any], int] = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"expected module:function, got {source!r}: {error}") from error
+        said = f"expected a function as module:function, got {source!r}: {error}"
+        raise ValueError(said) from error
     return function
 
 
