@@ -76,7 +76,8 @@ def serve(
     --env serves a Gymnasium environment instead of MarsExplorer: with discrete actions, turn by turn, shown as its own
     picture. A package's is written MODULE:ID; docs/environments.md describes the file. What draws Gymnasium's own comes
     with: pip install 'marsexplorer-playground[any]'. Given again, the first is at /, each further one at /play/NAME with a
-    database of its own beside the first one's, and /play lists them; --env mars is MarsExplorer. --policy is the first one's.
+    database of its own beside the first one's, and /play lists them; --env mars is MarsExplorer. --policy and --map are the
+    first one's.
 
     --map offers an occupancy map as robots use them (YAML of map_server) in the dialog of the terrains, under its file's
     name. What can be seen from where the rover can go counts there. Episodes keep their map: they replay without the file.

@@ -28,13 +28,13 @@ class Boards:
     hidden    files and folders that no board may read
     """
 
+    _open, _listing = WeakSet[Worker](), Lock()  # of all tasks that this process serves
+
     def __init__(self, task: str, hidden: Sequence[Path] = ()) -> None:
         self.steps_on = ThreadPoolExecutor(THREADS, "boards")
         memory_mb = described(task.partition(":")[2]).memory_mb
         self.task, self.preparer = task, Preparer(__name__, task, memory_mb, hidden=hidden)
-        self._open, self._listing = WeakSet[Worker](), Lock()
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        self._most = int(ALL_OF_MEMORY * memory)
+        self._most = int(ALL_OF_MEMORY * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
     def check_room(self) -> None:
         """Check that an episode may begin; TaskFullError where all boards take too much memory."""
