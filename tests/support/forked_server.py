@@ -57,8 +57,12 @@ def main(listener):
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while sys.stdin not in select.select([listener, sys.stdin], [], [])[0]:
         answers = Connection(listener.accept()[0].detach())
-        what, given, has_handle = answers.recv()
-        handles = [recv_handle(answers)] if has_handle else []
+        try:
+            what, given, has_handle = answers.recv()
+            handles = [recv_handle(answers)] if has_handle else []
+        except (EOFError, OSError, RuntimeError):  # whoever asked was killed meanwhile
+            answers.close()
+            continue
         import tests.support.loaded_app  # noqa: F401
 
         if os.fork() == 0:
