@@ -8,6 +8,7 @@ import struct
 import zlib
 
 import numpy as np
+from isal import isal_zlib
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 UP = 2
@@ -17,7 +18,7 @@ UP = 2
 def png(pixels: np.ndarray, quick: bool = False) -> str:
     """Return uint8[height, width, 3] as the data URL of a PNG.
 
-    quick  for pictures that come 60 times a second: a fifth of the time, and up to three times the bytes
+    quick  for pictures that somebody waits for: a tenth of the time, and up to three times the bytes
     """
     height, width, _ = pixels.shape
     rows = np.ascontiguousarray(pixels, np.uint8).reshape(height, 3 * width)
@@ -25,7 +26,7 @@ def png(pixels: np.ndarray, quick: bool = False) -> str:
     filtered[:, 0], filtered[0, 1:] = UP, rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     size = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    packed = zlib.compress(filtered.data, 1 if quick else 4)
+    packed = isal_zlib.compress(filtered.data, 1) if quick else zlib.compress(filtered.data, 4)
     chunks = _chunk(b"IHDR", size) + _chunk(b"IDAT", packed) + _chunk(b"IEND", b"")
     return f"data:image/png;base64,{base64.b64encode(SIGNATURE + chunks).decode()}"
 
