@@ -14,7 +14,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "server": (
         "PIL", "fastapi", "starlette", "uvicorn", "h11", "websockets", "sqlite_utils",
         "pydantic_settings", "pydantic", "itsdangerous", "limits", "secure", "jinja2", "click", "rich", "scipy",
-        "prometheus_client", "pythonjsonlogger", "argon2", "pyblst", "openskill",
+        "prometheus_client", "pythonjsonlogger", "argon2", "pyblst", "openskill", "isal",
     ),
     "networks": ("torch",),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
