@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import time
 from contextlib import closing
 
 import pytest
@@ -277,6 +278,7 @@ def test_keys_that_could_not_be_kept_let_the_board_stand_still(
         with monkeypatch.context() as broken:
 
             def refuse(*_):
+                time.sleep(0.1)  # ticks come meanwhile, and are written behind it
                 raise error("no room")
 
             broken.setattr(session, "add_input_events", refuse)
