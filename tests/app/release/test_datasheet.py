@@ -1,6 +1,7 @@
 """What a release says of the people in it and of those who are not: counts that are known, and "unknown" for the rest."""
 
 import json
+import re
 from contextlib import closing
 from dataclasses import asdict
 
@@ -111,6 +112,9 @@ def test_no_invitation_can_be_found_in_a_release(place):
         used = {row["invitation"] for row in reader.query(sql)}
     assert len(used) == 6
     used = {each for each in used if not each.isdigit()}  # digits stand in any table of numbers
+    picture = re.compile(
+        rb"base64,[0-9A-Za-z+/=]+"
+    )  # four letters of one may stand in it by chance
     for path in (each for each in (place / "one").rglob("*") if each.is_file()):
-        data = path.read_bytes()
+        data = picture.sub(b"", path.read_bytes())
         assert not [ident for ident in used if ident.encode() in data], path
