@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+from contextlib import suppress
 from functools import lru_cache
 from os import stat_result
 from pathlib import Path
@@ -18,13 +19,15 @@ from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
 from app import STATIC
+from app.series.protocol import StudyError
 from app.web import api_docs
+from app.web.access import services_of
 from app.web.protection import NO_CACHE, page_policy
 from app.web.templates import environment, root_of
 
 PAGES = {
-    "/": "play", "/study": "studies", "/study/{name}": "study", "/leaderboard": "leaderboard",
-    "/about": "about", "/daily": "daily", "/me": "me",
+    "/": "play", "/study": "studies", "/leaderboard": "leaderboard", "/about": "about",
+    "/daily": "daily", "/me": "me",
 }  # fmt: skip
 """The folders of `static/` whose pages are served, by their addresses."""
 
@@ -167,6 +170,21 @@ async def offer_page(request: Request, name: str) -> Response:
     if name not in names:
         raise HTTPException(404, f"no environment {name!r} is played here; /play lists them")
     return RedirectResponse("../" if name == names[0] else f"{name}/", 308)
+
+
+@router.get("/study/{name}")
+async def study_page(request: Request, name: str) -> Response:
+    """Serve the page of a study; lead to its environment where that is another one that is played here."""
+    services, offers = services_of(request), request.app.state.offers
+    with suppress(StudyError):
+        task = services.progress.study(name).protocol.task
+        for number, (offer, rules) in enumerate(offers.items()):
+            if rules.name == task != services.lobby.task.name:
+                root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
+                place = f"play/{offer}/study/{name}" if number else f"study/{name}"
+                at = request.url.replace(path=place, netloc="", scheme="")
+                return RedirectResponse(f"{root}{at}", 307, NO_CACHE)
+    return page(request, "study")
 
 
 @router.get("/studies")

@@ -83,14 +83,16 @@ def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(
     me.wait(f"window.mars.state.mode === 'watch' && {STEPS}.every((step) => step > 0)")
 
 
-def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player, briefly_examined):
+def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, briefly_examined):
+    server = spawn(task="gymnasium:CliffWalking-v1", more=(LAKE,))
     folder = Folder(tmp_path / "studies")
     rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1, "declarations": DECLARATIONS}
     folder.create(default_protocol("lake", rules_of(LAKE).configuration({}), LAKE, **rest))
     folder.freeze("lake")
-    me = player(lake, [*NO_3D, *AS_A_PERSON])
+    me = player(server, [*NO_3D, *AS_A_PERSON])
     page = me.page
-    page.goto(f"{lake.url}/study/lake")
+    page.goto(f"{server.url}/study/lake")  # an invitation need not know where the environment is
+    assert page.url == f"{server.url}/play/frozenlake-v1/study/lake"
     seen, pressed = set(), 0
     while "debrief" not in seen and pressed < 400:
         screen, text, goes_on = page.evaluate(PRESS_WHAT_GOES_ON)
@@ -103,15 +105,15 @@ def test_a_study_of_it_is_played_from_consent_to_code(lake, tmp_path, player, br
     assert {"consent", "instructions", "play", "ready"} <= seen
     page.get_by_test_id("finish").click()
     me.wait("document.getElementById('code').textContent")
-    page.goto(f"{lake.url}/")  # the page that has finished sends nothing any more
-    lake.stop()
+    page.goto(f"{server.url}/")  # the page that has finished sends nothing any more
+    server.kill()
     assert me.errors == []
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
+    with closing(sqlite3.connect(tmp_path / "playground-frozenlake-v1.db")) as conn:
         sql = "SELECT phase, attestation, task FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
         found = conn.execute(sql).fetchall()
     ranked = [each for each in found if each[0] == "ranked"]
     assert ranked == [("ranked", "attested", LAKE)] * 2
-    assert verify_database(tmp_path / "playground.db").findings == ()
+    assert verify_database(tmp_path / "playground-frozenlake-v1.db").findings == ()
 
 
 def test_one_shown_as_text_is_played_by_the_keys_of_its_file(serve, tmp_path, player):
