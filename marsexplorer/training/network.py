@@ -59,6 +59,15 @@ class Net(nn.Module):
         return logits.masked_fill(moves[:, :, 0] < 0.5, INVALID_LOGIT), value * 5
 
 
+def mixed_precision(device: str = "cpu") -> torch.autocast:
+    """Return a block that computes networks in bfloat16 where the device does it itself; elsewhere float32 is twice as fast."""
+    able: Mapping[str, Any] = getattr(
+        torch.cpu, "get_capabilities", dict
+    )()  # torch 2.4 does not have it
+    has_it = device != "cpu" or any(able.get(each) for each in ("amx_bf16", "avx512_bf16", "bf16"))
+    return torch.autocast(device, torch.bfloat16, enabled=has_it)
+
+
 def initialize_orthogonal(net: nn.Module) -> None:
     """Draw every layer's weights orthogonal with gain sqrt 2 and set the biases to zero (Saxe et al. 2014)."""
     for module in net.modules():

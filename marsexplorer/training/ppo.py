@@ -34,6 +34,7 @@ from marsexplorer.training.envs import (
     make_envs,
     rewards_in_moves,
 )
+from marsexplorer.training.network import mixed_precision
 from marsexplorer.training.prior import rule_probabilities
 
 ENT_COEF_FACTOR = 1.05
@@ -249,8 +250,8 @@ def between(first: float, last: float, share: float) -> float:
 
 
 def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
-    """Return (logits float32[num_envs, 4], values float32[num_envs]), computed in bfloat16."""
-    with torch.autocast(run.device, torch.bfloat16):
+    """Return (logits float32[num_envs, 4], values float32[num_envs]), computed in bfloat16 where that is fast."""
+    with mixed_precision(run.device):
         logits, values = run.net(*(part.to(run.device) for part in obs))
     return logits.float(), values.float()
 

@@ -45,7 +45,7 @@ from marsexplorer.policies.network.batch import ActionScorer
 from marsexplorer.policies.network.features import SCALES
 from marsexplorer.policies.network.policy import rules_that_count
 from marsexplorer.training.envs import refuse_evaluation_seeds
-from marsexplorer.training.network import Net
+from marsexplorer.training.network import Net, mixed_precision
 from marsexplorer.training.ppo import MIN_LOG_PROB, between
 
 SIDE = 21
@@ -345,7 +345,7 @@ class RefineRun:
         planes, moves = (torch.cat(each) for each in zip((planes, moves), anchors, strict=True))
         if transposed:
             planes, moves, own, other = planes[:, :, TRANSPOSED], moves.flip(1), 3 - own, 3 - other
-        with torch.autocast("cpu", torch.bfloat16):
+        with mixed_precision():
             logits, values = self._learner(planes, moves)
         # 2. Cost-weighted logistic loss of the pairs.
         margin = (logits.gather(1, other[:, None]) - logits.gather(1, own[:, None])).squeeze(1)
@@ -527,7 +527,7 @@ def play_task(
     """Play a task with the network of the given weights; `job` is (weights by name, task)."""
     weights, task = job
     torch.set_num_threads(1)
-    net = _Bfloat16Net().eval()
+    net = _FastNet().eval()
     net.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})
     config, terrains = EnvConfig.of(task.level, task.size), (task.first_seed, task.num_episodes)
     if task.pairs_per_episode:
@@ -536,8 +536,8 @@ def play_task(
     return sample_observations(config, net, *terrains)
 
 
-class _Bfloat16Net(Net):
-    """The network in bfloat16: twice as fast, and its best action is almost always the same."""
+class _FastNet(Net):
+    """The network, in bfloat16 where that is fast: its best action is almost always the same."""
 
     def rules_that_count(self, rows: int, cols: int) -> tuple[int, ...] | None:
         weights = {name: tensor.numpy() for name, tensor in self.state_dict().items()}
@@ -546,7 +546,7 @@ class _Bfloat16Net(Net):
     def infer(
         self, planes: NDArray[np.uint8], moves: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16):
+        with torch.inference_mode(), mixed_precision():
             logits, values = self(torch.from_numpy(planes), torch.from_numpy(moves))
         return logits.float().numpy(), values.float().numpy()
 
