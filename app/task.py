@@ -130,9 +130,6 @@ class View(Protocol):
     def history(self, episode_id: str, hides_scores: bool = False) -> str:
         """Return the path so far as JSON text, without what scores it would tell where they are hidden."""
 
-    def expected(self, episode_id: str) -> str:
-        """Return what a look from each place should show, by what has been seen alone, as JSON text."""
-
 
 class Run(Protocol):
     """One running episode."""
@@ -499,9 +496,6 @@ class Policies(Protocol):
 
     def reset(self, policy: Any, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
-
-    def thought(self, policy: Any, episode_id: str, step: int) -> str:
-        """Return what a policy thought of the frame of `step`, as JSON text; "" where it says nothing."""
 
 
 class Decides(Protocol):

@@ -159,7 +159,7 @@ _log = logging.getLogger(__name__)
 class Agent:
     """Drives `session`; with a `player` it can follow, which is one move for each of the player's.
 
-    It decides as soon as it sees a frame, publishes its thought about it, then waits for its turn to move.
+    It decides as soon as it sees a frame, then waits for its turn to move.
     It counts moves and not wakes, so however late it is, it ends on the player's number of steps.
     """
 
@@ -264,7 +264,7 @@ class Agent:
         return self._decided is None or self._decided[:2] != shown
 
     async def _decide(self) -> None:
-        """Decide on the newest frame and publish the policy's thought about it; drop both if the episode has changed."""
+        """Decide on the newest frame; drop the decision if the episode has changed."""
         session, row = self._session, self._session.current
         policy = await self._prepared_policy(row)
         if policy is None or session.current.id != row.id:
@@ -274,8 +274,6 @@ class Agent:
         if session.current.id != row.id:
             return
         self._decided = (row.id, step, action)
-        if thought := session.task.policies.thought(policy, row.id, step):
-            session.publish_thought(thought)
 
     async def _move(self) -> None:
         """Make the move that was decided on."""

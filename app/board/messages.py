@@ -1,7 +1,7 @@
 """Every message that any task's board takes, over HTTP and over the socket; `static/common/messages.js` is the page's copy.
 
-Messages that arrive are pydantic models and are checked strictly; what is wrong is said in one plain sentence. Frames, paths
-and thoughts are the task's (`app.task.View`).
+Messages that arrive are pydantic models and are checked strictly; what is wrong is said in one plain sentence. Frames and
+paths are the task's (`app.task.View`).
 """
 
 from __future__ import annotations
@@ -171,12 +171,6 @@ class Events(Message):
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 
 
-class ExpectedRequest(Message):
-    """Asks what a look from each cell of a policy's board is expected to show; the answer is `Expected`."""
-
-    kind: Literal["expected"]
-
-
 class ChangePace(Message):
     """Exactly one of the four."""
 
@@ -243,7 +237,7 @@ class Remade(BaseModel):
     of: int
 
 
-FromPage = Act | HistoryRequest | Events | ExpectedRequest
+FromPage = Act | HistoryRequest | Events
 ClientMessage = Annotated[FromPage, Field(discriminator="kind")]
 _CLIENT: TypeAdapter[FromPage] = TypeAdapter(ClientMessage)
 

@@ -281,7 +281,6 @@ class Session:
     participation  the participant's, for a board of a study; else None
     fault          one sentence when the policy that drives it has failed, else None
     remade         how far an environment that was lost has been made again, None where none is
-    thought        the policy's thought about the newest frame, encoded; "" when there is none
     paired_with    the board shown with it on the same terrain (a rival's, its player's, a replay's), else None
     is_second      whether it is the second of the two: a rival's or a replay's
     attested       the level of the current episode since it has ended here, else None
@@ -309,7 +308,6 @@ class Session:
         self.number = 0
         self.fault: str | None = None
         self.remade: Remade | None = None
-        self.thought = ""
         self.attested: Attested | None = None
         self.touched = time.monotonic()
         self.changing = asyncio.Lock()
@@ -318,7 +316,6 @@ class Session:
         self._run: Run | None = None
         """The episode where `shown` shows it; None while a move is being recorded, and after one that was not."""
         self._hides_scores = False
-        self._expected = ""
         self._paired_with: Session | None = None
         self._is_second = row.rival_of is not None
         self._store = store
@@ -552,8 +549,6 @@ class Session:
         """
         self.current, self._run, self.shown = current, run, shown
         self.attested, self._hides_scores = attested, hides_scores
-        self.thought = ""
-        self._expected = ""
         self.remade = None
         if self.clock is not None and (shown.ended or self.clock.state.episode != current.id):
             self.clock.stand(is_new=True)
@@ -617,16 +612,6 @@ class Session:
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of an episode leave out its scores; call it in `Store.write` or `Store.read`."""
         return self.participation is not None and self.participation.hides_scores(episode_id)
-
-    def expected(self) -> str:
-        """Return what a look from each place should show, by the newest frame; PermissionError on a person's board.
-
-        It is worked out for whoever asks, once for each frame.
-        """
-        if self.is_human or self.participation is not None:
-            raise PermissionError("what a look should show is told of a policy's own board alone")
-        self._expected = self._expected or self.shown.expected(self.current.id)
-        return self._expected
 
     def history(self) -> str:
         """Return the path so far, encoded."""
@@ -754,13 +739,6 @@ class Session:
     def fail(self, fault: str) -> None:
         """Keep the policy's failure, one sentence, and notify subscribers."""
         self.fault = fault
-        self.channel.notify()
-
-    def publish_thought(self, thought: str) -> None:
-        """Publish the policy's thought about the newest frame; RuntimeError on a board that a person plays."""
-        if self.is_human or self.participation is not None:
-            raise RuntimeError("a policy's thoughts about a person's board must not be published")
-        self.thought = thought
         self.channel.notify()
 
     def _close(

@@ -128,10 +128,6 @@ class ProcessPolicies:
         """Reset a policy for an episode."""
         policy.reset(seed)
 
-    def thought(self, policy: Any, episode_id: str, step: int) -> str:
-        """Return that nothing is said."""
-        return ""
-
     def act_many(self, policies: Sequence[Any], observations: Sequence[Any]) -> list[int | Exception]:  # fmt: skip
         """Return each one's action, or what kept it from one (`app.task.Decides`)."""
         found: list[int | Exception] = []

@@ -117,7 +117,9 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
     summary="Where moves were lost in a finished episode",
 )
 async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
-    """Return how many moves the episode lost, and its biggest losses; docs/evaluation.md says what a regret is.
+    """Return how many moves the episode lost, its biggest losses, and for each move what the policy would have done instead.
+
+    docs/evaluation.md says what a regret is.
 
     Each loss has the map as it was known before the move, and the cells that the better move would soon have shown.
     The answer takes a second or two the first time. 404 as for the episode itself; 422 for a board

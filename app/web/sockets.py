@@ -20,7 +20,6 @@ from app.board.messages import (
     BadMessageError,
     ClockState,
     Events,
-    ExpectedRequest,
     Kept,
     Pace,
     Remade,
@@ -109,7 +108,7 @@ class PlaySocket:
 
     async def _send_newest(self) -> None:
         session, send = self._session, self._websocket.send_text
-        frame, episode, thought = "", "", ""
+        frame, episode = "", ""
         pace: Pace | None = None
         fault: str | None = None
         time: ClockState | None = None
@@ -122,8 +121,6 @@ class PlaySocket:
                 if session.current.id != episode:
                     episode = session.current.id
                     await send(session.history())
-                if session.thought != thought and (thought := session.thought):
-                    await send(thought)
                 if session.pace != pace and session.pace is not None:
                     pace = session.pace
                     await send(pace.model_dump_json())
@@ -170,8 +167,6 @@ class PlaySocket:
                 move = as_move(message, session.task, self._driver(message))
                 await session.act(move, lambda text: self._tell(encode_error(text)))
                 return None
-            if isinstance(message, ExpectedRequest):
-                return session.expected()
             return session.history()
         except RefusedError as refusal:
             self._count_refusal("not_current")

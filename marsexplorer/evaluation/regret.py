@@ -137,6 +137,10 @@ class RegretEstimator:
         """Return what the better move would soon have shown, for each of some losses of the episode."""
         return find_missed(record, losses, self._net)
 
+    def shares(self, record: Record) -> NDArray[np.float32]:
+        """Return how probable the policy finds each action before each move, float32[moves, 4]."""
+        return policy_shares(record, self._net)
+
     def _lengths(self, record: Record) -> NDArray[np.int64]:
         if self._cache is None:
             return branch_lengths(record, self._net)
@@ -177,24 +181,50 @@ def branch_lengths(record: Record, net: ActionScorer) -> NDArray[np.int64]:
     """Return int64[moves, 4]: moves of the whole episode for each action at each move, `limit` for an invalid one."""
     config, terrain = record.config, record.terrain_map()
     lengths = np.full((len(record.actions), 4), config.limit, np.int64)
-    rollouts = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
-    only = np.zeros(1, np.intp)
-    rollouts.worlds.start_on(0, terrain, record.start)
+    for first, worlds, cells in _before_moves(record, net):
+        branches: list[tuple[int, int]] = []
+        for at, cell in enumerate(cells):
+            branches += [(at, free) for free in free_actions(terrain, *divmod(cell, config.cols))]
+        places, actions = np.array(branches, np.int64).reshape(-1, 2).T
+        chosen = {name: array[places] for name, array in worlds.items()}
+        limits = np.full(len(places), config.limit)
+        lengths[first + places, actions] = play_branches(config, net, chosen, actions, limits)
+    return lengths
+
+
+def policy_shares(record: Record, net: ActionScorer) -> NDArray[np.float32]:
+    """Return float32[moves, 4]: how probable the policy finds each action before each move; its own is the most probable.
+
+    The loop guard has nothing to say there: it begins anew with each branch.
+    """
+    shares = np.zeros((len(record.actions), 4), np.float32)
+    for first, worlds, cells in _before_moves(record, net):
+        rollouts = _rollouts(record, net, len(cells))
+        rollouts.restore(np.arange(len(cells)), worlds)
+        logits = rollouts.decide(net).logits
+        weights = np.exp(logits - logits.max(1, keepdims=True))
+        shares[first : first + len(cells)] = weights / weights.sum(1, keepdims=True)
+    return shares
+
+
+def _rollouts(record: Record, net: ActionScorer, count: int) -> GreedyRollouts:
+    config = record.config
+    return GreedyRollouts(config, count, net.rules_that_count(config.rows, config.cols))
+
+
+def _before_moves(record: Record, net: ActionScorer) -> Iterator[tuple[int, Snapshot, list[int]]]:
+    """Yield the worlds before each of up to MOVES_PER_BLOCK moves: the first move's number, and the rover's cells."""
+    rollouts, only = _rollouts(record, net, 1), np.zeros(1, np.intp)
+    rollouts.worlds.start_on(0, record.terrain_map(), record.start)
     states: list[Snapshot] = []
-    branches: list[tuple[int, int]] = []
+    cells: list[int] = []
     for step, action in enumerate(record.actions):
-        row, col = divmod(int(rollouts.mark_visited()[0]), config.cols)
-        branches += [(step, other) for other in free_actions(terrain, row, col)]
+        cells.append(int(rollouts.mark_visited()[0]))
         states.append(rollouts.snapshot(only))
         rollouts.step(np.array([action]))
         if len(states) == MOVES_PER_BLOCK or step == len(record.actions) - 1:
-            steps, actions = np.array(branches, np.int64).reshape(-1, 2).T
-            first = step + 1 - len(states)
-            worlds = {name: array[steps - first] for name, array in concatenate(states).items()}
-            limits = np.full(len(steps), config.limit)
-            lengths[steps, actions] = play_branches(config, net, worlds, actions, limits)
-            states, branches = [], []
-    return lengths
+            yield step + 1 - len(states), concatenate(states), cells
+            states, cells = [], []
 
 
 def free_actions(terrain: NDArray[np.bool_], row: int, col: int) -> list[int]:

@@ -25,7 +25,7 @@ export function withFrame(task, board, frame) {
   const isNew = frame.episode !== board.frame.episode;
   if (board.remade) board = { ...board, remade: null };
   if (!isNew && frame.step < board.frame.step) return board;
-  if (isNew) board = { ...board, clock: null, thought: null, values: [], expected: null, trail: [], progress: [] };
+  if (isNew) board = { ...board, clock: null, trail: [], progress: [] };
   const { trail, progress } = board;
   if (frame.step < trail.length) return { ...board, frame };
   if (task.clock && trail.length) { // frames that were skipped are nothing to ask for
@@ -43,14 +43,6 @@ function withHistory(task, board, history) {
   return { ...board, ...found, hasGap: found.trail.length <= board.frame.step };
 }
 
-/** @param {Board} board @param {Thought} thought @returns {Board} */
-function withThought(board, thought) {
-  if (thought.episode !== board.frame.episode) return board;
-  const values = [...(board.values ?? [])];
-  values[thought.step] = thought.value;
-  return { ...board, thought, values };
-}
-
 /** @param {Task | null} task @param {Board | null} board @param {FromServer} message @returns {Board | null} */
 export function received(task, board, message) {
   if (!board || !task) return board;
@@ -58,8 +50,6 @@ export function received(task, board, message) {
     case "frame": return withFrame(task, board, message);
     case "refused": return withFrame(task, board, message.frame);
     case "history": return withHistory(task, board, message);
-    case "thought": return withThought(board, message);
-    case "expected": return message.episode === board.frame.episode ? { ...board, expected: message } : board;
     case "pace": return { ...board, pace: message };
     case "remade": return message.episode === board.frame.episode ? { ...board, remade: message } : board;
     case "clock": return message.episode === board.frame.episode ? { ...board, clock: message } : board;

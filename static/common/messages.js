@@ -1,6 +1,6 @@
 // Every message in both directions: the twin of app/board/messages.py (a test compares them). Types: types.d.ts.
 
-export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "clock", "expected", "thought", "kept"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "clock", "kept"];
 
 /** Return the act message. `step` is the number of moves made when it is due; `action` is the move's name.
  * @param {string} episode @param {number} step @param {Action} action @param {Timing} timing */
@@ -18,11 +18,6 @@ export function events(episode, batch, id) {
 /** Return the request for the path of the whole episode. */
 export function askHistory() {
   return { kind: "history" };
-}
-
-/** Return the request for what a policy expects of its surroundings. */
-export function askExpected() {
-  return { kind: "expected" };
 }
 
 /** Return the message in `text`, or null when it is not one of the messages above.

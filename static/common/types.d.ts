@@ -72,12 +72,10 @@ type Role = "player" | "rival";
 type Mode = "practice" | "ranked" | "watch" | "spectator";
 /** What a path is made of: the task's own. */
 type Mark = unknown;
-/** One board. `trail[k]` and `progress[k]` belong to step k; `hasGap` says that steps are missing from them.
- * `thought` is the newest of a policy that sends them, `values[k]` the return that it expected at step k (holes where
- * none came); `expected` is the newest answer to what it expects of its surroundings. */
+/** One board. `trail[k]` and `progress[k]` belong to step k; `hasGap` says that steps are missing from them. */
 type Board = {
   session: string, name: string, frame: Frame, trail: Mark[], progress: number[], hasGap: boolean, pace: Pace | null,
-  isReplay: boolean, clock?: ClockState | null, remade?: Remade | null, thought?: Thought | null, values?: (number | null)[], expected?: Expected | null,
+  isReplay: boolean, clock?: ClockState | null, remade?: Remade | null,
 };
 /** The state; `level` is the name of the level, or that of the map; `task` is null before the first board. */
 type GameState = {
@@ -113,12 +111,9 @@ type ClockState = {
 };
 /** How many of the episode's moves were made again by an environment that was lost; the next frame ends it. */
 type Remade = {kind: "remade", episode: string, done: number, of: number};
-/** What a policy computed at the frame of `step`, with the return that it expects; what it expects of its surroundings. */
-type Thought = {kind: "thought", episode: string, step: number, value: number | null};
-type Expected = {kind: "expected", episode: string, step: number};
 /** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again. */
 type Kept = {kind: "kept", episode: string, count: number, reason: string | null};
-type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Remade | Expected | Thought | Kept;
+type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Remade | Kept;
 /** What POST api/sessions answers; watch: the id by which anybody may watch the board. */
 type About = {
   session: string, player: string, level: string, map: string | null, size: Size, counts: boolean,

@@ -1,6 +1,6 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { api, ApiError } from "../common/api.js";
-import { paintLegend, paintProgress, stepsEnd } from "../common/chart.js";
+import { paintLegend, paintProgress } from "../common/chart.js";
 import { apply, ghostOf, initialState } from "../common/game_state.js";
 import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { showPeople } from "../common/people.js";
@@ -87,7 +87,6 @@ showTask(task);
 /** @type {Play.Parts} */
 const parts = {
   views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
-  thinking: modules?.createThinking({ send: (role, message) => connections.send(role, message), onChange: () => repaint(true) }) ?? null,
   losses: modules?.createLosses({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.regret,
     tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
 };
@@ -168,7 +167,7 @@ function paintBoards(before, dpr) {
     const shown = (isMine && parts.losses?.boardOf(board)) || board;
     const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
     task.paint(part.matrix, shown, { name: task.nameOf(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
-      ...parts.thinking?.look(state, role), marks: isMine ? parts.losses?.marks() : null });
+      marks: isMine ? parts.losses?.marks() : null });
   }
   const now_ms = performance.now();
   if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
@@ -201,7 +200,6 @@ function paintCurves() {
   paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
     ({ name: task.nameOf(board.name), colour, dash: isDashed ? "9 4" : "" })));
   paintProgress(chart, task, curves, { font, inks, over: parts.losses?.overChart({ you, ground, ink: inks.goal }) });
-  parts.thinking?.paint(state, { font, inks, colours, end: stepsEnd(curves.map(({ board }) => board)) });
   const label = curves.map(({ board: { name, progress } }) =>
     `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
@@ -357,7 +355,7 @@ for (const role of ROLES) {
   });
   sizes.watch(panels[role].part.matrix);
 }
-for (const chart of ["chart", "values"]) sizes.watch(by(chart));
+sizes.watch(chart);
 part["coach-close"].addEventListener("click", () => {
   isCoaching = false;
   part.coach.hidden = true;

@@ -18,7 +18,6 @@ declare namespace Play {
   /** The parts that a task may add to the playground. */
   type Parts = {
     views: ReturnType<typeof import("../task/mars/views.js").createViews> | null,
-    thinking: ReturnType<typeof import("../task/mars/thinking.js").createThinking> | null,
     losses: ReturnType<typeof import("../task/mars/losses.js").createLosses> | null,
   };
 }

@@ -5,6 +5,7 @@ import { all, boardColours, by, chartColours, copyOnClick, create, createRepaint
 import { ownsKeys } from "../common/keyboard.js";
 import { begun, createPlayer, SPEEDS, withLast } from "../common/player.js";
 import { loadTask, paintNumbers, showTask } from "../common/task.js";
+import { capital } from "../common/words.js";
 import { paintCurve, startScrubber } from "./curve.js";
 import { fileAddress, ghostInSearch, linkTo, moveInHash } from "./sharing.js";
 
@@ -47,9 +48,32 @@ function inWords() {
   return `Move ${player.step} of ${player.playback.last}: ${shares.join(", ")}`;
 }
 
+/** @type {Advice[] | null} what Expert would do before each move of the run: null until it is asked for */
+let expert = null;
+const thinks = /** @type {HTMLInputElement | null} */ (document.getElementById("expert"));
+/** @param {string} text what stands beside the switch, until the moves are there */
+function sayOfExpert(text) {
+  put(by("advice"), text);
+  put(by("announcer"), text);
+}
+async function askExpert() {
+  put(by("advice"), "");
+  repaint();
+  if (!thinks?.checked || expert) return;
+  sayOfExpert("Expert plays on from every move of this episode. That can take a minute on a large board.");
+  try {
+    expert = /** @type {{expert: Advice[]}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/regret`, undefined, 600_000)).expert;
+    repaint();
+  } catch (error) {
+    if (thinks.checked) sayOfExpert(error instanceof ApiError ? capital(error.message) : `Something went wrong on this page: ${error}`);
+  }
+}
+/** @param {number} step @returns what Expert thinks there, where it is to be shown */
+const adviceAt = (step) => (thinks?.checked ? expert?.[step] : undefined);
+
 /** Paint a run as it stood after `step` moves.
  * @param {Record<string, HTMLElement>} part @param {Course} course @param {number} step
- * @param {Pick<Look, "accent" | "dpr"> & {other: {course: Course, accent: string} | null}} look other is the
+ * @param {Pick<Look, "accent" | "dpr"> & {shares?: number[], other: {course: Course, accent: string} | null}} look other is the
  *   run whose path is drawn dashed */
 function paintRun(part, course, step, { other, ...look }) {
   const board = task.boardAt(course, step);
@@ -67,7 +91,7 @@ function paint() {
   const step = player.step;
   const dpr = window.devicePixelRatio || 1;
   const { you, policy } = boardColours(scrubber);
-  paintRun(parts.run, data.run, step, { accent: you, other: ghost && { course: ghost, accent: policy }, dpr });
+  paintRun(parts.run, data.run, step, { accent: you, other: ghost && { course: ghost, accent: policy }, dpr, shares: adviceAt(step)?.shares });
   if (ghost) paintRun(parts.ghost, ghost, step, { accent: policy, other: { course: data.run, accent: you }, dpr });
   const colours = chartColours(scrubber);
   paintCurve(scrubber, task, lines(colours), { step, last: player.playback.last });
@@ -76,6 +100,8 @@ function paint() {
   put(by("at"), `move ${step} of ${player.playback.last}`);
   put(by("run-tab-share"), shortAt(data.run, step));
   put(by("ghost-tab-share"), ghost ? shortAt(ghost, step) : "");
+  const advice = adviceAt(step);
+  if (expert && thinks?.checked) put(by("advice"), advice ? task.adviceText?.(advice, data.run, step) ?? "" : "The episode has ended here.");
   speed.value = String(player.playback.speed);
   scrubber.setAttribute("aria-valuemax", String(player.playback.last));
   scrubber.setAttribute("aria-valuenow", String(step));
@@ -122,7 +148,7 @@ for (const button of all("[data-key]")) button.addEventListener("click", () => p
 window.addEventListener("keydown", (event) => {
   const target = /** @type {HTMLElement | null} */ (event.target);
   if (event.ctrlKey || event.metaKey || event.altKey || (target !== scrubber && ownsKeys(target))) return;
-  if (event.key === " " && target?.matches("button, a, summary")) return; // the button's own
+  if (event.key === " " && target?.matches("button, a, summary, input")) return; // the button's own
   if (player.press(event.key, event.shiftKey)) event.preventDefault();
 });
 startScrubber(scrubber, { last: () => player.playback.last, onMove: player.goTo, onHover: player.hover });
@@ -133,6 +159,7 @@ for (const button of all("[data-tab]")) {
     repaint();
   });
 }
+thinks?.addEventListener("change", askExpert);
 const address = () =>
   linkTo(location.href, { ghost: chosen, preferred: data.preferred, step: player.step, last: player.playback.last });
 const copy = document.getElementById("copy-link");

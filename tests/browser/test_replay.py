@@ -90,6 +90,17 @@ def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player
     replay = Replay(me.page, f"{me.url}/replay/{episode}#move=3")
     assert replay.step() == 3
     go_through(replay, record)
+    before = me.still("board-run")
+    me.page.get_by_test_id("expert").check()
+    replay.shows("advice", "Expert would go")
+    me.changes("board-run", before)  # its arrows
+    me.page.keyboard.press(" ")  # the switch has the focus: it turns, and nothing is played
+    replay.shows("advice", "")
+    assert (replay.step(), me.picture("board-run")) == (0, before)
+    me.page.keyboard.press(" ")
+    me.page.keyboard.press("End")
+    replay.shows("advice", "The episode has ended here.")
+    me.page.keyboard.press("Home")
     for theme in ("dark", "light"):
         me.page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
         assert violations(me.page) == [], theme

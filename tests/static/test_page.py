@@ -269,18 +269,17 @@ def kinds(model):
 
 
 def test_the_page_and_the_server_name_the_same_messages():
-    for model in (mars.Frame, mars.Thought, mars.Expected, messages.Kept):
+    for model in (mars.Frame, messages.Kept):
         types = "common" if model is messages.Kept else "task/mars"
         named = [field.alias or name for name, field in model.model_fields.items()]
         assert fields(model.__name__, types) == named
-    told = (mars.Expected, mars.Thought, messages.Kept)
-    assert listed("FROM_SERVER")[-3:] == [kinds(model)[0] for model in told]
+    assert listed("FROM_SERVER")[-1:] == list(kinds(messages.Kept))
     world = (STATIC / "task/mars/index.js").read_text()
     assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", world)) == list(ACTIONS)
     types = (STATIC / "task/mars/types.d.ts").read_text()
     outcomes = re.findall(r'"(\w+)"', part(r"^ *type Outcome = (.*?);", types))
     assert outcomes == [name for name in OUTCOMES if name != "running"]
-    asked = (messages.HistoryRequest, messages.Events, messages.ExpectedRequest)
+    asked = (messages.HistoryRequest, messages.Events)
     sent = [
         messages.Act.model_fields["kind"].default,
         *(kind for each in asked for kind in kinds(each)),

@@ -277,11 +277,6 @@ class GymnasiumView:
         history = {"kind": "history", "episode": episode_id, "headlines": told}
         return json.dumps(history, separators=(",", ":"))
 
-    def expected(self, episode_id: str) -> str:
-        """Return that nothing is expected to be discovered, as JSON text."""
-        expected = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": []}
-        return json.dumps(expected, separators=(",", ":"))
-
 
 class Frame(BaseModel):
     """What a board shows; its figures are null where a study hides them."""

@@ -6,13 +6,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from app.jobs import Jobs
 from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Record
 from marsexplorer.evaluation.losses import Loss
 from marsexplorer.evaluation.missed import Missed
-from marsexplorer.evaluation.regret import RegretEstimator, check_size
+from marsexplorer.evaluation.regret import EpisodeRegret, RegretEstimator, check_size
 
 BIGGEST = 5
 """Losses that are named."""
@@ -39,7 +42,8 @@ def _estimator(cache: Path) -> RegretEstimator:
 
 
 def explain(cache: Path, record: Record) -> dict[str, Any]:
-    """Return what a page shows of where an episode lost moves: its regret, and the biggest losses with what was missed.
+    """Return what a page shows of where an episode lost moves: its regret, the biggest losses with what was
+    missed, and what the policy would have done at each move.
 
     cache  the folder that regrets are kept in
     """
@@ -52,7 +56,31 @@ def explain(cache: Path, record: Record) -> dict[str, Any]:
         "given_up": found.given_up,
         "by_kind": {str(kind): lost for kind, lost in found.by_kind().items()},
         "losses": [describe_loss(record, *pair) for pair in zip(losses, missed, strict=True)],
+        "expert": describe_expert(found, estimator.shares(record), record.config.limit),
     }
+
+
+def describe_expert(
+    found: EpisodeRegret, shares: NDArray[np.float32], limit: int
+) -> list[dict[str, Any]]:
+    """Return for each move what the policy would have done instead.
+
+    shares  of ACTIONS, before the move; `action` is the one of the greatest
+    needs   moves from there to the end, the policy playing on; None where it does not get there within the limit
+    costs   moves that the move made needs more, below 0 for fewer; None where one of the two does not get there
+    """
+    steps = np.arange(len(shares))
+    chosen = shares.argmax(1)
+    own, made = found.lengths[steps, chosen], found.lengths[steps, found.actions]
+    return [
+        {
+            "shares": [round(float(share), 3) for share in shares[step]],
+            "action": ACTIONS[chosen[step]],
+            "needs": int(own[step]) - step if own[step] < limit else None,
+            "costs": int(made[step] - own[step]) if max(own[step], made[step]) < limit else None,
+        }
+        for step in steps.tolist()
+    ]
 
 
 def describe_loss(record: Record, loss: Loss, missed: Missed) -> dict[str, Any]:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import isfinite
 from typing import Annotated, Literal, Self
 
-import msgspec
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -22,7 +19,6 @@ from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
 """The levels whose terrains are drawn from seeds."""
 ActionName = Literal["north", "east", "south", "west"]
-_ENCODER = msgspec.json.Encoder()
 
 MAX_API_SIDE = 128
 """Longest side of a board over the API (cells)."""
@@ -133,60 +129,3 @@ class History(BaseModel):
     episode: str
     positions: list[tuple[int, int]]
     discovered: list[int]
-
-
-class Thought(BaseModel):
-    """What a policy computed for the frame of `step`: from its observation alone, on its own board only.
-
-    Networks have probabilities and a value; rules have a goal.
-    """
-
-    kind: Literal["thought"]
-    episode: str
-    step: int
-    probabilities: tuple[float, float, float, float] | None = Field(
-        description="of north, east, south, west; null when it has none"
-    )
-    value: float | None = Field(
-        description="what it expects to earn from here on, in its own units; null when it has none"
-    )
-    goal: tuple[int, int] | None = Field(
-        description="the known free cell that its next move leads towards; null when it has none"
-    )
-
-
-class Expected(BaseModel):
-    """How many unknown cells a look from each cell should show, by the map of `step` alone, on a policy's own board."""
-
-    kind: Literal["expected"]
-    episode: str
-    step: int
-    cells: list[tuple[int, int, int]] = Field(
-        description="[row, col, unknown cells], of the cells with any"
-    )
-
-
-def encode_thought(
-    episode_id: str,
-    step: int,
-    probabilities: Sequence[float] | None,
-    value: float,
-    goal: tuple[int, int] | None = None,
-) -> str:
-    """Return a policy's thought about the frame of `step` as JSON text; a value that is no finite number becomes null.
-
-    "" where there are neither probabilities nor a goal, or a probability is no finite number: NaN is no JSON, and such a
-    thought says nothing.
-    """
-    if (probabilities is None and goal is None) or not all(map(isfinite, probabilities or ())):
-        return ""
-    shares = None if probabilities is None else [round(float(share), 4) for share in probabilities]
-    thought = {
-        "kind": "thought",
-        "episode": episode_id,
-        "step": step,
-        "probabilities": shares,
-        "value": round(float(value), 3) if isfinite(value) else None,
-        "goal": None if goal is None else [int(goal[0]), int(goal[1])],
-    }
-    return _ENCODER.encode(thought).decode()

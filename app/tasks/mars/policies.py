@@ -3,37 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import nan
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from app.task import Configuration, PolicyOffer
-from app.tasks.mars.messages import encode_thought
 from marsexplorer import policies
 from marsexplorer.config import MAP, OTHER_LEVELS, EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.policies import Policy, goal_of
+from marsexplorer.policies import Policy
 from marsexplorer.policies.files.imported import wrong_size
-from marsexplorer.policies.kernels.visibility import VisibilityMap
-
-
-@runtime_checkable
-class ReportsThought(Protocol):
-    """A policy that reports its probabilities and its value of the last observation that it decided on."""
-
-    def thought(self) -> tuple[NDArray[np.float32], float]:
-        """Return (probabilities float32[4], value)."""
 
 
 class PolicyCatalogue:
     """The policies on offer: those that load by name, and further ones from paths.
 
     Loading each once at the start finds a file that is no policy before anybody chooses it. One decision and one move of
-    each compile the kernels and the rules, and so does one answer of `View.expected`. A building and a cave compile what
-    draws them.
+    each compile the kernels and the rules. A building and a cave compile what draws them.
     """
 
     def __init__(self, paths: Iterable[Path] = ()) -> None:
@@ -50,8 +35,6 @@ class PolicyCatalogue:
             )
         for level in (name for name in OTHER_LEVELS if name != MAP):
             Episode.begin(EnvConfig.of(level, (6, 8)), seed=1)
-        none = np.zeros((5, 5), np.uint8)
-        VisibilityMap(none.shape, 1).expected_everywhere(none, none)
 
     def offers(self) -> list[PolicyOffer]:
         """Return what may be chosen."""
@@ -78,12 +61,6 @@ class PolicyCatalogue:
     def reset(self, policy: Any, config: Configuration, seed: int) -> None:
         """Reset a policy for an episode of a configuration."""
         policies.begin(policy, config.level, seed)
-
-    def thought(self, policy: Policy, episode_id: str, step: int) -> str:
-        """Return what the policy thought of the frame of `step`, as JSON text; "" where it says nothing."""
-        shares, value = policy.thought() if isinstance(policy, ReportsThought) else (None, nan)
-        probabilities = None if shares is None else shares.tolist()
-        return encode_thought(episode_id, step, probabilities, value, goal_of(policy))
 
 
 def check_file(path: Path) -> None:

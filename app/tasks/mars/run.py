@@ -1,10 +1,9 @@
-"""An episode of MarsExplorer on a board: the run, and what may be seen of it as frames, paths and expected discoveries."""
+"""An episode of MarsExplorer on a board: the run, and what may be seen of it as frames and paths."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
-from marsexplorer.policies.kernels.visibility import VisibilityMap
 
 CELL_CHARACTERS = bytes.maketrans(bytes(range(4)), b"?.@#")
 """Code of a cell -> its character in a frame's grid."""
@@ -157,17 +155,6 @@ class View:
         told = {"positions": self.path, "discovered": self.discoveries}
         return _ENCODER.encode(history | told).decode()
 
-    def expected(self, episode_id: str) -> str:
-        """Return how many unknown cells a look from each cell should show, as JSON text; unknown cells hide nothing."""
-        sight = _sight(self.codes.shape, self.config.sensor_radius)
-        visited = np.zeros(self.codes.shape, np.uint8)
-        visited[tuple(np.array(self.path).T)] = 1
-        new_cells = sight.expected_everywhere(self.codes, visited)
-        places = np.argwhere(new_cells)
-        cells = np.column_stack([places, new_cells[tuple(places.T)]]).tolist()
-        message = {"kind": "expected", "episode": episode_id, "step": self.steps, "cells": cells}
-        return json.dumps(message, separators=(",", ":"))
-
 
 TEXT_SIDE = 25
 """Rows and columns of a text frame at most, so that it stays below 1 kB."""
@@ -195,8 +182,3 @@ def encode_grid(codes: NDArray[np.uint8]) -> list[str]:
     rows, cols = codes.shape
     cells = codes.tobytes().translate(CELL_CHARACTERS).decode()
     return [cells[start : start + cols] for start in range(0, rows * cols, cols)]
-
-
-@lru_cache(maxsize=8)
-def _sight(shape: tuple[int, int], radius: int) -> VisibilityMap:
-    return VisibilityMap(shape, radius)

@@ -87,20 +87,6 @@ def mark_discovered(view, row, col):
         i += per_word
 
 
-@kernel
-def count_visible_everywhere(codes, visited, view, new_cells):
-    """Write int64[rows, cols]: `count_visible` for each known cell that is free and not visited, 0 elsewhere.
-
-    codes, visited  uint8[rows, cols]; the view's bitboards are filled from codes
-    """
-    fill_bitboards(codes, view)
-    for row in range(codes.shape[0]):
-        for col in range(codes.shape[1]):
-            is_free = codes[row, col] != UNKNOWN and codes[row, col] != OBSTACLE
-            is_new = is_free and visited[row, col] == 0
-            new_cells[row, col] = count_visible(view, row, col) if is_new else 0
-
-
 class VisibilityMap:
     """The bitboards and tables of one grid shape and radius, reused from move to move.
 
@@ -129,14 +115,3 @@ class VisibilityMap:
     def expected_discoveries(self, row: int, col: int) -> int:
         """Return the number of unknown cells expected to be seen from (row, col)."""
         return int(count_visible(self.view, row, col))
-
-    def expected_everywhere(
-        self, codes: NDArray[np.uint8], visited: NDArray[np.uint8]
-    ) -> NDArray[np.int64]:
-        """Return how many unknown cells are expected to be seen from each cell, int64[rows, cols].
-
-        codes, visited  uint8[rows, cols]; 0 for unknown and blocked cells, and for visited ones, which have nothing new
-        """
-        new_cells = np.zeros(self.shape, np.int64)
-        count_visible_everywhere(read_only(codes), visited, self.view, new_cells)
-        return new_cells

@@ -1,7 +1,7 @@
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
 import { boardColours, reader } from "../../common/page.js";
 import { paintLossMarks } from "./loss_marks.js";
-import { paintExpected, paintThought } from "./thoughts.js";
+import { paintShares } from "./expert.js";
 import { describe, runs } from "./words.js";
 
 /** How far the lidar of every board of the playground sees (EnvConfig.sensor_radius). */
@@ -32,11 +32,10 @@ export function paint(place, board, look) {
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d", { alpha: false }));
   const soil = soilOf(canvas, look.palette);
   paintCells(context, frame, size, soil);
-  if (look.tint) paintExpected(context, look.tint, size, boardColours(canvas).policy);
   if (look.ghost) paintTrail(context, look.ghost.trail, size, { accent: look.ghost.accent, casing: soil.casing, isGhost: true });
   paintTrail(context, trail, size, { accent: look.accent, casing: soil.casing });
   if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, casing: soil.casing, dpr: look.dpr });
-  if (look.thought) paintThought(context, look.thought, frame.position, size, look);
+  if (look.shares) paintShares(context, look.shares, frame.position, size, { colour: boardColours(canvas).policy, dpr: look.dpr });
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
 }

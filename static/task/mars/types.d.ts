@@ -17,15 +17,6 @@ declare namespace Mars {
   type Words = Pick<Task, "round" | "target" | "chart" | "standing" | "outcome" | "status" | "goal" | "place" | "headline" | "ending"
     | "trialEnding" | "compare" | "inWords" | "announcement" | "sound" | "hint" | "coach">;
   type MoveHistory = {kind: "history", episode: string, positions: Cell[], discovered: number[]};
-  /** What a policy computed at the frame of `step` on its own board: probabilities of ACTIONS, in their order, what it
-   * expects to earn, and the cell that it heads for. Networks have the first two, rules the last. */
-  type Thought = {
-    kind: "thought", episode: string, step: number, probabilities: [number, number, number, number] | null,
-    value: number | null, goal: Cell | null,
-  };
-  /** What a look from each cell of a policy's board is expected to show, by its map of `step` alone: [row, col, unknown
-   * cells]. */
-  type Expected = {kind: "expected", episode: string, step: number, cells: [number, number, number][]};
   /** What GET api/episodes/ID/ghost answers. Index k of positions and discovered is the board after k moves; known_since
    * says after how many moves each cell was known (-1: never); `cells` is how many coverage refers to. */
   type Course = {
@@ -33,17 +24,12 @@ declare namespace Mars {
     known_since: number[][], outcome: string | null, sentence: string,
   };
   /** A board of this world. */
-  type Board = Omit<globalThis.Board, "frame" | "trail" | "thought" | "expected"> & {
-    frame: Frame, trail: Cell[], thought?: Thought | null, expected?: Expected | null,
-  };
-  /** Has_range: how far the lidar sees is drawn as a ring; thought: drawn round the rover; tint: what a look from each
-   * cell should show; marks: costly moves. */
+  type Board = Omit<globalThis.Board, "frame" | "trail"> & {frame: Frame, trail: Cell[]};
+  /** Has_range: how far the lidar sees is drawn as a ring; shares: of each move, drawn round the
+   * rover; marks: costly moves. */
   type Look = globalThis.Look & {
-    ghost?: {trail: Cell[], accent: string} | null, has_range?: boolean, thought?: Thought | null, tint?: Tint | null,
-    marks?: Marks | null,
+    ghost?: {trail: Cell[], accent: string} | null, has_range?: boolean, shares?: number[], marks?: Marks | null,
   };
-  /** Most: the cells that have the strongest tint. */
-  type Tint = {expected: Expected, most: number};
   /** Chosen: the index of one of them. */
   type Marks = {losses: CostlyMove[], chosen: number | null};
   /** A move that cost much, with the board as it was known before it. `step` is the number of moves made before it,
@@ -53,9 +39,8 @@ declare namespace Mars {
     step: number, regret: number, action: Action, best_action: Action, kind: string, previous: Action | null,
     position: Cell, grid: string[], discovered: number, missed: Cell[], seen_at: number | null,
   };
+  type Advice = globalThis.Advice;
   type Analysis = {policy: string, total: number, given_up: number, losses: CostlyMove[]};
-  /** `values[k]` is what the policy expected at step k, in the points of its training. */
-  type ValueCurve = {name: string, colour: string, isDashed: boolean, values: (number | null)[]};
   type Level = Choice & {pays_bonus?: boolean, example: number[]};
   type GivenMap = Choice & {size: [number, number]};
 }

@@ -31,7 +31,7 @@ export function createViews({ panels, onChange }) {
   const nameOf = (session) => {
     const chosen = localStorage.getItem("mars.camera");
     const effects = hasEffects(localStorage.getItem("mars.effects"), isSoftware, calm.matches) ? "on" : "off";
-    const wishes = { ...(chosen ? { camera: chosen } : {}), effects, thoughts: localStorage.getItem("mars.thoughts") === "true" ? "on" : "off" };
+    const wishes = { ...(chosen ? { camera: chosen } : {}), effects };
     if (document.documentElement.dataset.theme === "light") Object.assign(wishes, { theme: "light" });
     return `${encodeURIComponent(session)}?${new URLSearchParams(wishes)}`;
   };

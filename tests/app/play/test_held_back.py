@@ -56,8 +56,6 @@ READERS = {
     "a history that is asked for": first_of(
         "/ws/sessions/", "history", "history", ask={"kind": "history"}
     ),
-    "expected discoveries": first_of("/ws/sessions/", "expected", ask={"kind": "expected"}),
-    "thoughts": first_of("/ws/sessions/", "frame", "thought"),
     "a spectator's socket": first_of("/ws/watch/", "frame", "history"),
     "a spectator over HTTP": get("/api/watch/{watch}"),
     "the frame over HTTP": get("/api/sessions/{session}"),
@@ -84,15 +82,10 @@ class Table:
         eventually(self.has_come_to_rest)
 
     def has_come_to_rest(self):
-        """Whether no move is asked for or under way, and the policy has thought about the newest frame."""
+        """Whether no move is asked for or under way, and the policy has decided on the newest frame."""
         board = self.board
         is_moving = self.agent._single_moves or board.changing.locked()
-        return bool(
-            not is_moving
-            and board.shown.steps
-            and board.thought
-            and json.loads(board.thought)["step"] == board.shown.steps
-        )
+        return bool(not is_moving and board.shown.steps and not self.agent._is_undecided())
 
     def pace(self, **change):
         self.client.post(f"/api/sessions/{self.session}/pace", json=change).raise_for_status()
@@ -128,7 +121,8 @@ def test_a_rival_neither_decides_nor_moves_before_its_players_move_is_recorded(s
     player, rival = (
         lobby.in_memory(each) for each in (about["session"], about["rival"]["session"])
     )
-    eventually(lambda: rival.thought)
+    agent = lobby._groups[player.id].agents[rival.id]
+    eventually(lambda: not agent._is_undecided())
     with server.socket(player.id, client) as socket:
         frame = socket.receive("frame")
         with locked_elsewhere(tmp_path / "playground.db"):

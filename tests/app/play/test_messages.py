@@ -1,7 +1,6 @@
 """Every message in both directions, and the sentence that each bad one gets."""
 
 import json
-from math import inf, nan
 
 import pytest
 from pydantic import ValidationError
@@ -14,7 +13,7 @@ from app.board.messages import (
     describe_errors,
     parse_message,
 )
-from app.tasks.mars.messages import NewSession, encode_thought
+from app.tasks.mars.messages import NewSession
 from app.tasks.mars.run import View
 from app.tasks.mars.task import Mars
 from app.web.sockets import as_move
@@ -22,20 +21,6 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 
 ACT = {"kind": "act", "episode": "e", "step": 0, "action": "east"}
-
-
-def test_no_number_that_json_lacks_is_sent():
-    for value, kept in ((nan, None), (inf, None), (-inf, None), (1.5, 1.5)):
-        assert (
-            json.loads(encode_thought("e", 3, [0.25] * 4, value), parse_constant=pytest.fail)[
-                "value"
-            ]
-            == kept
-        )
-    for probability in (nan, inf):
-        assert encode_thought("e", 3, [probability, 0.5, 0.5, 0.0], 1.0) == "", "no thought at all"
-    assert encode_thought("e", 3, None, nan) == "", "nothing to say"
-    assert json.loads(encode_thought("e", 3, None, nan, (4, 2)))["goal"] == [4, 2]
 
 
 def test_an_act_and_a_request_for_history_are_understood():

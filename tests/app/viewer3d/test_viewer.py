@@ -3,7 +3,6 @@
 import asyncio
 import gc
 import io
-import json
 from contextlib import suppress
 from itertools import pairwise, product
 from types import SimpleNamespace
@@ -392,12 +391,8 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
             view.send(CAMERA)
             return read_all(view, "/border")
 
-    def is_thought(message):
-        return message.get("name") == "/thought" and message.get("visible") is True
-
-    plain, full = first_picture(""), first_picture("?camera=follow&effects=on&thoughts=on")
-    assert not any(is_thought(message) or message.get("name") == "/shade" for message in plain)
-    assert any(is_thought(message) for message in full)
+    plain, full = first_picture(""), first_picture("?camera=follow&effects=on")
+    assert not any(message.get("name") == "/shade" for message in plain)
     assert any(message.get("name") == "/shade" for message in full)
     looks = []
     for seen, hazes in ((plain, 0), (full, 1)):
@@ -406,19 +401,6 @@ def test_a_view_is_drawn_as_its_address_wishes(server):
         looks.append(turns[-1]["look_at"])
     assert looks[0][0] == 5.5
     assert looks[1] == [0.0, 0.0, 0.0], "it follows the rover in the north-west"
-
-
-def test_the_cell_that_a_rule_heads_for_is_marked_where_thoughts_are_wished_for(server):
-    _, rival = begin_race(server.client())
-    session = next(each for each in server.services.lobby.sessions() if each.id == rival)
-    eventually(lambda: session.thought)
-    row, col = json.loads(session.thought)["goal"]
-    for query, places in (("", []), ("?thoughts=on", [[float(col), -float(row), 0.13]])):
-        with open_view(server, f"{session.id}{query}") as view:
-            view.send(CAMERA)
-            seen = list(filter(is_named("/goal"), read_all(view, "/border")))
-        assert [list(message["position"]) for message in seen if "position" in message] == places
-        assert any(message.get("visible") is True for message in seen) is bool(places)
 
 
 def test_large_boards_are_followed_unless_the_map_is_wished_for():
@@ -494,7 +476,7 @@ def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
     async def run():
         viewer, channel = Viewer(), Channel()
         episode, _ = twins()
-        shown = {"channel": channel, "shown": View(episode), "thought": ""}
+        shown = {"channel": channel, "shown": View(episode)}
         session = SimpleNamespace(id="s", paired_with=None, is_second=False, **shown)
         channel.publish("frame")
         own = {name: getattr(viewer._server, name) for name in ("scene", "atomic", "flush")}

@@ -164,7 +164,6 @@ def sockets(server):
         {"kind": "act", "episode": frame["episode"], **pressed},
         {"kind": "events", "episode": frame["episode"], **events},
         {"kind": "history"},
-        {"kind": "expected"},
     ]
     for session in (begun["session"], policy["session"]):
         yield f"/ws/sessions/{session}", {}, cookie, good

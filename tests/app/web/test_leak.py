@@ -83,14 +83,6 @@ class Tape:
         return b"\n".join(itertools.chain.from_iterable(self.moments))
 
 
-def next_message(socket):
-    """Return the next message that is no thought: those come when a policy has decided; tests/app/play/test_thoughts.py
-    compares them."""
-    while '"kind":"thought"' in (message := socket.recv(PATIENCE_S)):
-        pass
-    return message.encode()
-
-
 class Recorder:
     """Plays PATH on the terrain of a seed, the server's own draw, and keeps what every route of the server gives away."""
 
@@ -108,7 +100,7 @@ class Recorder:
         self.views = [View(server, id_, stack, self.client) for id_ in self.ids]
         for number, (socket, view) in enumerate(zip(self.sockets, self.views, strict=True)):
             count = 3 if number else 2  # frame, history, a rival's pace
-            self.tape.add(*(next_message(socket) for _ in range(count)))
+            self.tape.add(*(socket.recv(PATIENCE_S).encode() for _ in range(count)))
             self.tape.add(*view.read("/border", "ReplayDone"))
         self.ask_everything()
 
@@ -157,7 +149,7 @@ class Recorder:
             rival = f"/api/sessions/{self.ids[1]}"
             eventually(lambda: self.client.get(rival).json()["step"] == self.frame["step"])
         for socket, view in zip(self.sockets, self.views, strict=True):
-            self.tape.add(next_message(socket))
+            self.tape.add(socket.recv(PATIENCE_S).encode())
             self.tape.add(*view.read("/trail/"))
         assert self.answer("POST", f"/api/sessions/{self.ids[0]}/act", json=act).status_code == 409
         self.ask_everything()

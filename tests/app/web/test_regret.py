@@ -6,7 +6,7 @@ import pytest
 
 from app.jobs import Jobs
 from app.tasks.mars.explanation import explanation_of
-from marsexplorer.config import EnvConfig
+from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.regret import RegretEstimator
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -46,6 +46,11 @@ def test_an_ended_episode_and_no_running_one(server):
     assert worst["missed"], "the better move would have shown something"
     assert all(worst["grid"][row][col] == "?" for row, col in worst["missed"])
     assert worst["seen_at"] is None, "and it was never seen"
+    advice = found["expert"]
+    assert [each["costs"] is None for each in advice] == [False, False, True], "the last crashed"
+    for each in advice:
+        assert each["shares"][ACTIONS.index(each["action"])] == max(each["shares"])
+        assert 0 < each["needs"] < 99
     assert client.get("/api/episodes/none/regret").status_code == 404
 
 

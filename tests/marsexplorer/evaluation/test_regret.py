@@ -7,7 +7,7 @@ from marsexplorer.config import FREE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, moves_of, replay
 from marsexplorer.evaluation.losses import LossKind, leaves_pocket
 from marsexplorer.evaluation.missed import SOON
-from marsexplorer.evaluation.regret import RegretEstimator, branch_lengths
+from marsexplorer.evaluation.regret import RegretEstimator, branch_lengths, policy_shares
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies import PolicyFileError, PolicyNotFoundError, load
 from marsexplorer.policies.guard import LoopGuard
@@ -62,6 +62,15 @@ def test_lengths_are_those_of_literal_episodes(net):
         for action in range(4):
             expected = literal_length(net, record, step, action)
             assert lengths[step, action] == expected, (step, action)
+
+
+def test_shares_are_those_of_the_policy_on_each_board_of_the_episode(net):
+    record = drive(SEED, 40, np.random.default_rng(1)).record()
+    policy = NetworkPolicy("p", net, CONFIG.sensor_radius)
+    policy.reset(0)
+    for (episode, _), shares in zip(moves_of(record), policy_shares(record, net), strict=True):
+        policy.act(episode.codes)
+        assert shares == pytest.approx(policy.thought()[0], abs=1e-4)
 
 
 def test_a_regret_is_never_negative_and_the_best_action_has_none(estimator):

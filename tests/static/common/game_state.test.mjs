@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { apply, initialState, modeOf, withFrame } from "../../../static/common/game_state.js";
+import { apply, ghostOf, initialState, modeOf, withFrame } from "../../../static/common/game_state.js";
 
 /** @param {object} [changes] */
 export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
@@ -101,4 +101,14 @@ test("an error becomes a sentence that can be dismissed, once however often it i
 test("withFrame is pure", () => {
   const board = Object.freeze({ ...begun().player, trail: Object.freeze([[0, 0]]), progress: Object.freeze([0.5]) });
   assert.equal(withFrame(task, board, frame({ step: 1 })).trail.length, 2);
+});
+
+test("ghosts appear on both boards when the player's episode is over, and not before", () => {
+  let state = receive(begun(), frame({ episode: "x", step: 1, position: [0, 1] }), "rival");
+  assert.equal(ghostOf(state, "player"), null);
+  assert.equal(ghostOf(state, "rival"), null);
+  state = receive(state, frame({ step: 1, position: [1, 0], outcome: "collided" }));
+  assert.deepEqual(ghostOf(state, "player"), [[0, 0], [0, 1]]);
+  assert.deepEqual(ghostOf(state, "rival"), [[0, 0], [1, 0]]);
+  assert.equal(ghostOf({ ...state, rival: null }, "player"), null);
 });

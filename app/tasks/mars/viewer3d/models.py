@@ -1,4 +1,4 @@
-"""The bodies of the scene, in metres: rocks of a few shapes, the rover's parts, wedges and flat marks."""
+"""The bodies of the scene, in metres: rocks of a few shapes, the rover's parts and flat marks."""
 
 from __future__ import annotations
 
@@ -17,11 +17,6 @@ PALE, DARK, CELLS = (236, 229, 220), (46, 42, 44), (44, 52, 78)
 ROCK_SHAPES = 4
 AROUND = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 """Corners (x, y) of a square about the origin."""
-OUTWARD = ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))
-"""Unit vectors (x, y) of north, east, south, west."""
-LEAST_SHARE = 0.02
-"""Probabilities below it draw nothing, as on the map (`static/common/thoughts.js`)."""
-
 DASH = ((-0.3, -0.11), (0.3, -0.11), (0.3, 0.11), (-0.3, 0.11))
 """Corners of a dash of the paired path around the middle of its step: along and across it, in steps."""
 
@@ -150,38 +145,11 @@ def sector(radius: float, width: float, pieces: int) -> tuple[Corners, Faces]:
     return np.vstack([np.zeros((1, 3)), rim]).astype(np.float32), faces
 
 
-def wedges(probabilities: Sequence[float]) -> tuple[Corners, Faces]:
-    """Return corners[3 n, 3] and faces[n, 3] of a wedge outward for each of north, east, south, west that has a share.
-
-    Their sizes are those of the map (`static/common/thoughts.js`), in cells.
-    """
-    corners = []
-    for (x, y), share in zip(OUTWARD, probabilities, strict=True):
-        if share >= LEAST_SHARE:
-            far, half = 0.97 + 1.15 * share, 0.2 + 0.22 * share
-            corners += [
-                (x * far, y * far),
-                (0.62 * x - y * half, 0.62 * y + x * half),
-                (0.62 * x + y * half, 0.62 * y - x * half),
-            ]
-    points = np.array(corners, np.float32).reshape(-1, 2)
-    level = np.hstack([points, np.zeros((len(points), 1), np.float32)])
-    return level.astype(np.float32), np.arange(len(points), dtype=np.uint32).reshape(-1, 3)
-
-
 def squares(cells: NDArray[np.int64]) -> tuple[Corners, Faces]:
     """Return corners[4 n, 3] and faces[2 n, 3] of a square on each of cells[n, 2], (row, col), a little smaller."""
     around = 0.46 * np.array(AROUND)
     middles = np.stack([cells[:, 1], -cells[:, 0]], axis=1)[:, None]
     return flat(np.asarray(middles + around), 0.0)
-
-
-def ring() -> tuple[Corners, Faces]:
-    """Return corners[8, 3] and faces[8, 3] of a flat square ring along the edge of a cell, about the origin."""
-    around = np.array(AROUND)
-    corners = np.hstack([np.vstack([0.46 * around, 0.26 * around]), np.zeros((8, 1))])
-    pieces = [[(n, (n + 1) % 4, 4 + n), ((n + 1) % 4, 4 + (n + 1) % 4, 4 + n)] for n in range(4)]
-    return corners.astype(np.float32), np.array(pieces, np.uint32).reshape(-1, 3)
 
 
 def star() -> tuple[Corners, Faces]:

@@ -10,7 +10,7 @@ lidar sweeps; without them nothing costs more than the boards themselves.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -70,13 +70,11 @@ class ViewOptions:
 
     camera          map: all of the board; follow: the rover and what is around it; None: by the size of the board
     has_effects     shadows, haze, movement between cells: for browsers that draw with a GPU
-    shows_thoughts  arrows for the policy's probabilities
     is_light        the page's light theme: a board in daylight
     """
 
     camera: Literal["map", "follow"] | None = None
     has_effects: bool = False
-    shows_thoughts: bool = False
     is_light: bool = False
 
     @property
@@ -86,12 +84,11 @@ class ViewOptions:
 
     @classmethod
     def from_query(cls, query: Mapping[str, str]) -> ViewOptions:
-        """Read `camera`, `effects`, `thoughts` (on or off) and `theme` from a query; whatever else stands there is ignored."""
+        """Read `camera`, `effects` (on or off) and `theme` from a query; whatever else stands there is ignored."""
         camera = query.get("camera")
         return cls(
             camera="map" if camera == "map" else "follow" if camera == "follow" else None,
             has_effects=query.get("effects") == "on",
-            shows_thoughts=query.get("thoughts") == "on",
             is_light=query.get("theme") == "light",
         )
 
@@ -190,7 +187,6 @@ def beside(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 ALARM = (255, 107, 87)
-PALE = (255, 243, 220)
 SUN = (255, 226, 196)
 
 FACING_UP = (0.0, 1.0, 0.0, 0.0)
@@ -289,22 +285,6 @@ class Scene:
             self._sweep.position = (*self._place, 0.12)
             angle = np.pi * share
             self._sweep.wxyz = (float(np.cos(angle)), 0.0, 0.0, float(np.sin(angle)))
-
-    def show_thought(self, probabilities: Sequence[float] | None) -> None:
-        """Draw wedges around the rover for the policy's probabilities of north, east, south and west; None hides them."""
-        corners, faces = models.wedges(probabilities or (0, 0, 0, 0))
-        self._thought.visible = len(faces) > 0
-        if len(faces):
-            self._thought.vertices, self._thought.faces = corners, faces
-            row, col = self.episode.position
-            self._thought.position = (float(col), -float(row), 0.14)
-
-    def show_goal(self, cell: Sequence[int] | None) -> None:
-        """Mark the cell (row, col) that the policy heads for; None removes the mark."""
-        self._goal.visible = cell is not None
-        if cell is not None:
-            row, col = cell
-            self._goal.position = (float(col), -float(row), 0.13)
 
     def show_paired_path(self, paired: View | None) -> None:
         """Draw the paired board's path so far, dashed and translucent, under this board's own; None removes it."""
@@ -407,10 +387,7 @@ class Scene:
             )
 
     def _add_marks(self, radius: int) -> None:
-        """Add what is hidden most of the time: the policy's thought, a crash, cells that rise, the lidar's sweep of a move."""
-        corners, faces = models.wedges((1, 0, 0, 0))
-        self._thought = self._add_mark("/thought", corners, faces, self._accent, visible=False)
-        self._goal = self._add_mark("/goal", *models.ring(), PALE, visible=False)
+        """Add what is hidden most of the time: a crash, cells that rise, the lidar's sweep of a move."""
         self._crash = self._add_mark("/crash", *models.star(), ALARM, visible=False)
         if self._options.has_effects:
             square = models.squares(np.zeros((1, 2), np.int64))

@@ -6,12 +6,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -276,9 +274,6 @@ async def keep_scene(client: viser.ClientHandle, session: Session, options: View
                 steps = scene.steps
                 scene.show(episode)
                 scene.show_paired_path(paired_view(session))
-                thought = thought_of(session) if options.shows_thoughts else {}
-                scene.show_thought(thought.get("probabilities"))
-                scene.show_goal(thought.get("goal"))
                 camera.show(episode.config.rows, episode.config.cols, scene.rover_place)
             client.flush()
             if scene.steps != steps and scene.rover_waits:
@@ -302,12 +297,3 @@ async def follow(client: viser.ClientHandle, scene: Scene, camera: BoardCamera) 
         scene.glide(1.0)
         camera.show(scene.episode.config.rows, scene.episode.config.cols, scene.rover_place)
     client.flush()
-
-
-def thought_of(session: Session) -> dict[str, Any]:
-    """Return the policy's thought about the newest frame, see `messages.Thought`; empty when there is none."""
-    if not session.thought or session.shown.ended:
-        return {}
-    thought: dict[str, Any] = json.loads(session.thought)
-    is_newest = (thought["episode"], thought["step"]) == (session.current.id, session.shown.steps)
-    return thought if is_newest else {}

@@ -1,0 +1,23 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { adviceText, wedges } from "../../../../static/task/mars/expert.js";
+
+test("a wedge points where Expert would go, and is as long as it is sure", () => {
+  const [east, south] = wedges([0, 0.7, 0.3, 0], 10);
+  assert.ok(east.points[0][0] > 0 && Math.abs(east.points[0][1]) < 1e-9);
+  assert.ok(south.points[0][1] > 0 && Math.abs(south.points[0][0]) < 1e-9);
+  assert.ok(east.points[0][0] > south.points[0][1]);
+  assert.equal(wedges([0.01, 0.99, 0, 0], 10).length, 1);
+  assert.equal(wedges([NaN, 1, 0, 0], 10).length, 1);
+});
+
+test("Expert speaks in moves: what it needs, and what the move made costs beside that", () => {
+  const course = { actions: ["north", "north"], outcome: "collided" };
+  const said = (rest, step = 0) => adviceText({ shares: [], action: "east", needs: 23, costs: 2, ...rest }, course, step);
+  assert.equal(said({}), "Expert would go east and needs 23 more moves from here; the move made, north, costs 2 more.");
+  assert.equal(said({ action: "north", needs: 1 }), "Expert would go north too, and needs 1 more move from here.");
+  assert.match(said({ costs: 0 }), /, costs no more\.$/);
+  assert.match(said({ costs: -3 }), /, needs 3 fewer, as it turned out\.$/);
+  assert.match(said({ costs: null }, 1), /; the move made, north, ended the episode\.$/);
+  assert.match(said({ needs: null, costs: null }), /and does not get there in the moves that are left; the move made, north, cannot be compared\.$/);
+});
