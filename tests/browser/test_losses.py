@@ -5,7 +5,7 @@ import pytest
 
 from marsexplorer.observation import valid_actions
 from tests.browser.test_attested import there_and_back
-from tests.browser.test_play_page import fits
+from tests.browser.test_play_page import whole
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
 
 FLAGS = tuple(dict.fromkeys((*AS_A_PERSON, *NO_3D)))
@@ -48,7 +48,7 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     plain = me.still("canvas-player")
     ask.click()
     me.page.locator("[data-part=losses] progress").wait_for()
-    fits(me.page, ("next-terrain",), 1440, 900)  # not cut off while the moves are judged
+    whole(me.page, "next-terrain", "watch-replay", "copy-replay")  # while the moves are judged
     first = me.page.get_by_test_id("loss-1")
     first.wait_for()
     assert "Move 3 ended the episode: " in first.inner_text()

@@ -102,6 +102,9 @@ def test_axe_finds_nothing_on_any_page(site, open_browser, theme):
             reader.look(path, size)
         reader.page.set_viewport_size({"width": ZOOMED[0], "height": ZOOMED[1]})
         reader.check_width(f"/{path} {theme} at 200 %", ZOOMED[0])
+        for width, height in ((820, 1180), (1920, 1080)):
+            reader.page.set_viewport_size({"width": width, "height": height})
+            reader.check_width(f"/{path} {theme} at {width}", width)
     assert reader.found == []
 
 

@@ -105,6 +105,26 @@ def assert_map_is_beside_the_route(me):
     assert corner == "none" or not is_covered.any()
 
 
+@pytest.mark.long
+def test_on_a_tablet_the_small_map_covers_neither_the_rover_nor_its_way(serve, player, tmp_path):
+    server = serve(maps=(write_map(tmp_path),), cell_m=1.0)
+    me = player(server, AS_A_PERSON, 820, 1180, reduced_motion="reduce")
+    me.begin(map="warehouse", rival="frontier-cost")
+    me.page.locator("[data-testid=viewer-player][data-drawn]").wait_for()
+    for action in [*8 * ["north"], *13 * ["east"]]:  # from its south-west, along the north edge
+        me.press(action)
+    assert me.state()["outcome"] is None
+
+    def covers():
+        stage, small = boxes_of(me.page, "stage-player", "canvas-player")
+        is_small = small["width"] < stage["width"] / 3
+        return is_small, small["y"] > stage["y"] + stage["height"] / 2
+
+    eventually(lambda: covers() == (True, True))
+    assert me.page.evaluate("() => document.documentElement.scrollWidth") == 820
+    assert me.errors == []
+
+
 def test_a_driven_browser_is_never_human(serve, player):
     server = serve()
     me = player(server, NO_3D)
@@ -250,6 +270,20 @@ def fits(page, test_ids, width, height):
     assert page.evaluate("() => document.documentElement.scrollWidth") <= width
 
 
+def whole(page, *test_ids):
+    """Nothing covers or cuts off these elements: at each of their corners they are what is seen."""
+    seen = """(element) => {
+      const { left, right, top, bottom } = element.getBoundingClientRect();
+      const corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
+      return corners.every(([x, y]) => {
+        const [across, along] = [Math.sign((left + right) / 2 - x), Math.sign((top + bottom) / 2 - y)];
+        return element.contains(document.elementFromPoint(x + 6 * across, y + 6 * along));
+      });
+    }"""
+    for each in test_ids:
+        eventually(lambda each=each: page.get_by_test_id(each).evaluate(seen))
+
+
 def apart(page, *test_ids):
     """None of these elements covers another."""
     for one, other in itertools.permutations(boxes_of(page, *test_ids), 2):
@@ -285,6 +319,7 @@ def test_a_phone_shows_one_board_at_a_time_and_a_tablet_both(serve, player):
     own = (*own, "leaderboard-link")
     fits(page, own, 390, 844)
     apart(page, "board-player", "pad-north")
+    whole(page, "daily-link", "leaderboard-link")
     assert page.get_by_test_id("board-rival").is_hidden()
     page.get_by_test_id("tab-rival").click()
     assert page.get_by_test_id("board-player").is_hidden()

@@ -330,6 +330,11 @@ def learn_and_answer(me, screens):
     me.page.keyboard.press("Enter")
     me.stands("questions")
     screens.look("questions")
+    asked = me.page.get_by_test_id("question-2").inner_text()
+    assert "complete the same terrain, and know equally many cells" in asked, "else it is not so"
+    me.page.locator("#rules summary").click()
+    rules = me.page.locator("#rules").inner_text()
+    assert "on the same terrain, fewer moves for the same cells score higher" in rules
     me.answer([0, 0, 1])
     me.page.get_by_text("One answer is not right yet.").wait_for()
     verdict = me.page.locator("[data-testid=question-1] .verdict").inner_text()

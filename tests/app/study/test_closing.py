@@ -1,5 +1,6 @@
 """The end of a study: what is open is abandoned, nobody is cut off unseen, and whoever is erased later is counted."""
 
+import io
 import json
 from contextlib import closing
 
@@ -53,8 +54,13 @@ def outcomes(path):
     return {row["outcome"]: row["n"] for row in found}
 
 
-def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(study, tmp_path, capsys):
+def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
+    study, tmp_path, capsys, monkeypatch
+):
     path = tmp_path / "play.db"
+    monkeypatch.setattr("sys.stdin", io.StringIO())  # no terminal
+    code, said = run(capsys, tmp_path, "close", "dunes")
+    assert (code, "--yes closes without asking" in said.err) == (1, True)
     code, said = run(capsys, tmp_path, "close", "dunes", "--yes")
     assert (code, "1 person has moved" in said.err, "--now" in said.err) == (2, True, True)
     assert Folder(tmp_path / "studies").status("dunes") == "open"

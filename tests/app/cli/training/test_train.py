@@ -5,8 +5,11 @@ import os
 import re
 import shlex
 import signal
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
@@ -184,6 +187,19 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
     other = CliRunner().invoke(cli, ["train", "--out", str(folder), "--resume"])
     assert other.exit_code == 2
     assert "is of another run (config)" in " ".join(other.output.split())
+
+
+@pytest.mark.long
+def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
+    command = [sys.executable, "-m", "app.cli", "train", "--steps=100000000", "--out", "run"]
+    environ = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=tmp_path, env=environ, **pipes) as run:
+        next(line for line in run.stdout if " moves, " in line)
+        run.send_signal(signal.SIGTERM)
+        out, err = run.communicate(timeout=60)
+    assert "go on with: marsexplorer train" in out
+    assert "leaked" not in err, "semaphores of its workers"
 
 
 @pytest.mark.parametrize(
