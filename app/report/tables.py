@@ -108,7 +108,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         ),
         "regret": regret_table(regret) if regret else None,
         "by_tenth": _by_tenth(regret) if regret else None,
-        "regret_by_player": _regret_by_player(regret) if regret else None,
+        "regret_by_player": regret_by_player(regret) if regret else None,
         "first_attempts": _first_attempts(group),
         "mixed_model": _by_metric(
             "Second analysis: mixed model, players and terrains crossed, fitted by REML",
@@ -367,7 +367,8 @@ def _regret_parts(
     return PageTable(caption, (name, "mean of players", own, f"players minus {policy}"), rows)
 
 
-def _regret_by_player(found: RegretSummary) -> PageTable:
+def regret_by_player(found: RegretSummary) -> PageTable:
+    """Return each player's regret in all and of each kind of loss, means per episode."""
     rows = []
     for each in found.by_player:
         lost = [number(moves, 1) for moves in (each.mean, *each.by_kind.values())]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -83,81 +82,22 @@ def show(found: Report) -> None:
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
-    """Print a group's figures, comparisons, deviations and cautions."""
-    mark = "SYNTHETIC, script " if found.synthetic else ""
-    _print_figures(mark, group)
-    _print_comparisons(mark, found, group)
-    _print_second_analysis(mark, group)
-    _print_regret(group)
+    """Print a group's figures, comparisons, second analysis and regret as on the page, then deviations and cautions."""
+    from app.report.tables import group_tables
+
+    mark, tables = "SYNTHETIC, script " if found.synthetic else "", group_tables(found, group)
+    titles = {
+        "exclusion_sets": f"{mark}{group.name}: means over players",
+        "policies": f"{mark}policies on the same terrains, beside {group.name}",
+        "score": f"{mark}score: policies minus {group.name}",
+        "steps": f"{mark}steps: policies minus {group.name}",
+        "mixed_model": f"{mark}{group.name}: second analysis, mixed model",
+    }
+    for name in (*titles, "regret"):
+        if (table := tables[name]) is not None and table.rows:
+            print_table(titles.get(name, table.caption), table.heads, table.rows)
     for line in (*group.deviations, *group.cautions):
         echo(f"- {line}")
-
-
-def _print_figures(mark: str, group: GroupReport) -> None:
-    """Print the figure under each exclusion set; nothing where no set has players."""
-    from app.report.statistics.formatting import interval, number, percent
-
-    rows = []
-    for figure in group.figures:
-        score, steps, reached = figure.score, figure.steps, figure.completed
-        if score and steps and reached:
-            mark_of = " (guaranteed)" if score.headline == "guaranteed" else ""
-            ends = interval(score.interval, 4) + mark_of, interval(steps.interval, 1) + mark_of
-            values = number(score.mean, 4), ends[0], number(steps.mean, 1), ends[1]
-            low, high = reached.interval or (math.nan, math.nan)
-            share = percent(reached.mean, 1), interval((100 * low, 100 * high), 1)
-            rows.append((figure.name, str(figure.players), str(figure.episodes), *values, *share))
-    if rows:
-        head = "95 % interval"
-        words = group.words
-        names = (words.score, head, words.steps, head, words.reached, head)
-        columns = ("set", "players", "episodes", *names)
-        print_table(f"{mark}{group.name}: means over players", columns, rows)
-
-
-def _print_comparisons(mark: str, found: Report, group: GroupReport) -> None:
-    """Print the comparisons in score; nothing where there are none."""
-    from app.report.statistics.formatting import interval, number, p_value
-
-    compared = [
-        (found.title_of(each.policy), number(each.mean, 4), number(each.difference, 4), interval(each.new, 4),
-         p_value(each.p_value), p_value(each.p_adjusted), f"{number(each.ratio, 3)} ({interval(each.ratio_interval, 3)})")
-        for each in group.comparisons if each.metric == "score"
-    ]  # fmt: skip
-    if compared:
-        tested = "minus people", "95 %, new terrains too", "p", "p (Holm)"
-        heads = ("policy", "score", *tested, "ratio (95 %)")
-        print_table(f"{mark}policies on the same terrains, beside {group.name}", heads, compared)
-
-
-def _print_regret(group: GroupReport) -> None:
-    """Print where moves are lost; nothing where that was not worked out."""
-    if (found := group.regret) is not None:
-        _print_regret_table(found)
-
-
-def _print_regret_table(found: RegretSummary) -> None:
-    from app.report.tables import regret_table
-
-    table = regret_table(found)
-    print_table(table.caption, table.heads, table.rows)
-
-
-def _print_second_analysis(mark: str, group: GroupReport) -> None:
-    """Print the mixed model."""
-    from app.report.statistics.formatting import interval, number
-
-    models = [metric.mixed_model for metric in group.metrics]
-    rows = [
-        (each.metric, number(each.mean, 4), interval(each.interval, 4), number(each.slope, 5), interval(each.slope_interval, 5))
-        for each in models if each.converged
-    ]  # fmt: skip
-    if rows:
-        heads = ("metric", "mean", "95 %, new terrains too", "slope a trial", "95 % interval")
-        print_table(f"{mark}{group.name}: second analysis, mixed model", heads, rows)
-    for each in models:
-        if not each.converged:
-            echo(f"- {each.metric}: {each.note}")
 
 
 @click.command(short_help="Where the players of a study lose moves.")
@@ -200,13 +140,10 @@ def regret(name: str, database: Path, folder: Folder, json_path: Path | None) ->
 
 def _show_regret(data: StudyData, found: RegretSummary) -> None:
     """Print a row for each player, and the means."""
-    from app.report.statistics.formatting import number
+    from app.report.tables import regret_by_player, regret_table
 
     phase = "ranked" if found.phase == "ranked" else "warm-up"
-    rows = []
-    for each in found.by_player:
-        lost = [number(moves, 1) for moves in (each.mean, *each.by_kind.values())]
-        rows.append((each.player, str(each.episodes), *lost))
     title = f"{data.protocol.name}: regret per {phase} episode, moves"
-    print_table(title, ("player", "episodes", "mean", *found.by_kind), rows)
-    _print_regret_table(found)
+    players, table = regret_by_player(found), regret_table(found)
+    print_table(title, players.heads, players.rows)
+    print_table(table.caption, table.heads, table.rows)
