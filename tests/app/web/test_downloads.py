@@ -220,9 +220,11 @@ def test_a_server_that_stops_while_a_table_is_written_and_sent_ends_soon_and_lea
 
 
 def writers(folder):
-    """The processes that hold files of a folder open."""
+    """The processes that write files of a folder; one that is sent has no name any more."""
     return [
-        int(each.name) for each in Path("/proc").glob("[0-9]*") if open_downloads(each.name, folder)
+        int(each.name)
+        for each in Path("/proc").glob("[0-9]*")
+        if any(not path.endswith(" (deleted)") for path in open_downloads(each.name, folder))
     ]
 
 
