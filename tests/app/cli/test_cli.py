@@ -72,14 +72,7 @@ def test_help_names_every_command_and_the_version_is_printed(run):
     ("module", "words", "sentence"),
     [
         ("torch", "train --steps 1 --out new", "`marsexplorer train` needs the extra [train]"),
-        (
-            "matplotlib",
-            "evaluate --policy random --plots new",
-            "`marsexplorer evaluate` needs the extra [train]",
-        ),
         ("scipy", "evaluate --policy random", "`marsexplorer evaluate` needs the extra [play]"),
-        ("fastapi", "serve --port 0", "`marsexplorer serve` needs the extra [play]"),
-        ("pydantic_settings", "export --out new", "`marsexplorer export` needs the extra [play]"),
         ("jinja2", "report --study pilot", "`marsexplorer report` needs the extra [study]"),
         ("click", "train", "`marsexplorer train` needs the extra [train]"),
         ("click", "--help", "`marsexplorer` needs the extra [play]"),

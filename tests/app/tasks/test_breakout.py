@@ -1,8 +1,5 @@
 """Breakout at 60 frames a second: one record for people and agents, and a server that is killed in the middle of play."""
 
-import sqlite3
-from contextlib import closing
-
 import numpy as np
 import pytest
 
@@ -11,6 +8,7 @@ from app.task import rules_of
 from app.tasks.gymnasium.description import Description
 from app.tasks.gymnasium.rules import GymnasiumRules
 from tests.support.keyboard import Keyboard
+from tests.support.recorded import ask
 
 pytest.importorskip("ale_py")
 BREAKOUT = "gymnasium:ale_py:ALE/Breakout-v5"
@@ -69,9 +67,8 @@ def test_a_server_killed_in_the_middle_of_play_loses_no_tick_that_was_shown(spaw
         me_again.hold("ArrowLeft", 10)
     assert again.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
     server.kill()
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
-        sql = "SELECT driver, attestation, attestation_reason, steps FROM episodes WHERE ended_ms IS NOT NULL"
-        ((*level, steps),) = conn.execute(sql).fetchall()
+    sql = "SELECT driver, attestation, attestation_reason, steps FROM episodes WHERE ended_ms IS NOT NULL"
+    ((*level, steps),) = ask(tmp_path / "playground.db", sql)
     assert level == ["human", "attested", None]
     assert steps >= stored + 10
     assert verify_database(tmp_path / "playground.db").findings == ()

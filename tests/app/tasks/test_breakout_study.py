@@ -1,29 +1,21 @@
 """A study of Breakout at 60 frames a second: two people by their keys, a report, a release that is derived again."""
 
 import json
-import sqlite3
-from contextlib import closing
 
 import minari
 import numpy as np
 import pytest
 
-from app.cli.main import main
 from app.series.verification import verify_database
 from app.web.simulate import Participant
+from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.keyboard import Keyboard
+from tests.support.recorded import ask
 
 pytest.importorskip("ale_py")
 BREAKOUT = {"id": "ale_py:ALE/Breakout-v5", "max_steps": 300}
 TASK = "gymnasium:" + json.dumps(BREAKOUT, sort_keys=True, separators=(",", ":"))
-
-
-def run(*args):
-    """Run a command and return its exit code."""
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in args])
-    return left.value.code or 0
 
 
 class Player(Participant):
@@ -76,9 +68,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(
 ):
     studies, database = played
     assert verify_database(database[1]).findings == ()
-    with closing(sqlite3.connect(database[1])) as conn:
-        sql = "SELECT phase, attestation, steps FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
-        found = conn.execute(sql).fetchall()
+    sql = "SELECT phase, attestation, steps FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
+    found = ask(database[1], sql)
     assert [each for each in found if each[0] == "ranked"] == [("ranked", "attested", 300)] * 2
     numbers = tmp_path / "report.json"
     report = ("report", "--study", "breakout", "--html", tmp_path / "r.html", "--json", numbers)

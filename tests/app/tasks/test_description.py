@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import Choice, rules_of
 from app.tasks.gymnasium.description import Description, read_description
@@ -274,9 +273,9 @@ def test_it_is_played_as_text_by_the_file_s_score_and_verified(home, serve, tmp_
 def test_what_cannot_be_played_is_said_at_the_start(text, said, tmp_path, capsys):
     path = tmp_path / "env.toml"
     path.write_text(text)
-    with pytest.raises(SystemExit) as left:
-        main(["serve", "--env", str(path), "--database", str(tmp_path / "play.db"), "--port", "0"])
-    err = " ".join(capsys.readouterr().err.split())
-    assert (left.value.code in (1, 2), said in err) == (True, True), err
+    where = "--database", tmp_path / "play.db", "--port", 0
+    code, _, err = command(capsys, "serve", "--env", path, *where)
+    err = " ".join(err.split())
+    assert (code in (1, 2), said in err) == (True, True), err
     assert "Traceback" not in err
     assert not (tmp_path / "play.db").exists()

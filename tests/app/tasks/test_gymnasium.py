@@ -4,8 +4,6 @@ import base64
 import csv
 import io
 import shutil
-import sqlite3
-from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.main import main
 from app.series.verification import verify_database
 from app.task import Choice, describe, rules_of
 from app.tasks.gymnasium.description import Description
@@ -22,6 +19,8 @@ from app.tasks.gymnasium.task import GymnasiumTask
 from app.web.replays import frames as of_frames
 from app.web.replays.frames import FrameCourses
 from app.web.settings import Settings
+from tests.support.command import command, run
+from tests.support.recorded import alter
 
 LAKE, ROOMS = "gymnasium:FrozenLake-v1", "gymnasium:minigrid:MiniGrid-FourRooms-v0"
 DOWN, RIGHT = "down", "right"
@@ -149,8 +148,7 @@ def test_what_was_changed_is_found(lake, tmp_path):
     lake.stop()
     for change, what in CHANGES.items():
         copy = Path(shutil.copy(tmp_path / "playground.db", tmp_path / "copy.db"))
-        with closing(sqlite3.connect(copy, isolation_level=None)) as conn:
-            conn.execute(change)
+        alter(copy, change)
         findings = verify_database(copy).findings
         assert any(what in each.what for each in findings), (change, *map(str, findings))
 
@@ -159,10 +157,8 @@ def test_it_is_exported_by_the_names_of_its_actions(lake, tmp_path):
     client = lake.page()
     frames = play(lake, client, begin(lake, client))
     lake.stop()
-    args = ["--database", str(tmp_path / "playground.db"), "--out", str(tmp_path / "out")]
-    with pytest.raises(SystemExit) as left:
-        main(["export", *args])
-    assert not left.value.code
+    where = "--database", tmp_path / "playground.db", "--out", tmp_path / "out"
+    assert run("export", *where) == 0
     (row,) = csv.DictReader((tmp_path / "out/episodes.csv").read_text().splitlines())
     assert (row["task"], row["level"], row["verified"]) == (LAKE, "FrozenLake-v1", "true")
     assert (row["rows"], row["coverage"], row["outcome"]) == ("", "", frames[-1]["outcome"])
@@ -201,9 +197,8 @@ def test_its_replay_is_a_page_and_files_of_what_was_shown(lake, tmp_path, capsys
     lake.stop()
     out = tmp_path / "replay.html"
     args = ["--database", str(tmp_path / "playground.db"), "--out", str(out)]
-    with pytest.raises(SystemExit) as left:
-        main(["replay", last["episode"], *args])
-    assert (left.value.code, f"{last['step']} moves" in capsys.readouterr().out) == (0, True)
+    code, said, _ = command(capsys, "replay", last["episode"], *args)
+    assert (code, f"{last['step']} moves" in said) == (0, True)
     assert told["run"]["sentence"] in out.read_text()
 
 

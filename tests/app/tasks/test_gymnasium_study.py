@@ -2,17 +2,16 @@
 
 import json
 import random
-import sqlite3
-from contextlib import closing
 
 import pytest
 
-from app.cli.main import main
 from app.series.folder import Folder
 from app.series.verification import verify_database
 from app.task import rules_of
 from app.web.simulate import KEY_CODES, Participant, RefusedError
+from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.recorded import ask
 
 LAKE = "gymnasium:FrozenLake-v1"
 ROOMS = 'gymnasium:{"id": "minigrid:MiniGrid-FourRooms-v0", "max_steps": 3}'
@@ -34,13 +33,6 @@ class Wanderer:
 
 
 DECLARED = ("--declarations", DECLARATIONS_FILE)
-
-
-def run(*args):
-    """Run a command and return its exit code."""
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in args])
-    return left.value.code or 0
 
 
 @pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
@@ -129,10 +121,10 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("report", "--study", "any", *studies, *database, *files) == 0
     report = json.loads(numbers.read_text())
     (group,) = report["groups"]
-    with closing(sqlite3.connect(database[1])) as conn:
-        scores = conn.execute(
-            "SELECT avg(score) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'"
-        ).fetchone()
+    (scores,) = ask(
+        database[1],
+        "SELECT avg(score) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'",
+    )
     figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
     assert figure["score"]["mean"] == pytest.approx(scores[0])
     assert (figure["players"], figure["episodes"]) == (2, 8)

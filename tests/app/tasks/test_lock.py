@@ -1,8 +1,6 @@
 """What an episode was computed with: another version is named with its first difference, and is no tampering."""
 
 import json
-import sqlite3
-from contextlib import closing
 
 import pytest
 
@@ -11,6 +9,7 @@ from app.task import rules_of
 from app.tasks.lock import differences
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
+from tests.support.recorded import alter
 
 LAKE = "gymnasium:FrozenLake-v1"
 
@@ -62,8 +61,7 @@ def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
     server.stop()
     database = tmp_path / "playground.db"
     assert verify_database(database).findings == ()
-    with closing(sqlite3.connect(database)) as conn, conn:
-        conn.execute("UPDATE episodes SET core_version = 'gymnasium 0.29.1, numpy 1.26.4'")
+    alter(database, "UPDATE episodes SET core_version = 'gymnasium 0.29.1, numpy 1.26.4'")
     found = [str(each) for each in verify_database(database).findings]
     assert "digest of its stored fields" in found[0], "what was changed is said first"
     assert "cannot be simulated here: gymnasium" in found[-1]

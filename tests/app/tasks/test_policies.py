@@ -114,8 +114,7 @@ def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(made):
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("tests.support.environments:none", "expected a function as module:function"),
-        ("nothing_like_it:rule", "No module named"),
+        (f"{OWN}:none", "expected a function as module:function"),
         ("there_is_none.onnx", "expected random, module:function or an ONNX file"),
         (f"{OWN}:nowhere", "expected an action of Discrete"),
         (f"{OWN}:stuck", "after 2 s of processor"),

@@ -63,7 +63,7 @@ def test_the_expected_discoveries_are_the_literal_count(terrain, radius, data):
 
 @settings(max_examples=25, deadline=None)
 @given(
-    strategies.terrains(max_side=16, max_density=0.5),
+    strategies.terrains(max_side=11, max_density=0.5),
     st.integers(1, 8),
     st.sampled_from(["cost", "utility"]),
 )

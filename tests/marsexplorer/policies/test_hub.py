@@ -10,10 +10,10 @@ import uvicorn
 from huggingface_hub import ModelCard
 from huggingface_hub import constants as hub_constants
 
-from app.cli.main import main
 from marsexplorer.policies import load
 from marsexplorer.policies.files import hub
 from marsexplorer.policies.files.card import read_card, shipped
+from tests.support.command import command
 from tests.support.hub_server import TOKEN, create_hub
 from tests.support.policy_files import write_network
 from tests.support.servers import eventually
@@ -45,15 +45,8 @@ def hub_app(monkeypatch, tmp_path):
     sock.close()
 
 
-def run(capsys, *words):
-    """Run the command; return (exit code, what it printed, what it complained of)."""
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    return ended.value.code, *capsys.readouterr()
-
-
 def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
-    code, said, complained = run(capsys, "policies", "push", "ppo", REPO, "--private")
+    code, said, complained = command(capsys, "policies", "push", "ppo", REPO, "--private")
     assert code == 0, complained
     assert f"/{REPO}" in said
     held = hub_app.state.repositories[REPO]
@@ -61,7 +54,7 @@ def test_a_policy_comes_back_from_the_hub_as_it_went(hub_app, capsys, tmp_path):
     assert set(held.commits[-1]) == {"ppo.onnx", "config.json", "README.md"}
     assert len(held.commits) == 2, "one commit after the empty one"
     words = ("policies", "pull", REPO, "--out", str(tmp_path / "pulled"))
-    code, said, complained = run(capsys, *words)
+    code, said, complained = command(capsys, *words)
     assert code == 0, complained
     pulled = tmp_path / "pulled" / "ppo.onnx"
     assert pulled.read_bytes() == shipped()["ppo"].read_bytes()
@@ -105,7 +98,7 @@ def test_a_revision_is_the_policy_as_it_was_then(hub_app, tmp_path):
     ],
 )
 def test_a_mistake_is_one_sentence_and_leaves_nothing(hub_app, capsys, words, said, code):
-    ended, _, complained = run(capsys, "policies", *words)
+    ended, _, complained = command(capsys, "policies", *words)
     assert (ended, said in complained, len(complained.splitlines())) == (code, True, 1), complained
     assert hub_app.state.repositories == {}
 

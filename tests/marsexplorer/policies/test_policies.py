@@ -57,21 +57,6 @@ def test_one_policy_serves_boards_of_any_size(name):
         assert episode.outcome in ("running", "explored")
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_memory_is_rebuilt_by_replaying_the_observations(name):
-    policy, twin = policies.load(name), policies.load(name)
-    episode = Episode.begin(EnvConfig("random", 12, 20), seed=8)
-    policy.reset(8)
-    observations = []
-    for _ in range(12):
-        observations.append(episode.observation())
-        episode.step(policy.act(observations[-1]))
-    twin.reset(8)
-    for observation in observations:
-        twin.act(observation)
-    assert policy.act(episode.codes) == twin.act(episode.codes)
-
-
 def test_observations_of_another_kind_are_refused_in_words():
     with pytest.raises(ValueError, match="2 dimensions"):
         decode(np.zeros((1, 5, 7), np.float32))

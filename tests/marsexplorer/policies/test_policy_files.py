@@ -9,7 +9,6 @@ import pytest
 import torch
 from onnx import TensorProto
 
-from app.cli.main import main
 from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -17,6 +16,7 @@ from marsexplorer.policies import PolicyFileError
 from marsexplorer.policies.files.card import read_card
 from marsexplorer.training.network import Net, load_net, save_network
 from tests.support import policy_files as files
+from tests.support.command import command
 
 SIZE = (6, 7)
 CONFIG = EnvConfig.of("random", SIZE, max_steps=60)
@@ -137,19 +137,17 @@ def test_evaluate_scores_files_of_other_makers(tmp_path, capsys):
     files.write_onnx(tmp_path / "mine.onnx")
     files.write_onnx(tmp_path / "other.onnx", masked=True)
     names = ["--policy", str(tmp_path / "mine.onnx"), "--policy", str(tmp_path / "other.onnx")]
-    with pytest.raises(SystemExit, match=r"^0$"):
-        main(["evaluate", *names, "--size", "6x7", "--episodes", "3"])
-    said = capsys.readouterr().out
+    code, said, _ = command(capsys, "evaluate", *names, "--size", "6x7", "--episodes", "3")
+    assert code == 0
     assert "mine" in said
     assert "other" in said
 
 
 def test_evaluate_refuses_a_size_that_a_policy_was_not_made_for(tmp_path, capsys):
     path = files.write_onnx(tmp_path / "mine.onnx")
-    with pytest.raises(SystemExit) as left:
-        main(["evaluate", "--policy", str(path), "--size", "9", "--episodes", "3"])
-    said = capsys.readouterr().err
-    assert left.value.code == 2
+    given = "--policy", path, "--size", "9", "--episodes", "3"
+    code, _, said = command(capsys, "evaluate", *given)
+    assert code == 2
     assert "made for 6x7 and cannot play 9x9" in said
     assert len(said.splitlines()) == 1
 

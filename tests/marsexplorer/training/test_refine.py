@@ -15,7 +15,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies import load
-from marsexplorer.policies.files.card import read_card, shipped
+from marsexplorer.policies.files.card import shipped
 from marsexplorer.policies.network.features import MOVE_NUMBERS, FeatureExtractor
 from marsexplorer.policies.network.policy import NetworkPolicy
 from marsexplorer.training.envs import EVALUATION_SEEDS
@@ -251,15 +251,3 @@ def test_what_is_no_network_of_ours_is_refused_and_a_run_is_never_written_over(t
     assert kept.exit_code == 2
     assert "exists already" in kept.output
     assert (tmp_path / "run" / "run.onnx").read_bytes() == b"mine"
-
-
-@pytest.mark.long
-def test_the_command_refines_the_shipped_policy(tmp_path):
-    done = CliRunner().invoke(cli, ["refine", "--rounds", "1", "--out", str(tmp_path / "mine")])
-    assert done.exit_code == 0, done.output
-    card = read_card(tmp_path / "mine" / "mine.onnx")
-    assert card["training"]["rounds"] == 1
-    assert card["training"]["began_with"]["command"]
-    results = card["results"]["random 21x21"]
-    assert results["completion"] == 1.0
-    assert results["steps"] < results["best_rule_steps"]
