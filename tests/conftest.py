@@ -4,7 +4,7 @@ import gc
 import os
 import shutil
 import tempfile
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import pytest
 
@@ -31,3 +31,12 @@ def pytest_collection_finish():
 def briefly_examined(monkeypatch):
     """A study's environment is examined over a few moves alone; `test_doctor.py` is about more."""
     monkeypatch.setattr("app.tasks.gymnasium.rules.EXAMINED", 20)
+
+
+@pytest.fixture
+def store(tmp_path):
+    """An empty database of a server, `play.db`."""
+    from app.db.store import Store
+
+    with closing(Store(tmp_path / "play.db")) as found:
+        yield found

@@ -3,13 +3,13 @@
 import re
 
 import numpy as np
-import pytest
 
 from app.series.evaluation import CardList, card_link, evaluation_of_study, evaluation_of_task
 from app.series.folder import Folder
 from app.series.protocol import Agents
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from tests.support.command import run
 from tests.support.golden_study import is_valid
 
 CODES = {"?": 0, ".": 1, "@": 2, "#": 3}
@@ -109,7 +109,6 @@ def paths(root):
 
 def closed_evaluation(root, policies):
     """Return a folder with a closed evaluation: Ann's card played all, a second of hers knew the maps, Bo's left most."""
-    from app.cli.main import main
     from tests.support.servers import hasty_limits, running_server
     from tests.support.stored_studies import freeze, play_study
 
@@ -130,7 +129,5 @@ def closed_evaluation(root, policies):
             second.follow(index, best_way(studies, index))
         third.play(1)
         third.play(2, moves=2)
-    with pytest.raises(SystemExit) as left:
-        main(["evaluation", "close", "agents", "--yes", "--now", *paths(root)])
-    assert left.value.code in (0, None)
+    assert run("evaluation", "close", "agents", "--yes", "--now", *paths(root)) == 0
     return root

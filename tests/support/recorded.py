@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import sqlite3
 import time
 from collections.abc import Sequence
+from contextlib import closing
 
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
@@ -16,6 +18,18 @@ NOW = int(time.time() * 1000)
 KEYS = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
 """By action."""
 _numbers = itertools.count()
+
+
+def ask(path, sql, *values):
+    """Return the rows of a query on a database, which a server may have open."""
+    with closing(sqlite3.connect(path)) as conn:
+        return conn.execute(sql, values).fetchall()
+
+
+def alter(path, *statements):
+    """Execute statements on a database, as whoever can write the file; return how many rows the last one changed."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
+        return [conn.execute(each).rowcount for each in statements][-1]
 
 
 def add_session(

@@ -11,7 +11,6 @@ from itsdangerous import TimestampSigner
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.web.access import ADMIN_COOKIE
-from app.web.operator.health import Health
 from app.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
 from app.web.settings import Settings
 from tests.support.servers import eventually, forged
@@ -403,19 +402,6 @@ def test_who_stores_most_and_how_long_moves_take_is_shown_without_an_address(adm
     watched = health["watched"]
     assert 0 < watched["move_p99_seconds"] == value("marsexplorer_move_p99_seconds") < 5
     assert (watched["waiting_jobs"], watched["backup_age_seconds"]) == (0, -1)
-
-
-def test_damage_is_seen(serve, tmp_path):
-    server = serve()
-    server.stop()
-    path = tmp_path / "playground.db"
-    data = bytearray(path.read_bytes())
-    data[4096 * 3 : -4096] = bytes(range(256)) * ((len(data) - 4096 * 4) // 256)
-    path.write_bytes(data)
-    health = Health(path)
-    health.check()
-    state = health.state()
-    assert (state["check"]["is_whole"], state["chain"]) == (False, None)
 
 
 def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch):

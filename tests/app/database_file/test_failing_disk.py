@@ -77,18 +77,6 @@ def test_a_policy_waits_while_the_disk_is_full_says_so_once_and_goes_on_by_itsel
     server.close()
 
 
-def test_a_database_that_becomes_read_only_refuses_moves_until_it_can_be_written(server):
-    client = server.client()
-    begun = begin(client)
-    assert act(client, begun, 0).json()["step"] == 1
-    server.execute("PRAGMA query_only = ON")
-    refused = act(client, begun, 1)
-    assert (refused.status_code, "nothing changed" in refused.json()["detail"]) == (503, True)
-    assert client.get(f"/api/sessions/{begun['session']}").json()["step"] == 1
-    server.execute("PRAGMA query_only = OFF")
-    assert act(client, begun, 1).json()["step"] == 2
-
-
 def test_a_clock_that_is_set_back_loses_no_move(server, tmp_path):
     client = server.client()
     begun = begin(client)

@@ -10,10 +10,10 @@ from contextlib import closing
 
 import pytest
 
-from app.cli.main import main
 from app.db.database import StoreError
 from app.db.store import Store
 from app.web.operator.health import Health
+from tests.support.command import command
 from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
 from tests.support.servers import eventually
 
@@ -163,14 +163,12 @@ def test_after_a_kill_a_damaged_file_is_one_sentence_before_anything_is_answered
     path = tmp_path / "playground.db"
     spawn().kill()
     damage(path, root_of_steps)
-    with pytest.raises(SystemExit) as left:
-        main(["serve", "--port", "0", "--database", str(path)])
-    said = capsys.readouterr()
-    assert "Traceback" not in said.err
-    assert left.value.code == 1
-    assert said.err.count(f"the database {path} is damaged") == 1
-    assert f"sqlite3 {path} .recover | sqlite3 NEW" in said.err
-    assert "is open at" not in said.out
+    code, out, err = command(capsys, "serve", "--port", "0", "--database", path)
+    assert "Traceback" not in err
+    assert code == 1
+    assert err.count(f"the database {path} is damaged") == 1
+    assert f"sqlite3 {path} .recover | sqlite3 NEW" in err
+    assert "is open at" not in out
 
 
 def test_a_check_under_way_is_given_up_when_the_server_ends(tmp_path):

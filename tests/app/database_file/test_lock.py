@@ -48,6 +48,7 @@ def test_refusing_a_second_server_keeps_the_locks_of_the_first(path, tmp_path):
     """A handle that is opened on the database and closed again would drop SQLite's locks: the log could be taken away."""
     store = Store(path)
     play(store, seed=1)
+    Reader.open(path).close()
     reader = Reader.open(path)
     other = tmp_path / "other.db"
     os.link(path, other)

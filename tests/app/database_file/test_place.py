@@ -43,6 +43,7 @@ def test_no_move_is_acknowledged_into_a_file_that_is_gone(serve, tmp_path, lose)
             assert answer["kind"] == "error"
             assert "no move is made and nothing is recorded" in answer["detail"]
         assert str(tmp_path) not in answer["detail"]
+        assert (tmp_path / "playground.db").exists() is (lose in (replace, delete_log))
         assert client.get("/api/health").json()["status"] == "failing"
         assert client.get("/readyz").status_code == 503
         assert client.get("/healthz").status_code == 200, (

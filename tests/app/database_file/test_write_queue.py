@@ -455,17 +455,6 @@ def test_a_database_on_the_event_loop_is_warned_of_and_cannot_be_written_there(t
     with_threads(tmp_path / "a.db", scenario)
 
 
-def test_without_a_started_thread_a_write_is_made_at_once():
-    followed = []
-    queue = WriteQueue(lambda: None, lambda: None)
-
-    async def scenario():
-        return await queue.put(lambda: 7, then=followed.append)
-
-    assert asyncio.run(scenario()) == 7
-    assert followed == [7]
-
-
 class StoppingLoop(asyncio.SelectorEventLoop):
     """A loop in which the next write that is asked for is overtaken by the end of the queue, which another thread asks for."""
 

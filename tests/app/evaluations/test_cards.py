@@ -1,13 +1,10 @@
 """Agents play a sealed evaluation with cards: once at each instance, from what was seen alone, and without a score."""
 
 import asyncio
-import dataclasses
-import json
 
 import pytest
 
 from app.series.cards import NO_CARD, CardError
-from app.series.evaluation import CardList
 from app.series.folder import Folder
 from app.series.verification import verify_database
 from tests.support.agents import Agent, own, sealed, token_of
@@ -33,63 +30,6 @@ def refused(agent, *given, **named):
     with pytest.raises(CardError) as refusal:
         agent.call(*given, **named)
     return refusal.value.status, str(refusal.value)
-
-
-def test_an_agent_plays_each_instance_once_and_is_told_no_score(agent, root):
-    seen = agent.play(1)
-    assert seen[-1].done
-    assert len(seen) > 5
-    assert [each.step for each in seen] == list(range(len(seen)))
-    told = json.dumps([dataclasses.asdict(each) for each in seen])
-    assert not any(word in told for word in ("reward", "return", "score", "outcome", "explored"))
-    status, said = refused(agent, "begin", 1)
-    assert (status, said) == (
-        409,
-        "instance 1 is finished: a card has one attempt at each instance",
-    )
-    assert refused(agent, "act", 1, 0)[0] == 409
-    assert refused(agent, "act", 0, 0)[0] == 409  # it has not begun
-    state = agent.call("state")
-    assert (state["begun"], state["finished"], state["closed"]) == ([1], [1], False)
-    (row,) = agent.server.services.store.connection.execute(
-        "SELECT e.driver, e.attestation, p.kind, x.terrain, e.outcome, e.seed FROM episodes e JOIN series_episodes x "
-        "ON x.episode_id = e.id JOIN participants p ON p.id = x.participant_id"
-    ).fetchall()
-    study = Folder(root).study("small")
-    assert row == ("script", None, "script", 1, "explored", study.seed("ranked", 1))
-
-
-def test_an_unfinished_attempt_goes_on_where_its_record_stands(agent, serve, root):
-    before = agent.play(0, moves=4)[-1]
-    agent.server.stop()
-    again = Agent(serve(), agent.token)
-    assert again.call("begin", 0) == before
-    assert not again.play(0)[-1].step <= before.step
-
-
-def test_attempts_run_at_the_same_time(agent):
-    first, second = agent.play(0, moves=2)[-1], agent.play(2, moves=3)[-1]
-    assert (first.step, second.step) == (2, 3)
-    assert agent.call("begin", 0) == first
-    assert agent.call("state")["begun"] == [0, 2]
-
-
-def test_an_unknown_a_revoked_and_a_closed_card_are_one_answer(agent, root):
-    agent.play(0, moves=2)
-    other, last = token_of(root, "Bo"), token_of(root, "Cy")
-    Agent(agent.server, other)  # it was in use before it was taken back
-    CardList(Folder(root)).revoke("agents", other[:4])
-    agent.call("close")
-    Agent(agent.server, last)
-    guessed = last[:-1] + ("A" if last[-1] != "A" else "B")
-    for token in (agent.token, other, guessed, "", "x" * 500, last[:4]):
-        with pytest.raises(CardError) as refusal:
-            Agent(agent.server, token)
-        assert (refusal.value.status, str(refusal.value)) == (404, NO_CARD), token
-    outcomes = agent.server.services.store.connection.execute(
-        "SELECT outcome FROM episodes"
-    ).fetchall()
-    assert outcomes == [("abandoned",)]
 
 
 def test_the_address_of_a_card_is_of_no_use_once_the_evaluation_is_closed(agent, root):
@@ -137,30 +77,6 @@ def test_a_reset_that_waits_for_the_end_of_its_card_begins_nothing(agent):
     assert (refusal.status, str(refusal)) == (404, NO_CARD)
     rows = agent.server.services.store.connection.execute("SELECT outcome FROM episodes").fetchall()
     assert rows == [("abandoned",)]
-
-
-def test_what_is_said_of_an_agent_is_fixed_by_its_first_attempt_but_for_the_cost(agent):
-    card = agent.call("describe", {"agent": "Rule", "version": "1", "model": "none"})
-    assert (card.author, card.number, card.description["agent"]) == ("Ann", 1, "Rule")
-    assert refused(agent, "describe", {"score": "1"})[0] == 422
-    assert refused(agent, "describe", {"agent": 3})[0] == 422
-    agent.play(0, moves=1)
-    assert refused(agent, "describe", {"agent": "Other"})[0] == 409
-    assert agent.call("describe", {"cost": "3 USD"}).description["cost"] == "3 USD"
-    assert agent.call("describe", {}).description["agent"] == "Rule"
-
-
-@pytest.mark.parametrize(
-    ("sees", "kinds"),
-    [("picture", (True, False)), ("observation", (False, True)), ("both", (True, True))],
-)
-def test_agents_are_shown_what_the_protocol_says(serve, tmp_path, sees, kinds):
-    freeze(tmp_path / "studies")
-    sealed(tmp_path / "studies", sees=sees)
-    agent = Agent(serve(), token_of(tmp_path / "studies"))
-    seen = agent.call("begin", 0)
-    assert (seen.picture is not None, seen.observation is not None) == kinds
-    assert agent.call("act", 0, "north") is not None
 
 
 def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):

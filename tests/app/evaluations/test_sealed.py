@@ -9,7 +9,6 @@ from itertools import combinations
 import pytest
 from numpy import packbits
 
-from app.cli.main import main
 from app.series.cards import CardError
 from app.series.evaluation import evaluation_of_study
 from app.series.folder import Folder, StudyError
@@ -18,7 +17,7 @@ from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
 from tests.support.agents import Agent, own, sealed, token_of
-from tests.support.command import command
+from tests.support.command import command, run
 from tests.support.stored_studies import freeze, play_study
 
 PATH_ENV = "gymnasium:tests.support.environments:Path-v0"
@@ -29,14 +28,7 @@ def root(tmp_path):
     """A study that three have played and that was closed sealed, and an open evaluation on its terrains."""
     study = freeze(tmp_path / "studies", close=False)
     play_study(tmp_path / "playground.db", study)
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                str(each)
-                for each in ("study", "close", "dunes", "--sealed", "--yes", *paths(tmp_path))
-            ]
-        )
-    assert not left.value.code
+    assert run("study", "close", "dunes", "--sealed", "--yes", *paths(tmp_path)) == 0
     sealed(tmp_path / "studies", of="dunes")
     return tmp_path
 

@@ -31,7 +31,7 @@ class Wire:
     """A plain client of a card's address."""
 
     def __init__(self, server, token):
-        self.base, self.client = f"/agents/{token}", server.client()
+        self.base, self.server, self.client = f"/agents/{token}", server, server.client()
         self._ws = f"ws://127.0.0.1:{server.port}{self.base}/ws"
 
     def get(self, path=""):
@@ -105,9 +105,9 @@ def error(answer):
     return answer["data"]["code"], answer["data"]["message"]
 
 
-def test_a_series_is_played_to_its_end_and_no_score_is_told(wire):
+def test_a_series_is_played_to_its_end_and_no_score_is_told(wire, root):
     with wire.socket() as ask:
-        answers = [each for index in range(3) for each in wire.play(ask, index)]
+        answers = [each for index in (0, 2, 1) for each in wire.play(ask, index)]
         state = ask("state")
     assert state["type"] == "state"
     assert state["data"]["finished"] == [0, 1, 2]
@@ -121,6 +121,15 @@ def test_a_series_is_played_to_its_end_and_no_score_is_told(wire):
         assert seen["picture"].startswith("data:image/png;base64,")
     told = json.dumps([answers, state, wire.get().json(), wire.get("/metadata").json()])
     assert not any(word in told for word in ('"return"', '"score"', '"outcome"', '"seed"'))
+    study = Folder(root).study("agents")
+    rows = wire.server.services.store.connection.execute(
+        "SELECT e.driver, e.attestation, p.kind, x.terrain, e.outcome, e.seed FROM episodes e JOIN series_episodes x "
+        "ON x.episode_id = e.id JOIN participants p ON p.id = x.participant_id ORDER BY x.terrain"
+    ).fetchall()
+    assert rows == [
+        ("script", None, "script", index, "explored", study.seed("ranked", index))
+        for index in range(3)
+    ]
     assert wire.post("/close", {}).json() == {"closed": True}
     assert wire.get().status_code == 404
 
@@ -220,8 +229,11 @@ def test_a_guessed_token_a_closed_and_a_revoked_card_are_told_alike_on_every_rou
         "guessed": issued[:-1] + ("A" if issued[-1] != "A" else "B"),
         "closed": token_of(root, "Ann"),
         "revoked": token_of(root, "Bob"),
+        "a card's number": issued[:4],
+        "long": "x" * 500,
     }
     server = serve()
+    assert Wire(server, tokens["revoked"]).get().status_code == 200
     assert Wire(server, tokens["closed"]).post("/close", {}).status_code == 200
     CardList(Folder(root)).revoke("agents", tokens["revoked"][:4])
     gets = (
@@ -291,6 +303,9 @@ def test_the_author_says_what_the_agent_is_before_it_plays(wire):
         ask("reset", index=0)
     late = wire.post("", {"agent": "another"})
     assert (late.status_code, wire.get().json()["agent"]) == (409, said)
+    assert wire.post("", {"cost": "3 USD"}).json() == {"agent": {**said, "cost": "3 USD"}}
+    for wrong in ({"score": "1"}, {"agent": 3}):
+        assert wire.post("", wrong).status_code == 422
 
 
 def test_mcp_has_a_handshake_and_two_tools(wire):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy
 
-from app.cli.main import main
 from app.db.reader import Reader
 from app.report.regret import (
     _part,
@@ -28,6 +27,7 @@ from marsexplorer.evaluation.episodes import play_terrain
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import RegretEstimator
 from marsexplorer.policies import load as load_policy
+from tests.support.command import command, run
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -144,22 +144,10 @@ def test_the_analysis_is_kept_next_to_the_database(place):
 
 def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):
     folder, people = place
-    where = ("--database", str(folder / "play.db"), "--studies", str(folder / "studies"))
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "report",
-                "--study",
-                "dunes",
-                *where,
-                "--html",
-                str(tmp_path / "r.html"),
-                "--json",
-                str(tmp_path / "r.json"),
-            ]
-        )
-    assert not left.value.code
-    assert "players minus ppo" in capsys.readouterr().out
+    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    files = "--html", tmp_path / "r.html", "--json", tmp_path / "r.json"
+    code, said, _ = command(capsys, "report", "--study", "dunes", *where, *files)
+    assert (code, "players minus ppo" in said) == (0, True)
     page, document = (
         (tmp_path / "r.html").read_text(),
         json.loads((tmp_path / "r.json").read_text()),
@@ -174,24 +162,21 @@ def test_forgetting_a_participant_deletes_the_regrets_that_were_kept(tmp_path, c
     (person, *_) = play_study(tmp_path / "play.db", freeze(tmp_path / "studies"))
     regret_cache(tmp_path / "play.db").mkdir()
     (regret_cache(tmp_path / "play.db") / "kept.npy").write_bytes(b"")
-    with pytest.raises(SystemExit) as left:
-        main(["forget", person, "--database", str(tmp_path / "play.db"), "--yes"])
-    assert not left.value.code, capsys.readouterr().err
+    assert run("forget", person, "--database", tmp_path / "play.db", "--yes") == 0
     assert not regret_cache(tmp_path / "play.db").exists()
 
 
 def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsys):
     folder, people = place
-    where = ("--database", str(folder / "play.db"), "--studies", str(folder / "studies"))
-    with pytest.raises(SystemExit) as left:
-        main(["regret", "--study", "dunes", *where, "--json", str(tmp_path / "regret.json")])
-    said = capsys.readouterr()
-    assert not left.value.code, said.err
-    assert "regret per ranked episode" in said.out
-    assert "ppo’s own" in said.out
+    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    written = "--json", tmp_path / "regret.json"
+    code, said, err = command(capsys, "regret", "--study", "dunes", *where, *written)
+    assert code == 0, err
+    assert "regret per ranked episode" in said
+    assert "ppo’s own" in said
     written = (tmp_path / "regret.json").read_text()
     document = json.loads(written)
     moves = document["moves"]
     assert {move["player"] for move in moves} == {"P01", "P02"}
     assert set(moves[0]) == {"player", "episode", "step", "action", "regret", "best_action", "kind"}
-    assert not any(person in written or person in said.out for person in people)
+    assert not any(person in written or person in said for person in people)

@@ -138,22 +138,6 @@ def test_a_new_episode_restarts_both_on_one_terrain(server):
     assert (player.terrain, player.seed, player.number) == (other.terrain, other.seed, 2)
 
 
-def test_two_policies_side_by_side(server):
-    client = server.client()
-    begun = client.post(
-        "/api/sessions",
-        json={"player": "frontier-cost", "rival": "frontier-utility", "size": 10, "seed": 4},
-    ).json()
-    client.post(f"/api/sessions/{begun['session']}/pace", json={"moves_per_second": 60})
-    for session in (begun["session"], begun["rival"]["session"]):
-        last = eventually(
-            lambda session=session: (
-                (now := client.get(f"/api/sessions/{session}").json())["outcome"] and now
-            )
-        )
-        assert last["outcome"] == "explored"
-
-
 def test_a_policy_that_remembers_goes_on_where_it_stood_after_a_restart(serve):
     server = serve()
     client = server.client()

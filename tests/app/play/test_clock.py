@@ -1,9 +1,7 @@
 """A board on which time runs: actions from held keys, countdown, pauses and lag, and what whoever has the rows can find."""
 
 import json
-import sqlite3
 import time
-from contextlib import closing
 
 import pytest
 
@@ -15,6 +13,7 @@ from app.series.verification import verify_database
 from app.task import describe, rules_of
 from app.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
+from tests.support.recorded import alter, ask
 from tests.support.servers import eventually
 
 KEYS = {"noop": (), "right": ("ArrowRight", "KeyD"), "rightfire": ("ArrowRight+Space",)}
@@ -96,13 +95,10 @@ def begin(server):
     return client, begun.json()["session"]
 
 
-def rows(tmp_path, sql):
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
-        return conn.execute(sql).fetchall()
-
-
 def levels(tmp_path):
-    return rows(tmp_path, "SELECT driver, attestation, attestation_reason FROM episodes")
+    return ask(
+        tmp_path / "playground.db", "SELECT driver, attestation, attestation_reason FROM episodes"
+    )
 
 
 def play(server, ticks=20):
@@ -127,7 +123,7 @@ def test_ticks_follow_from_held_keys_and_are_attested(ticking, tmp_path):
     client, board, me = play(ticking)
     assert me.kinds == {"frame", "clock", "kept", "history"}
     assert me.refused is None
-    made = rows(tmp_path, "SELECT action, input, driver FROM steps ORDER BY step")
+    made = ask(tmp_path / "playground.db", "SELECT action, input, driver FROM steps ORDER BY step")
     assert {NOOP, RIGHT} == {action for action, *_ in made}
     assert set(made) == {(NOOP, None, "human"), (RIGHT, "key", "human")}
     assert 35 <= sum(action == RIGHT for action, *_ in made) <= 60
@@ -157,8 +153,7 @@ def test_whatever_is_changed_is_found(ticking, tmp_path):
     kept = path.read_bytes()
     for change, what in CHANGES.items():
         path.write_bytes(kept)
-        with closing(sqlite3.connect(path, isolation_level=None)) as conn:
-            assert conn.execute(change).rowcount > 0
+        assert alter(path, change) > 0
         found = [str(each) for each in verify_database(path).findings]
         assert any(what in each for each in found), (change, found)
 
@@ -182,7 +177,9 @@ def test_no_tick_comes_while_the_board_stands_still(ticking, tmp_path):
             assert me.frame["step"] == stood
         me.go_on()
         me.pass_ticks(3)
-        actions = rows(tmp_path, "SELECT action FROM steps ORDER BY step DESC LIMIT 2")
+        actions = ask(
+            tmp_path / "playground.db", "SELECT action FROM steps ORDER BY step DESC LIMIT 2"
+        )
         assert actions == [(NOOP,), (NOOP,)]  # whatever was held is let go
         with ticking.socket(board, client) as other:  # a reload, or a second tab
             again = Keyboard(other)

@@ -2,11 +2,9 @@
 
 import random
 import secrets
-import sqlite3
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -20,6 +18,7 @@ from app.series.verification import verify_database
 from app.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
+from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
 SIZE = (15, 15)
@@ -124,9 +123,8 @@ def forgers(copied):
 
 
 def presses_of(path, episode):
-    with closing(sqlite3.connect(path)) as db:
-        sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step"
-        return [at for (at,) in db.execute(sql, [episode])]
+    sql = "SELECT key_down_ms FROM steps WHERE episode_id = ? ORDER BY step"
+    return [at for (at,) in ask(path, sql, episode)]
 
 
 def honest_board(server):
@@ -193,10 +191,8 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
     person.to_warm_up()
     person.play_on()
     path = tmp_path / "playground.db"
-    with closing(sqlite3.connect(path)) as db:
-        (copied,) = db.execute(
-            "SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = 0"
-        ).fetchone()
+    sql = "SELECT episode_id FROM series_episodes WHERE phase = 'ranked' AND trial = 0"
+    ((copied,),) = ask(path, sql)
     names = times * [*forgers(presses_of(path, copied))]
     for forger in times * [*forgers(presses_of(path, copied)).values()]:
         other = Person(server, invitation=next(invitations))

@@ -7,9 +7,9 @@ import pytest
 
 from app.board.lobby import Lobby, UnknownSessionError
 from app.board.messages import ChangePace
-from app.board.session import Move, RefusedError
+from app.board.session import Move
 from app.board.sources import Sources
-from app.db.store import Store, StoreError
+from app.db.store import Store
 from app.tasks.mars.messages import NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
@@ -121,30 +121,6 @@ def test_an_ended_episode_is_shown_for_a_day_and_then_forgotten(run_in_lobby):
     run_in_lobby(later, clock_ms=lambda: 3 * DAY_MS)
 
 
-def test_a_step_the_store_does_not_take_did_not_happen(run_in_lobby, monkeypatch):
-    async def scenario(lobby):
-        session = await lobby.create(NewSession(seed=5), "me")
-        await session.act(move(session))
-        frame, codes = session.frame, session.shown.codes.copy()
-        with monkeypatch.context() as patch:
-            patch.setattr(lobby.store, "add_step", broken)
-            with pytest.raises(StoreError):
-                await session.act(move(session))
-            patch.setattr(lobby.store, "next_episode", broken)
-            with pytest.raises(StoreError):
-                await lobby.restart(session, NewEpisode())
-        assert (session.frame, session.shown.steps, session.shown.outcome) == (frame, 1, "running")
-        assert (session.shown.codes == codes).all()
-        await session.act(move(session))
-        assert session.shown.steps == 2
-        assert session.shown.actions == b"\x02\x02"
-
-    def broken(*_):
-        raise StoreError("the disk is full")
-
-    run_in_lobby(scenario)
-
-
 def test_restarts_at_the_same_time_leave_one_running_episode_each(run_in_lobby):
     async def scenario(lobby):
         session = await lobby.create(NewSession(player="random", rival="frontier-cost"), "me")
@@ -185,14 +161,3 @@ def test_seeds_and_ids_are_unguessable_by_default():
     assert all(0 <= sources.seed() < 2**53 for _ in range(100))
     assert len(sources.session_id()) == 22
     assert len(sources.episode_id()) == 16
-
-
-def test_a_policys_rover_refuses_other_drivers(run_in_lobby):
-    async def scenario(lobby):
-        session = await lobby.create(NewSession(player="random"), "me")
-        await lobby.change_pace(session, ChangePace(pause=True))
-        for driver in ("human", "script"):
-            with pytest.raises(RefusedError, match="driven by the policy 'random'"):
-                await session.act(Move(session.current.id, session.shown.steps, 2, driver))
-
-    run_in_lobby(scenario)

@@ -13,7 +13,6 @@ from app.board.messages import (
     describe_errors,
     parse_message,
 )
-from app.tasks.mars.messages import NewSession
 from app.tasks.mars.run import View
 from app.tasks.mars.task import Mars
 from app.web.sockets import as_move
@@ -73,30 +72,6 @@ def test_a_bad_message_is_answered_with_what_was_expected_and_what_came(text, sa
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
-
-
-@pytest.mark.parametrize(
-    ("body", "said"),
-    [
-        ({"level": "7-7-7"}, "no level '7-7-7'; choose one of: random, 1-1-1"),
-        ({"size": 3}, "rows must be at least 5, got 3"),
-        ({"size": [21, 4]}, "cols must be at least 5, got 4"),
-        ({"size": 129}, "rows must be at most 128 over the API, got 129"),
-        ({"size": [5, 6, 7]}, "size must be a whole number or [rows, cols], got 3 values"),
-        ({"size": True}, "size must be a whole number or [rows, cols], got True"),
-        ({"size": [5.0, 6]}, "rows must be a whole number, got 5.0"),
-        ({"seed": 2**53}, "seed must be at most 9007199254740991, got 9007199254740992"),
-        ({"seed": "7"}, 'seed must be a whole number, got "7"'),
-        (
-            {"sed": 7},
-            "unknown field 'sed'; the fields are: seed, player, rival, replays, level, size, map",
-        ),
-    ],
-)
-def test_a_bad_request_is_answered_with_what_was_expected_and_what_came(body, said):
-    with pytest.raises(ValidationError) as caught:
-        NewSession.model_validate(body)
-    assert said in describe_errors(caught.value.errors())
 
 
 @pytest.mark.parametrize(

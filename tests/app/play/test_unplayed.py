@@ -2,7 +2,6 @@
 
 import asyncio
 import secrets
-import sqlite3
 from contextlib import closing
 
 from app.board.lobby import Lobby
@@ -15,6 +14,7 @@ from app.series.verification import verify_database
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
 from app.web.settings import Limits
+from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -31,15 +31,11 @@ TABLES = (
 
 
 def ids(path):
-    with closing(sqlite3.connect(path)) as conn:
-        return {row[0] for row in conn.execute("SELECT id FROM sessions")}
+    return {id_ for (id_,) in ask(path, "SELECT id FROM sessions")}
 
 
 def counts(path):
-    with closing(sqlite3.connect(path)) as conn:
-        return {
-            table: conn.execute(f"SELECT count(*) FROM {table}").fetchone()[0] for table in TABLES
-        }
+    return {table: ask(path, f"SELECT count(*) FROM {table}")[0][0] for table in TABLES}
 
 
 async def delete_later(path, hours):
@@ -176,8 +172,8 @@ def test_what_was_left_for_a_day_is_closed_but_in_a_study(serve, tmp_path):
     boards = server.services.page_boards
 
     def outcomes():
-        with closing(sqlite3.connect(tmp_path / "playground.db")) as conn:
-            return dict(conn.execute("SELECT id, outcome FROM episodes WHERE outcome IS NOT NULL"))
+        sql = "SELECT id, outcome FROM episodes WHERE outcome IS NOT NULL"
+        return dict(ask(tmp_path / "playground.db", sql))
 
     server.clock.skipped_ms += (DAY_H - 1) * 3_600_000
     server.on_loop(boards.abandon_left())

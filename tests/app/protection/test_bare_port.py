@@ -9,9 +9,8 @@ import json
 import random
 import signal
 import socket
-import sqlite3
 import time
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,7 @@ from app.series.verification import verify_database
 from app.web.settings import Limits
 from tests.app.protection.test_limits import masked, why_closed
 from tests.support.others import misbehaving
+from tests.support.recorded import ask
 from tests.support.servers import eventually
 
 MOST_GROWTH_MB = 100
@@ -110,9 +110,8 @@ def test_others_play_on_and_a_server_that_is_stopped_meanwhile_has_every_move(
     assert most_mb < before_mb + MOST_GROWTH_MB
     assert not (tmp_path / "playground.db-wal").exists(), "SQLite deletes it when all is closed"
     assert verify_database(tmp_path / "playground.db").findings == ()
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        count = "SELECT count(*) FROM steps WHERE episode_id = ?"
-        (steps,) = db.execute(count, [frame["episode"]]).fetchone()
+    count = "SELECT count(*) FROM steps WHERE episode_id = ?"
+    ((steps,),) = ask(tmp_path / "playground.db", count, frame["episode"])
     assert steps in (frame["step"], frame["step"] + 1)
 
 

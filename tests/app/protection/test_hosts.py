@@ -5,9 +5,9 @@ import socket
 import pytest
 from websockets.exceptions import InvalidStatus
 
-from app.cli.main import main
 from app.web.operator.login import ATTEMPTS_PER_MINUTE
 from app.web.settings import Settings
+from tests.support.command import command
 
 OWN = (
     "127.0.0.1", "127.0.0.1:9000", "[::1]:8000", "[2001:db8::7]", "10.1.2.3", "localhost:8000", "play.localhost",
@@ -106,10 +106,8 @@ def test_settings_that_name_no_address_are_refused_in_words(capsys):
         (["--trusted-proxy", "0.0.0.0/0"], "expected the proxy's own address or network"),
         (["--trusted-proxy", "*"], "expected an ip address or a network"),
     ):
-        with pytest.raises(SystemExit) as ended:
-            main(["serve", *flags])
-        assert ended.value.code == 2
-        assert sentence in capsys.readouterr().err
+        code, _, said = command(capsys, "serve", *flags)
+        assert (code, sentence in said) == (2, True)
     settings = Settings(public_url="https://mars.example:443/lab/", trusted_proxies=["10.1.2.3/8"])
     assert settings.public_url == "https://mars.example/lab"
     assert settings.trusted_proxies == ("10.0.0.0/8",)

@@ -1,6 +1,5 @@
 """What one client can do by many connections, large boards and many stored events, and how long the others wait meanwhile."""
 
-import sqlite3
 import threading
 import time
 from contextlib import ExitStack, closing
@@ -15,7 +14,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.others import measure, misbehaving
-from tests.support.recorded import NOW, add_session, add_steps, free_moves, open_episode
+from tests.support.recorded import NOW, add_session, add_steps, ask, free_moves, open_episode
 from tests.support.servers import eventually
 
 pytestmark = pytest.mark.long
@@ -97,8 +96,7 @@ def test_thirty_planner_boards_of_128_keep_an_honest_board_waiting_for_one_decis
 
 
 def count_events(path):
-    with closing(sqlite3.connect(path)) as db:
-        return db.execute("SELECT count(*) FROM input_events").fetchone()[0]
+    return ask(path, "SELECT count(*) FROM input_events")[0][0]
 
 
 def test_others_wait_no_longer_while_an_episode_comes_to_fifty_thousand_events(spawn, tmp_path):

@@ -4,15 +4,14 @@ A board keeps free what it can store, so that whatever is open never comes to mo
 """
 
 import shutil
-import sqlite3
 import tempfile
 import time
-from contextlib import closing
 
 import pytest
 
 from app.board.session import EVENT_BYTES, LEAST_EVENTS
 from app.web.settings import Limits
+from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
 PRESS = {"kind": "keydown", "code": "ArrowUp", "repeat": False, "trusted": True, "step": 0}
@@ -60,9 +59,7 @@ def crash(server, client, session):
 def file_bytes(server):
     """The size of the database but for its free pages."""
     server.execute("SELECT 1")
-    with closing(sqlite3.connect(server.services.store.path)) as db:
-        ((pages,),) = db.execute("SELECT sum(pgsize) FROM dbstat").fetchall()
-    return pages
+    return ask(server.services.store.path, "SELECT sum(pgsize) FROM dbstat")[0][0]
 
 
 def disk_of(monkeypatch, total):

@@ -2,7 +2,6 @@
 people.
 """
 
-import sqlite3
 import threading
 from collections import Counter
 from contextlib import closing
@@ -11,7 +10,6 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from app.cli.main import main
 from app.db.reader import Reader
 from app.report.build import build
 from app.report.statistics.human_level import human_level
@@ -19,6 +17,8 @@ from app.series.data import load
 from app.series.folder import Folder
 from app.series.verification import verify_database
 from app.web.simulate import NoisyPolicy, Plan, RefusedError, ServerAwayError, simulate
+from tests.support.command import command
+from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import freeze
 
@@ -58,23 +58,18 @@ class Simulation(threading.Thread):
         eventually(lambda: self.error or self.moves >= moves, seconds)
 
 
-def rows(path, sql, *values):
-    with closing(sqlite3.connect(path)) as db:
-        return db.execute(sql, values).fetchall()
-
-
 def check_database(path, study, moves, kills):
     """Every participant has exactly its episodes, every episode exactly its moves, and all of it is a script's."""
     protocol = study.protocol
-    people = rows(path, "SELECT id, kind, stage FROM participants")
+    people = ask(path, "SELECT id, kind, stage FROM participants")
     assert {kind for _, kind, _ in people} == {"script"}
-    assert rows(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
+    assert ask(path, "SELECT DISTINCT driver FROM episodes") == [("script",)]
     for person, _, stage in people:
         sql = """SELECT t.phase, t.trial, t.terrain, e.seed, e.outcome FROM series_episodes t
             JOIN episodes e ON e.id = t.episode_id WHERE t.participant_id = ? ORDER BY t.phase, t.trial"""
         played = {
             phase: list(group)
-            for phase, group in groupby(rows(path, sql, person), lambda row: row[0])
+            for phase, group in groupby(ask(path, sql, person), lambda row: row[0])
         }
         phases = (("warm_up", "warm-up", protocol.warm_up), ("ranked", "ranked", protocol.ranked))
         for phase, label, of in phases:
@@ -88,12 +83,12 @@ def check_database(path, study, moves, kills):
         if stage == "complete":
             assert all(outcome for trials in played.values() for *_, outcome in trials)
     steps = "SELECT episode_id, count(*), min(step), max(step) FROM steps GROUP BY episode_id"
-    kept = rows(path, steps)
+    kept = ask(path, steps)
     assert all((low, high) == (0, count - 1) for _, count, low, high in kept)
     # a kill can lose the frame of a move that is in the database: one a participant, never the move
     assert 0 <= sum(count for _, count, _, _ in kept) - moves <= kills * len(people)
-    assert rows(path, "SELECT count(*) FROM identities")[0][0] == len(people)
-    events = rows(path, "SELECT count(*) FROM input_events WHERE kind = 'keydown'")[0][0]
+    assert ask(path, "SELECT count(*) FROM identities")[0][0] == len(people)
+    events = ask(path, "SELECT count(*) FROM input_events WHERE kind = 'keydown'")[0][0]
     assert moves <= events <= moves + 2 * kills * len(people)
 
 
@@ -144,7 +139,7 @@ def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
     simulation = Simulation(server.url, study, 6, seed=4, leaving=1.0)
     assert {each.stage for each in simulation.result()} == {"left"}
     path = tmp_path / "playground.db"
-    stages = Counter(stage for (stage,) in rows(path, "SELECT stage FROM participants"))
+    stages = Counter(stage for (stage,) in ask(path, "SELECT stage FROM participants"))
     assert stages["withdrawn"] > 0 < stages["ranked"]
     assert stages.total() == stages["withdrawn"] + stages["ranked"]
     check_database(path, study, simulation.moves, kills=0)
@@ -153,12 +148,11 @@ def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
 
 def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
     freeze(tmp_path / "studies")
-    with pytest.raises(SystemExit) as left:
-        main(["simulate", "--study", "small", "--url", server.url, "--speed", "1e6"])
-    said = capsys.readouterr()
-    assert left.value.code in (0, None), said.err
-    assert said.out.count("complete") == 2  # as many as the study plans
-    assert "moves; act to frame in ms: p50" in said.out
+    given = "--study", "small", "--url", server.url, "--speed", "1e6"
+    code, out, err = command(capsys, "simulate", *given)
+    assert code == 0, err
+    assert out.count("complete") == 2  # as many as the study plans
+    assert "moves; act to frame in ms: p50" in out
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
@@ -179,10 +173,9 @@ def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
     def refused(**rest):
         """What the command says, which must be one line."""
         given = {"study": study.name, "url": server.url, **rest}
-        with pytest.raises(SystemExit) as left:
-            main(["simulate", *(f"--{name}={value}" for name, value in given.items())])
-        assert left.value.code in (1, 2)
-        said = capsys.readouterr().err
+        options = (f"--{name}={value}" for name, value in given.items())
+        code, _, said = command(capsys, "simulate", *options)
+        assert code in (1, 2)
         assert "Traceback" not in said
         return said
 

@@ -13,15 +13,9 @@ from app.report.statistics.comparisons import (
 )
 from app.report.statistics.crossed import crossed_p
 from app.report.statistics.intervals import printed_interval
+from tests.app.statistics.test_spread import uneven
 
 NAN = float("nan")
-
-
-def uneven(seed=1, players=7, terrains=9):
-    rng = np.random.default_rng(seed)
-    table = rng.normal(0.8, 0.1, (players, 1)) + rng.normal(0, 0.1, (players, terrains))
-    table[rng.random(table.shape) < 0.25] = NAN
-    return table
 
 
 def test_the_interval_for_new_terrains_contains_the_one_for_these():

@@ -7,7 +7,6 @@ import pytest
 import scipy
 
 from app.db import volunteers
-from app.db.store import Store
 from app.report.statistics import human_level as module
 from app.report.statistics.human_level import (
     NOBODY_PLAYED,
@@ -22,13 +21,6 @@ from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
 
 WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
-
-
-@pytest.fixture
-def store(tmp_path):
-    store = Store(tmp_path / "play.db")
-    yield store
-    store.close()
 
 
 def test_nobody_has_played(store):
@@ -185,17 +177,6 @@ def test_an_abandoned_episode_counts_max_steps_and_is_named(store):
         "Volunteers on this playground, self-selected: level random, 5 x 7 (1 player, 1 episode, 1 of "
     )
     assert figure["completed"] == 0.0
-
-
-def test_configurations_are_never_mixed(store):
-    play(store, seed=1)
-    play(store, seed=2)
-    play(store, seed=1, config=WIDE)
-    figures = human_level(store)["figures"]
-    assert [(f["level"], f["rows"], f["cols"], f["episodes"]) for f in figures] == [
-        ("random", 5, 7, 2),
-        ("1-1-1", 7, 9, 1),
-    ]
 
 
 def test_the_interval_is_the_t_interval_of_the_mean():

@@ -2,23 +2,14 @@
 
 from contextlib import closing
 
-import pytest
-
 from app.db.export import export_table
 from app.db.reader import Reader
-from app.db.store import Store
 from app.web.results import describe_own, personal_bests
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import DAY, play_daily
 
 CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
-
-
-@pytest.fixture
-def store(tmp_path):
-    with closing(Store(tmp_path / "play.db")) as store:
-        yield store
 
 
 def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(

@@ -16,7 +16,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from app.cli.main import cli, main
+from app.cli.main import cli
 from app.db import backup
 from app.db.backup import Backups, StoppedError, back_up, restore
 from app.db.checks import quick_check
@@ -26,8 +26,17 @@ from app.series.folder import Folder
 from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from tests.support.agents import own
+from tests.support.command import command
 from tests.support.declared import DECLARATIONS
-from tests.support.recorded import SMALL, add_session, add_steps, free_moves, open_episode, play
+from tests.support.recorded import (
+    SMALL,
+    add_session,
+    add_steps,
+    ask,
+    free_moves,
+    open_episode,
+    play,
+)
 from tests.support.servers import eventually
 from tests.support.stored_studies import CONFIG, freeze, play_study
 
@@ -42,8 +51,7 @@ def database(tmp_path):
 
 
 def steps_in(path):
-    with closing(sqlite3.connect(path)) as db:
-        return db.execute("SELECT count(*) FROM steps").fetchone()[0]
+    return ask(path, "SELECT count(*) FROM steps")[0][0]
 
 
 def damage(path, page=None):
@@ -415,13 +423,11 @@ def test_sqlite_reads_out_a_damaged_file_and_verify_names_what_is_missing(tmp_pa
 
 
 def test_the_commands_say_what_they_did(database, tmp_path, capsys):
-    for args in (["backup", "b.db"], ["restore", "b.db", "--yes"]):
-        with pytest.raises(SystemExit) as left:
-            main([args[0], str(tmp_path / args[1]), *args[2:], "--database", str(database)])
-        assert left.value.code == 0
-    said = capsys.readouterr().out.splitlines()
-    assert "verified" in said[0]
-    assert f"what stood there is {database}.before-" in said[1]
+    given = tmp_path / "b.db", "--database", database
+    code, said, _ = command(capsys, "backup", *given)
+    assert (code, "verified" in said) == (0, True)
+    code, said, _ = command(capsys, "restore", *given, "--yes")
+    assert (code, f"what stood there is {database}.before-" in said) == (0, True)
 
 
 @pytest.mark.long

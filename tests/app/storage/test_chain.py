@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import pytest
 
-from app.cli.main import main
 from app.db import chain
 from app.db.chain import Thing
 from app.db.erasure import forget
@@ -20,7 +19,16 @@ from app.db.store import Closing, Store
 from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST
 from app.series.verification import verify_database
-from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play
+from tests.support.command import command
+from tests.support.recorded import (
+    add_session,
+    add_steps,
+    alter,
+    ask,
+    free_moves,
+    open_episode,
+    play,
+)
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
@@ -35,20 +43,6 @@ def origin(tmp_path_factory):
 def copy(origin, tmp_path):
     """A copy of a closed study's database, and its participants."""
     return shutil.copy(origin[0], tmp_path / "play.db"), origin[1]
-
-
-@pytest.fixture
-def store(tmp_path):
-    store = Store(tmp_path / "play.db")
-    yield store
-    store.close()
-
-
-def ask(path, sql, *values):
-    conn = sqlite3.connect(path)
-    found = conn.execute(sql, values).fetchall()
-    conn.close()
-    return found
 
 
 def kinds(store):
@@ -330,10 +324,8 @@ def test_a_merge_begins_a_chain_that_holds_the_heads_of_its_sources(copy, tmp_pa
 
 
 def run(capsys, *args):
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in args])
-    said = capsys.readouterr()
-    return left.value.code, said.out + said.err
+    code, out, err = command(capsys, *args)
+    return code, out + err
 
 
 def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, capsys):
@@ -390,8 +382,7 @@ def test_an_erasure_or_a_release_that_is_taken_back_is_found(copy, tmp_path, har
     forget(path, people[0])
     assert [kind for (kind,) in ask(path, marks)] == ["frozen", "closed", "released", "erased"]
     assert verify_database(path).findings == ()
-    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
-        assert conn.execute(harm).rowcount == 1
+    assert alter(path, harm) == 1
     assert what in {finding.what for finding in verify_database(path).findings}
 
 

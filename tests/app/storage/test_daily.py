@@ -1,6 +1,5 @@
 """Daily attempts in the database: one a day and player, hidden until the day is over, in no human figure, checked, merged."""
 
-import sqlite3
 from contextlib import closing
 
 import pytest
@@ -15,21 +14,9 @@ from app.report.statistics.human_level import human_level
 from app.series.daily import terrain_on
 from app.series.seeds import commitment
 from app.series.verification import verify_database
-from tests.support.recorded import play
+from tests.support.recorded import alter, play
 from tests.support.recorded_daily import AFTER_MS, DAY, DURING_MS, play_daily, small_terrain
 from tests.support.stored_studies import CONFIG, StudyRecorder, freeze, play_study
-
-
-@pytest.fixture
-def store(tmp_path):
-    with closing(Store(tmp_path / "play.db")) as store:
-        yield store
-
-
-def change(path, *statements):
-    with closing(sqlite3.connect(path, isolation_level=None)) as conn:
-        for statement in statements:
-            conn.execute(statement)
 
 
 def test_the_secret_and_the_terrain_of_a_day_stay_as_they_were_made(store):
@@ -104,7 +91,7 @@ HARMS = [
 def test_an_attempt_that_is_not_of_its_days_terrain_is_found(store, harm, found):
     play_daily(store)
     store.add_player("bob", 1)
-    change(store.path, "PRAGMA foreign_keys = OFF", harm)
+    alter(store.path, "PRAGMA foreign_keys = OFF", harm)
     findings = verify_database(store.path).findings
     named = {
         next((name for name in ("digest", "seed of") if name in each.what), each.what)
@@ -122,7 +109,7 @@ def test_daily_attempts_of_two_servers_are_merged_with_their_keys(tmp_path):
     with closing(Store(tmp_path / "c.db")) as store:
         assert len(store.query("SELECT name FROM series")) == 2
     assert verify_database(tmp_path / "c.db").findings == ()
-    change(tmp_path / "b.db", "DELETE FROM series_episodes")
+    alter(tmp_path / "b.db", "DELETE FROM series_episodes")
     with pytest.raises(MergeError, match="has other rows"):
         merge([tmp_path / "c.db", tmp_path / "b.db"], tmp_path / "d.db")
 

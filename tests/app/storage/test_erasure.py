@@ -7,7 +7,6 @@ import sqlite3
 
 import pytest
 
-from app.cli.main import main
 from app.db.database import open_read_only
 from app.db.erasure import ParticipantLookupError, find_participant, forget
 from app.db.merging import merge
@@ -17,7 +16,8 @@ from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release
 from app.release.manifest import MANIFEST
 from app.series.verification import verify_database
-from tests.support.recorded import play
+from tests.support.command import command, run
+from tests.support.recorded import alter, ask, play
 from tests.support.stored_studies import (
     CONFIG,
     IDENTITIES,
@@ -48,13 +48,6 @@ def copy(origin, tmp_path):
     for path in origin[0].glob("play.db*"):
         shutil.copy(path, tmp_path / path.name)
     return tmp_path / "play.db", origin[1], origin[2]
-
-
-def ask(path, sql, *values):
-    conn = sqlite3.connect(path)
-    found = conn.execute(sql, values).fetchall()
-    conn.close()
-    return found
 
 
 def traces_of(path, person):
@@ -185,30 +178,9 @@ def test_the_next_release_is_a_successor_without_them_and_an_old_one_does_not_br
 
 def _empty(path, *more):
     """Delete all rows but the list of the forgotten."""
-    conn = sqlite3.connect(path)
-    conn.execute("PRAGMA foreign_keys = OFF")
-    people = (
-        "stage_events",
-        "identities",
-        "participants",
-        "sessions",
-        "players",
-        "series",
-        "releases",
-    )
-    for table in (
-        "chain",
-        "chain_salts",
-        "input_events",
-        "steps",
-        "series_episodes",
-        "episodes",
-        *people,
-        *more,
-    ):
-        conn.execute(f"DELETE FROM {table}")
-    conn.commit()
-    conn.close()
+    tables = "chain chain_salts input_events steps series_episodes episodes stage_events identities participants sessions"
+    every = [*tables.split(), "players", "series", "releases", *more]
+    alter(path, "PRAGMA foreign_keys = OFF", *(f"DELETE FROM {each}" for each in every))
 
 
 def test_a_merge_with_an_older_copy_does_not_bring_them_back(copy, tmp_path):
@@ -291,12 +263,9 @@ def test_somebody_in_two_studies_is_erased_from_one(tmp_path):
 def test_the_command_asks_and_tells(copy, capsys, monkeypatch):
     path, _, people = copy
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    with pytest.raises(SystemExit) as left:
-        main(["forget", people[0], "--database", str(path)])
-    assert left.value.code == 130
+    given = "forget", people[0], "--database", path
+    assert run(*given) == 130
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
-    with pytest.raises(SystemExit) as left:
-        main(["forget", people[0], "--database", str(path), "--yes"])
-    assert left.value.code == 0
-    assert "erased from" in capsys.readouterr().out
+    code, said, _ = command(capsys, *given, "--yes")
+    assert (code, "erased from" in said) == (0, True)
     open_read_only(path).close()

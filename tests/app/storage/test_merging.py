@@ -1,15 +1,15 @@
 """`merge`: several servers' files as one, or a sentence on why not."""
 
 import shutil
-import sqlite3
 
 import pytest
 
-from app.cli.main import main
 from app.db.merging import MergeError, merge
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import verify_bundle
 from app.series.verification import verify_database
+from tests.support.command import command
+from tests.support.recorded import alter, ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
@@ -21,13 +21,6 @@ def servers(tmp_path_factory):
     play_study(folder / "a.db", study, ("human", "human"))
     play_study(folder / "b.db", study, ("human", "script"), first=2)
     return folder, study
-
-
-def ask(path, sql):
-    conn = sqlite3.connect(path)
-    found = conn.execute(sql).fetchall()
-    conn.close()
-    return found
 
 
 def test_two_servers_of_one_study_become_one(servers, tmp_path):
@@ -86,10 +79,7 @@ def test_what_both_hold_is_taken_once(servers, tmp_path):
 def test_two_contents_under_one_id_are_refused(servers, tmp_path, harm, said):
     folder, _ = servers
     shutil.copy(folder / "a.db", tmp_path / "b.db")
-    conn = sqlite3.connect(tmp_path / "b.db")
-    conn.execute(harm)
-    conn.commit()
-    conn.close()
+    alter(tmp_path / "b.db", harm)
     with pytest.raises(MergeError, match=said):
         merge([folder / "a.db", tmp_path / "b.db"], tmp_path / "c.db")
     assert not list(tmp_path.glob("*c.db*"))
@@ -105,9 +95,7 @@ def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(
 ):
     for name in ("a.db", "b.db"):
         shutil.copy(servers[0] / "a.db", tmp_path / name)
-    conn = sqlite3.connect(tmp_path / "b.db", isolation_level=None)
-    assert conn.execute(harm).rowcount > 0
-    conn.close()
+    assert alter(tmp_path / "b.db", harm) > 0
     with pytest.raises(MergeError, match="has other rows in"):
         merge([tmp_path / first, tmp_path / ({"a.db", "b.db"} - {first}).pop()], tmp_path / "c.db")
 
@@ -133,28 +121,18 @@ def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(
     folder, study = servers
     recorder = StudyRecorder(tmp_path / "live.db", study)
     recorder.play(recorder.join(0), "warm_up", 0)
-    with pytest.raises(SystemExit) as left:
-        main(
-            [
-                "merge",
-                str(folder / "a.db"),
-                str(tmp_path / "live.db"),
-                "--out",
-                str(tmp_path / "c.db"),
-            ]
-        )
-    said = capsys.readouterr()
-    assert (left.value.code, said.err) == (0, "")
-    assert "3 participants and 13 episodes from 2 databases" in said.out
-    assert "1 outside ids or invitations took part in a study twice" in said.out
+    sources = folder / "a.db", tmp_path / "live.db"
+    code, said, err = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
+    assert (code, err) == (0, "")
+    assert "3 participants and 13 episodes from 2 databases" in said
+    assert "1 outside ids or invitations took part in a study twice" in said
     recorder.close()
 
 
 def test_nothing_is_written_over(servers, tmp_path, capsys):
     folder, _ = servers
     (tmp_path / "c.db").write_text("mine")
-    with pytest.raises(SystemExit) as left:
-        main(["merge", str(folder / "a.db"), str(folder / "b.db"), "--out", str(tmp_path / "c.db")])
-    assert left.value.code == 1
-    assert "is there already" in capsys.readouterr().err
+    sources = folder / "a.db", folder / "b.db"
+    code, _, said = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
+    assert (code, "is there already" in said) == (1, True)
     assert (tmp_path / "c.db").read_text() == "mine"

@@ -4,7 +4,6 @@ import shutil
 import sqlite3
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from pathlib import Path
 from threading import Event, Timer
 
@@ -21,6 +20,7 @@ from app.db.operators import (
 )
 from app.web.operator import login
 from tests.app.admin.test_admin import CHANGING
+from tests.support.recorded import ask
 from tests.support.servers import PATIENCE_S, eventually
 from tests.support.study import freeze
 
@@ -43,11 +43,6 @@ def database(made, tmp_path):
 
 def log_in(client, name, password):
     return client.post("/api/admin/login", json={"name": name, "password": password})
-
-
-def query(path, sql):
-    with closing(sqlite3.connect(path)) as conn:
-        return conn.execute(sql).fetchall()
 
 
 def marsexplorer(*args, given=""):
@@ -90,7 +85,7 @@ def test_a_database_with_operators_has_the_page_without_a_flag(database, serve, 
 
 
 def test_the_password_is_stored_as_a_hash_alone(database):
-    ((stored,),) = query(database, "SELECT password_hash FROM operators")
+    ((stored,),) = ask(database, "SELECT password_hash FROM operators")
     assert stored.startswith("$argon2id$")
     for path in database.parent.glob("playground.db*"):
         assert ADA.encode() not in path.read_bytes()
@@ -253,7 +248,7 @@ def test_guessing_does_not_fill_the_log(database, serve):
     server = serve()
     for _ in range(login.ATTEMPTS_PER_MINUTE):
         log_in(server.page(), "ada", "wrong-wrong")
-    assert query(database, "SELECT count(*) FROM operator_actions WHERE status = 401") == [(1,)]
+    assert ask(database, "SELECT count(*) FROM operator_actions WHERE status = 401") == [(1,)]
 
 
 @pytest.mark.parametrize(

@@ -68,37 +68,3 @@ def test_the_search_finds_sql_where_it_does_stand(folder):
     ]
     assert any(text.lower().startswith("select") for text in found)
     assert any(text.startswith(".execute") for text in found)
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        '_ROWS = "SELECT * FROM participants WHERE study = ?"',
-        'rows = reader.query("SELECT 1")',
-        'sql = f"""select {names}\n    from {table} where id = ?"""',
-        'conn.execute(statement)',
-        '_ADD = "INSERT OR IGNORE INTO players VALUES (?, ?)"',
-        '_SET = "UPDATE episodes SET score = 1"',
-        'sql = f"UPDATE {table} SET {names}"',
-        '_DROP = "DELETE FROM steps"',
-        '_CHECK = "PRAGMA quick_check(5)"',
-        '_MAKE = "CREATE TABLE t (a)"',
-        'wait("VACUUM")',
-    ],
-)  # fmt: skip
-def test_a_statement_elsewhere_would_be_found(line):
-    assert find_sql(f"def f(conn, reader):\n    {line}\n")
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        '"""Select a policy from the list."""',
-        'help = "Select nothing"',
-        'text = "Update the page, or begin again"',
-        "found = url.query",
-        "ConstrainedLayoutEngine().execute(canvas)",
-    ],
-)
-def test_plain_words_are_no_sql(line):
-    assert find_sql(f"def f(url):\n    {line}\n") == []

@@ -10,9 +10,9 @@ from contextlib import closing
 
 import pytest
 
-from app.cli.main import main
 from app.db.erasure import forget
 from app.series.verification import verify_database
+from tests.support.command import command
 from tests.support.stored_studies import freeze, play_study, write_chain_anew
 
 if shutil.which("openssl") is None:
@@ -123,10 +123,8 @@ def database(tmp_path):
 
 
 def run(capsys, *args):
-    with pytest.raises(SystemExit) as left:
-        main([str(arg) for arg in args])
-    said = capsys.readouterr()
-    return left.value.code, said.out + said.err
+    code, out, err = command(capsys, *args)
+    return code, out + err
 
 
 def test_a_stamp_says_when_the_head_stood_and_verify_what_came_after_it(

@@ -317,22 +317,6 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     assert "is closed" in person.refused("next")
 
 
-def test_one_outside_id_is_one_person_and_one_cookie(server):
-    ids = {"PROLIFIC_PID": "pid-1", "STUDY_ID": "the same for all"}
-    first = Person(server, outside_ids=ids)
-    assert first.client.post(f"{first.url}/join", json={"outside_ids": ids}).status_code == 200
-    assert first.client.post(f"{first.url}/join").status_code == 200
-    twin = Person(server, joins=False)
-    assert "joined with this PROLIFIC_PID in another browser" in twin.refused(
-        "join", {"outside_ids": ids}
-    )
-    second = Person(server, outside_ids={**ids, "PROLIFIC_PID": "pid-2"})
-    assert second.where["participant"] != first.where["participant"]
-    said = first.refused("join", {"outside_ids": {"PROLIFIC_PID": "pid-3"}})
-    assert "takes part for another PROLIFIC_PID already" in said
-    assert [each["n"] for each in rows(server, "SELECT count(*) AS n FROM participants")] == [2]
-
-
 def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
     shy = Person(server, outside_ids={"PROLIFIC_PID": "shy"})
     assert len(rows(server, "SELECT * FROM identities")) == 1
@@ -352,22 +336,6 @@ def test_declining_and_withdrawing_end_the_way_and_say_what_is_kept(server):
     for what in ("next", "consent"):
         person.refused(what, {"version": "1", "agree": True} if what == "consent" else None)
     assert Person(server, client=person.client).where["stage"] == "withdrawn"
-
-
-def test_a_participant_can_be_erased_by_the_label_their_page_shows(server):
-    from app.db.erasure import forget
-
-    person, other = Person(server), Person(server)
-    for each in (person, other):
-        each.to_tutorial()
-        each.call("next")
-    server.stop()
-    path = server.services.store.path
-    assert forget(path, person.where["participant"]).episodes == 1
-    kept = rows(
-        server, "SELECT count(*) AS n FROM participants UNION ALL SELECT count(*) FROM episodes"
-    )
-    assert [each["n"] for each in kept] == [1, 1]
 
 
 def test_settings_are_kept_and_each_change_is_on_record(server):

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import pytest
 
-from app.cli.main import main
 from app.db.database import reading
 from app.db.store import Store
 from app.report.build import build
@@ -23,6 +22,7 @@ from app.series.protocol import StudyError, default_protocol
 from app.series.verification import verify_database
 from app.web.simulate import RefusedError
 from tests.support.beacons import OwnBeacon
+from tests.support.command import command, run
 from tests.support.declared import DECLARATIONS
 from tests.support.stored_studies import CONFIG, StudyRecorder, play_study, write_chain_anew
 from tests.support.study import Person
@@ -151,9 +151,7 @@ def test_a_study_that_was_frozen_again_is_told_by_the_chain(tmp_path, capsys):
     for _ in range(2):
         Folder(studies).create(default_protocol("dunes", CONFIG, **REST))
         given = ("--underpowered", "--studies", studies, "--database", path)
-        with pytest.raises(SystemExit) as left:
-            main([str(each) for each in ("study", "freeze", "dunes", *given)])
-        assert left.value.code == 0
+        assert run("study", "freeze", "dunes", *given) == 0
         study = Folder(studies).study("dunes")
         (studies / "dunes").rename(tmp_path / f"kept-{study.commitment[:6]}")
     (tmp_path / f"kept-{study.commitment[:6]}").rename(studies / "dunes")
@@ -167,8 +165,7 @@ def test_a_time_of_freezing_that_was_changed_before_anybody_joined_is_found(tmp_
     Store(path).close()
     Folder(studies).create(default_protocol("dunes", CONFIG, **REST))
     given = ("--underpowered", "--studies", studies, "--database", path)
-    with pytest.raises(SystemExit):
-        main([str(each) for each in ("study", "freeze", "dunes", *given)])
+    assert run("study", "freeze", "dunes", *given) == 0
     file = studies / "dunes" / "frozen.json"
     file.write_text(
         json.dumps({**json.loads(file.read_text()), "frozen_at": "2026-01-01T00:00:00.000Z"})
@@ -209,33 +206,18 @@ def test_study_open_fetches_the_round_from_a_relay_and_notes_it_in_the_chain(
     folder, path = frozen(tmp_path / "studies", beacon), tmp_path / "play.db"
     Store(path).close()
     named = folder.study("dunes").beacon
-    given = [
-        "study",
-        "open",
-        "dunes",
-        "--relay",
-        url,
-        "--studies",
-        str(folder.root),
-        "--database",
-        str(path),
-    ]
-
-    def run():
-        with pytest.raises(SystemExit) as left:
-            main(given)
-        return left.value.code, capsys.readouterr()
+    given = "--relay", url, "--studies", folder.root, "--database", path
 
     with pytest.raises(StudyError, match="comes out at"):
         beacon.after(now_ms() + 600_000).fetch(url)
     assert asked == []
     time.sleep(max(0.0, (named.round_ms - now_ms()) / 1000))
-    code, said = run()
+    code, _, said = command(capsys, "study", "open", "dunes", *given)
     assert (code, folder.status("dunes")) == (1, "frozen")
-    assert "cannot be fetched" in said.err
-    assert "--signature" in said.err
+    assert "cannot be fetched" in said
+    assert "--signature" in said
     rounds[str(named.round)] = beacon.sign(named)
-    assert run()[0] == 0
+    assert run("study", "open", "dunes", *given) == 0
     assert folder.status("dunes") == "open"
     assert asked[0].endswith(f"/public/{named.round}")
     with reading(path) as conn:

@@ -6,7 +6,6 @@ from contextlib import closing
 
 import pytest
 
-from app.cli.main import main
 from app.db.erasure import forget
 from app.db.reader import Reader, now_ms
 from app.db.store import Store
@@ -41,11 +40,8 @@ def study(tmp_path):
 
 def run(capsys, tmp_path, *args):
     """Return the exit code of a command on these studies, and what it said."""
-    capsys.readouterr()
-    where = ["--studies", str(tmp_path / "studies"), "--database", str(tmp_path / "play.db")]
-    with pytest.raises(SystemExit) as left:
-        main(["study", *args, *where])
-    return left.value.code or 0, capsys.readouterr()
+    where = ["--studies", tmp_path / "studies", "--database", tmp_path / "play.db"]
+    return command(capsys, "study", *args, *where)
 
 
 def outcomes(path):
@@ -59,10 +55,10 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
 ):
     path = tmp_path / "play.db"
     monkeypatch.setattr("sys.stdin", io.StringIO())  # no terminal
-    code, said = run(capsys, tmp_path, "close", "dunes")
-    assert (code, "--yes closes without asking" in said.err) == (1, True)
-    code, said = run(capsys, tmp_path, "close", "dunes", "--yes")
-    assert (code, "1 person has moved" in said.err, "--now" in said.err) == (2, True, True)
+    code, _, said = run(capsys, tmp_path, "close", "dunes")
+    assert (code, "--yes closes without asking" in said) == (1, True)
+    code, _, said = run(capsys, tmp_path, "close", "dunes", "--yes")
+    assert (code, "1 person has moved" in said, "--now" in said) == (2, True, True)
     assert Folder(tmp_path / "studies").status("dunes") == "open"
     assert outcomes(path)[None] == 2
     assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
@@ -83,21 +79,6 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     means = [sum(own) / 3, (first + 2 * limit) / 3, limit]
     assert treated.steps.mean == pytest.approx(sum(means) / 3)
     assert treated.steps.mean > figures["protocol"].steps.mean
-
-
-def test_a_server_that_finds_a_study_closed_abandons_what_is_open(server, tmp_path):
-    from tests.support.study import Person
-    from tests.support.study import freeze as freeze_small
-
-    freeze_small(tmp_path / "studies")
-    person = Person(server)
-    person.to_warm_up()
-    person.call("next")
-    assert None in outcomes_of(server)
-    Folder(tmp_path / "studies").close("small")
-    person.refused("next")
-    assert None not in outcomes_of(server)
-    assert verify_database(server.services.store.path).findings == ()
 
 
 def test_another_study_of_the_same_name_that_is_closed_ends_nothing(study, tmp_path):
@@ -190,10 +171,9 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     person.to_warm_up()
     person.call("next")
     path = server.services.store.path
-    where = ["--studies", str(tmp_path / "studies"), "--database", str(path)]
-    with pytest.raises(SystemExit) as left:
-        main(["study", "close", "small", "--yes", "--now", *where])
-    assert (left.value.code or 0, "has not taken note" in capsys.readouterr().out) == (0, False)
+    where = ["--studies", tmp_path / "studies", "--database", path]
+    code, out, _ = command(capsys, "study", "close", "small", "--yes", "--now", *where)
+    assert (code, "has not taken note" in out) == (0, False)
     assert None not in outcomes_of(server)
     assert load(path, "small").closed_ms is not None
 

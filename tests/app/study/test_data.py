@@ -1,17 +1,13 @@
 """A study read from a real database: everything a figure needs, nothing of who somebody is."""
 
-import dataclasses
-
 import pytest
 
-from app.db.database import StoreError
 from app.db.reader import Reader
 from app.report.making import load_with_folder
-from app.series.data import load, trial_records
+from app.series.data import load
 from app.series.folder import Folder
 from app.series.protocol import StudyError
-from marsexplorer.episode import replay
-from tests.support.stored_studies import IDENTITIES, StudyRecorder, freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -49,27 +45,6 @@ def test_people_and_trials_are_as_they_were_played(place):
     assert data.seeds() == {i: study.seed("ranked", i) for i in range(3)}
 
 
-def test_a_trials_record_replays_to_what_the_trial_says(place):
-    folder, _, _ = place
-    reader = Reader.open(folder / "play.db")
-    data = load(reader, "dunes")
-    for trial, record in trial_records(reader, data.trials):
-        episode = replay(record)
-        assert (episode.outcome, episode.steps, episode.score) == (
-            trial.outcome,
-            trial.steps,
-            pytest.approx(trial.score),
-        )
-    reader.close()
-
-
-def test_nothing_of_an_identity_is_in_it(place):
-    folder, _, _ = place
-    text = repr([dataclasses.asdict(person) for person in load(folder / "play.db", "dunes").people])
-    for value in IDENTITIES.values():
-        assert value.split("{}")[0] not in text
-
-
 def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
@@ -85,16 +60,6 @@ def test_a_running_episode_is_a_trial_without_an_end(tmp_path):
         None,
     )
     assert (data.closed_ms, data.secret, data.people[0].completed_ms) == (None, None, None)
-
-
-def test_an_unknown_study_and_an_absent_file_give_different_errors(place, tmp_path):
-    folder, _, _ = place
-    with pytest.raises(
-        StudyError, match=r"nobody has joined a study 'moon' in .*; studies in it: dunes"
-    ):
-        load(folder / "play.db", "moon")
-    with pytest.raises(StoreError, match="no database at"):
-        load(tmp_path / "none.db", "dunes")
 
 
 def test_the_folder_gives_every_seed_and_says_that_a_study_is_closed(tmp_path):

@@ -3,13 +3,13 @@
 import hashlib
 import json
 import sqlite3
-from contextlib import closing
 
 import pytest
 
 from app.db import input_events
 from app.series.folder import Folder, StudyError
 from app.series.verification import verify_database
+from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
 PRESS = {
@@ -58,9 +58,7 @@ def kept(tmp_path):
     """(number, kind, client_ms) of all that is kept, by episode; no row has lost its digest."""
     path = tmp_path / "playground.db"
     assert verify_database(path).findings == ()
-    with closing(sqlite3.connect(path)) as db:
-        sql = "SELECT number, kind, client_ms FROM input_events ORDER BY episode_id, number"
-        return db.execute(sql).fetchall()
+    return ask(path, "SELECT number, kind, client_ms FROM input_events ORDER BY episode_id, number")
 
 
 ONCE = [(0, "keydown", 12.3), (1, "blur", 13.0), (2, "keyup", 14.5)]
@@ -73,14 +71,12 @@ def test_each_batch_is_answered_with_how_many_are_kept(person, tmp_path):
         assert send_events(socket, episode, []) == (0, None)
         assert send_events(socket, episode, NEXT) == (1, None)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        sql = "SELECT code, repeat, trusted, step, round_trip_ms FROM input_events ORDER BY number"
-        assert db.execute(sql).fetchall()[:3] == [
-            ("ArrowUp", 0, 1, 0, None),
-            (None,) * 5,
-            ("ArrowUp", None, None, None, 3.0),
-        ]
-        assert all(at > 0 for (at,) in db.execute("SELECT server_ms FROM input_events"))
+    sql = "SELECT code, repeat, trusted, step, round_trip_ms, server_ms > 0 FROM input_events ORDER BY number"
+    assert ask(tmp_path / "playground.db", sql)[:3] == [
+        ("ArrowUp", 0, 1, 0, None, 1),
+        (*[None] * 5, 1),
+        ("ArrowUp", None, None, None, 3.0, 1),
+    ]
 
 
 def test_a_key_that_neither_the_standard_nor_the_participant_names_is_kept_as_unidentified(
@@ -90,8 +86,8 @@ def test_a_key_that_neither_the_standard_nor_the_participant_names_is_kept_as_un
     codes = ["x" * 60, "Odd1", "F24", "NumpadHash", "", "west", "OSLeft"]
     with person.socket() as socket:
         send_events(socket, person.frame["episode"], [{**PRESS, "code": code} for code in codes])
-    with closing(sqlite3.connect(tmp_path / "playground.db")) as db:
-        found = [code for (code,) in db.execute("SELECT code FROM input_events ORDER BY number")]
+    sql = "SELECT code FROM input_events ORDER BY number"
+    found = [code for (code,) in ask(tmp_path / "playground.db", sql)]
     odd = "Unidentified"
     assert found == [odd, "Odd1", "F24", "NumpadHash", odd, "west", odd]
 

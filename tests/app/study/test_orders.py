@@ -1,22 +1,15 @@
 """Participants take the rows of a Latin square in turn; the rows outlive restarts, and `verify` holds each order to its row."""
 
 import json
-import sqlite3
-from contextlib import closing
 
 import pytest
 
 from app.db import chain
 from app.series.verification import verify_database
+from tests.support.recorded import ask
 from tests.support.stored_studies import StudyRecorder, freeze
 from tests.support.study import Person
 from tests.support.study import freeze as freeze_small
-
-
-def ask(path, sql):
-    with closing(sqlite3.connect(path)) as conn:
-        return conn.execute(sql).fetchall()
-
 
 ORDERS = """SELECT p.kind, json_extract(v.detail, '$.number'), (SELECT json_group_array(terrain) FROM
     (SELECT terrain FROM series_episodes WHERE participant_id = p.id AND phase = 'ranked' ORDER BY trial))

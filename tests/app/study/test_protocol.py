@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from app.cli.main import main
 from app.series.folder import Folder, StudyError
-from app.series.protocol import Protocol, canonical, default_protocol, parse_protocol, protocol_hash
+from app.series.protocol import canonical, default_protocol, parse_protocol, protocol_hash
 from app.series.seeds import balanced_order, commitment, seed
 from app.series.templates import fill
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.policies import find_file
+from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
 
 SMALL = EnvConfig.of("random", (7, 9))
@@ -155,13 +155,6 @@ def test_freezing_fixes_protocol_and_secret_and_closing_reveals_it(folder):
     assert json.loads((path.parent / "closed.json").read_text())["secret"] == study.secret.hex()
 
 
-def test_a_server_that_holds_the_folder_sees_a_freeze_and_a_close_at_once(frozen):
-    mine = Folder(frozen.root)
-    assert mine.study("small") is mine.study("small")
-    frozen.close("small")
-    assert not mine.study("small").is_open
-
-
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # six lines close no files
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(
@@ -258,15 +251,8 @@ def test_a_freeze_cut_short_leaves_a_draft(folder, monkeypatch):
     assert folder.freeze("small").is_open
 
 
-def test_the_protocol_of_a_study_is_a_plain_model():
-    assert Protocol.model_json_schema()["properties"]["ranked"]["default"] == 30
-
-
 def run(capsys, *args):
-    with pytest.raises(SystemExit) as end:
-        main(["study", *args])
-    out = capsys.readouterr()
-    return end.value.code, out.out, out.err
+    return command(capsys, "study", *args)
 
 
 def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):

@@ -1,16 +1,13 @@
 """Who gets into a study: forged, foreign, used and revoked links, two who agree at once, panels' ids, the operator's code."""
 
 import json
-import sqlite3
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
 from app.board.attestation import SUPERVISED_FOR_MS
-from app.cli.main import main
 from app.db.erasure import forget
 from app.db.merging import merge
 from app.series.data import load
@@ -28,7 +25,8 @@ from app.series.recruitment import (
     WRONG_PANEL_LINK,
     code_of,
 )
-from tests.support.command import command
+from tests.support.command import command, run
+from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
 YES = {"version": "1", "agree": True}
@@ -56,8 +54,7 @@ def comes(server, **join):
 
 
 def rows(server, sql, *values):
-    with closing(sqlite3.connect(server.services.store.path)) as db:
-        return db.execute(sql, values).fetchall()
+    return ask(server.services.store.path, sql, *values)
 
 
 def noted(server):
@@ -392,13 +389,6 @@ def test_two_who_issue_at_once_lose_nothing(tmp_path):
     assert len(issued) == 40
 
 
-def run(args):
-    """Run the command and return its exit code."""
-    with pytest.raises(SystemExit) as ended:
-        main(args)
-    return ended.value.code
-
-
 def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys, monkeypatch):
     freeze(tmp_path / "studies", recruitment="invitation")
     words = ["study", "invite", "small", "1", "--studies", str(tmp_path / "studies")]
@@ -409,7 +399,7 @@ def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys
     ):
         if public:
             monkeypatch.setenv("MARS_PUBLIC_URL", public)
-        assert run([*words, *more]) == 0
+        assert run(*words, *more) == 0
         said = capsys.readouterr()
         assert said.out.startswith(f"{address}study/small?invitation=")
         assert ("is a guess: give --url" in said.err) is guesses
@@ -417,31 +407,29 @@ def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys
 
 def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, capsys):
     folder = ["--studies", str(tmp_path / "studies")]
-    assert run(["study", "new", "lab", "--size", "7x9", "--policy", "random", *folder]) == 0
+    assert run("study", "new", "lab", "--size", "7x9", "--policy", "random", *folder) == 0
     assert Folder(tmp_path / "studies").draft("lab").recruitment == "invitation"
     study = freeze(tmp_path / "studies", recruitment="invitation")
     capsys.readouterr()
-    assert run(["study", "invite", "small", "2", "--url", "https://lab.example", *folder]) == 0
+    assert run("study", "invite", "small", "2", "--url", "https://lab.example", *folder) == 0
     links = capsys.readouterr().out.split()
     known = Invitations(Folder(tmp_path / "studies"))
     assert links == [link_of(study, ident, "https://lab.example") for ident in known.of("small")]
     ident = next(iter(known.of("small")))
-    assert run(["study", "revoke", "small", ident, *folder]) == 0
+    assert run("study", "revoke", "small", ident, *folder) == 0
     table, base = tmp_path / "links.csv", ["--database", str(tmp_path / "none.db"), *folder]
     capsys.readouterr()
     assert (
         run(
-            [
-                "study",
-                "invite",
-                "small",
-                "--list",
-                "--url",
-                "https://lab.example",
-                "--csv",
-                str(table),
-                *base,
-            ]
+            "study",
+            "invite",
+            "small",
+            "--list",
+            "--url",
+            "https://lab.example",
+            "--csv",
+            str(table),
+            *base,
         )
         == 0
     )
@@ -449,12 +437,12 @@ def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, ca
     lines = table.read_text().splitlines()
     assert (lines[0], lines[1]) == ("id,state,participant,link", f"{ident},revoked,,{links[0]}")
     assert table.stat().st_mode & 0o077 == 0, "for its owner alone"
-    assert run(["study", "supervise", "small", *folder]) == 0
+    assert run("study", "supervise", "small", *folder) == 0
     code, until = capsys.readouterr().out.splitlines()
     assert (len(code), until[:11], until[-4:]) == (9, "valid until", " UTC")
     for args, said in (
         (["invite", "small"], "number of links"),
         (["revoke", "small", "nope"], "no invitation"),
     ):
-        assert run(["study", *args, *folder]) == 2
+        assert run("study", *args, *folder) == 2
         assert said in capsys.readouterr().err

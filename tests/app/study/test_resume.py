@@ -2,9 +2,7 @@
 
 import itertools
 import random
-import sqlite3
 import threading
-from contextlib import closing
 
 import pytest
 
@@ -12,6 +10,7 @@ from app.board.sources import Sources
 from app.web.simulate import occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
+from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -19,11 +18,6 @@ from tests.support.study import Person, freeze
 @pytest.fixture(autouse=True)
 def study(tmp_path):
     return freeze(tmp_path / "studies")
-
-
-def rows(path, sql):
-    with closing(sqlite3.connect(path)) as db:
-        return db.execute(sql).fetchall()
 
 
 def in_ranked(server):
@@ -91,7 +85,7 @@ def test_two_tabs_that_ask_for_the_next_episode_at_once_get_the_same_one(server)
         thread.join()
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.json()["about"]["frame"]["episode"] for answer in answers}) == 1
-    assert rows(
+    assert ask(
         server.services.store.path, "SELECT count(*) FROM series_episodes WHERE phase = 'warm_up'"
     ) == [(1,)]
 
@@ -164,21 +158,21 @@ def test_a_killed_server_goes_on_with_the_same_episode_and_loses_and_doubles_no_
         )
         assert person.me() == where
         assert seen is None or person.frame["episode"] == seen["episode"]
-        counts = rows(path, "SELECT count(*), max(step) + 1 FROM steps GROUP BY episode_id")
+        counts = ask(path, "SELECT count(*), max(step) + 1 FROM steps GROUP BY episode_id")
         assert all(count == highest for count, highest in counts)
     assert (
         kills >= 2
     )  # the last of them after the last move: the debrief was reached in its transaction
     assert person.where["stage"] == "debrief"
-    trials = rows(
+    trials = ask(
         path,
         "SELECT phase, trial FROM series_episodes WHERE phase <> 'tutorial' ORDER BY phase, trial",
     )
     assert trials == [("ranked", 0), ("ranked", 1), ("ranked", 2), ("warm_up", 0), ("warm_up", 1)]
-    assert rows(
+    assert ask(
         path, "SELECT count(DISTINCT terrain) FROM series_episodes WHERE phase = 'ranked'"
     ) == [(3,)]
-    assert rows(path, "SELECT count(*) FROM episodes") == [(6,)]
+    assert ask(path, "SELECT count(*) FROM episodes") == [(6,)]
     assert len(person.where["debrief"]["completion_code"]) == 8
     server.close()
 

@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from app.board.attestation import COPIED
-from app.cli.main import main
 from app.db import chain
 from app.db.columns import TABLES
 from app.series import verification
 from app.series.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
+from tests.support.command import command
+from tests.support.recorded import ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
 from tests.support.study import Person
 from tests.support.study import freeze as freeze_small
@@ -411,11 +412,9 @@ def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
     data = bytearray(played[0].read_bytes())
     data[8192:-4096] = b"\xff" * (len(data) - 12288)
     (tmp_path / "bad.db").write_bytes(data)
-    with pytest.raises(SystemExit) as left:
-        main(["verify", "--database", str(tmp_path / "bad.db"), "--studies", str(tmp_path)])
-    said = capsys.readouterr()
-    assert (left.value.code, said.err.count("\n")) == (1, 1)
-    assert "is damaged" in said.err
+    where = "--database", tmp_path / "bad.db", "--studies", tmp_path
+    code, _, said = command(capsys, "verify", *where)
+    assert (code, said.count("\n"), "is damaged" in said) == (1, 1, True)
 
 
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
@@ -438,12 +437,9 @@ def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_pa
     server = serve()
     Person(server)
     server.stop()
-    with sqlite3.connect(tmp_path / "playground.db") as conn:
-        found = conn.execute(
-            "SELECT (SELECT count(*) FROM participants WHERE session_id IS NULL), (SELECT count(*) FROM sessions)"
-        ).fetchone()
-        assert found == (1, 0)
-    conn.close()
+    path = tmp_path / "playground.db"
+    assert ask(path, "SELECT count(*) FROM participants WHERE session_id IS NULL") == [(1,)]
+    assert ask(path, "SELECT count(*) FROM sessions") == [(0,)]
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 
@@ -475,16 +471,3 @@ def test_several_processes_find_what_one_finds(copy, monkeypatch):
     assert together.findings == alone.findings
     assert together.findings
     assert progress == [(9, 18), (18, 18)]
-
-
-def test_somebody_who_has_joined_and_begun_nothing_is_no_difference(server, tmp_path):
-    freeze_small(tmp_path / "studies")
-    person = Person(server)
-    assert person.where["stage"] == "consent"
-    path = server.services.store.path
-    with closing(sqlite3.connect(path)) as conn:
-        assert conn.execute("SELECT count(*), max(session_id) FROM participants").fetchone() == (
-            1,
-            None,
-        )
-    assert verify_database(path).findings == ()

@@ -15,11 +15,10 @@ from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from app.board.session import Channel
 from app.tasks.mars.run import View
 from app.tasks.mars.viewer3d.models import dashes
 from app.tasks.mars.viewer3d.scene import CLIFF, DAY, NEAR, NIGHT, SHADOW, Scene, ViewOptions, fog
-from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for, keep_scene
+from app.tasks.mars.viewer3d.viewer import FOV, TILT, Viewer, camera_for
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from marsexplorer.config import FREE, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode
@@ -163,10 +162,11 @@ def test_nothing_is_left_of_a_viewer_that_went(server, board):
         with open_view(server, about["session"]) as view:
             view.send(CAMERA)
             read_until(view, is_named("/border"))
-    viewer = server.services.viewer
+    viewer, lobby = server.services.viewer, server.services.lobby
     eventually(lambda: viewer.clients == 0)
     gc.collect()
-    eventually(lambda: server.services.lobby is not None and not viewer._tasks)
+    eventually(lambda: not viewer._tasks)
+    assert lobby.in_memory(about["session"]).channel.subscribers == 0
 
 
 def twins():
@@ -470,30 +470,6 @@ def test_a_scene_that_fails_is_logged_and_closes_its_socket(server, board, monke
             read_until(view, lambda _: False)
     assert "the scene cannot be drawn" in caplog.text
     assert eventually(lambda: server.services.viewer.clients == 0)
-
-
-def test_a_closed_viewer_leaves_no_task_and_no_subscriber():
-    async def run():
-        viewer, channel = Viewer(), Channel()
-        episode, _ = twins()
-        shown = {"channel": channel, "shown": View(episode)}
-        session = SimpleNamespace(id="s", paired_with=None, is_second=False, **shown)
-        channel.publish("frame")
-        own = {name: getattr(viewer._server, name) for name in ("scene", "atomic", "flush")}
-        camera = SimpleNamespace(image_width=400, image_height=300, on_update=lambda _: None)
-        client = SimpleNamespace(camera=camera, **own)
-        task = asyncio.create_task(keep_scene(client, session, ViewOptions()))
-        async with asyncio.timeout(20):
-            while channel.subscribers == 0:
-                await asyncio.sleep(0.005)
-        assert channel.subscribers == 1
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        viewer.close()
-        await asyncio.sleep(0)
-        return channel.subscribers, len(asyncio.all_tasks())
-
-    assert asyncio.run(run()) == (0, 1)
 
 
 @pytest.mark.parametrize(("side", "waits"), [(9, False), (84, True)])

@@ -32,7 +32,6 @@ def play(client, session, frame, episode, policy):
 LEVELS = [
     ("random", 21),
     ("2-1-1", [12, 17]),
-    ("1-1-2", 15),
     ("building", [9, 14]),
     ("cave", [9, 14]),
 ]
@@ -143,11 +142,19 @@ BAD = [
     ({"size": 3}, "rows must be at least 5, got 3"),
     ({"size": [7, 3]}, "cols must be at least 5, got 3"),
     ({"size": 500}, "rows must be at most 128 over the API, got 500"),
+    ({"size": [5, 6, 7]}, "size must be a whole number or [rows, cols], got 3 values"),
+    ({"size": True}, "size must be a whole number or [rows, cols], got True"),
+    ({"size": [5.0, 6]}, "rows must be a whole number, got 5.0"),
+    ({"seed": 2**53}, "seed must be at most 9007199254740991, got 9007199254740992"),
+    ({"seed": "7"}, 'seed must be a whole number, got "7"'),
     ({"seed": -1}, "seed must be at least 0, got -1"),
     ({"player": "ppo9"}, "no policy 'ppo9'; choose one of: human, "),
     ({"rival": "../../etc/passwd"}, "no policy '../../etc/passwd'; choose one of: "),
     ({"rival": "human"}, "no policy 'human'; choose one of: "),
-    ({"seeed": 1}, "unknown field 'seeed'"),
+    (
+        {"seeed": 1},
+        "unknown field 'seeed'; the fields are: seed, player, rival, replays, level, size, map",
+    ),
     ({"level": "\ud800"}, "no level '\\ud800'"),
     ([], "expected a JSON object"),
 ]

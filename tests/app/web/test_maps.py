@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from app.cli.main import main
 from app.db.resimulation import simulate
 from app.tasks.mars.run import View
 from marsexplorer.config import MAP, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
 from tests.app.web.test_api import play
+from tests.support.command import command
 from tests.support.map_files import INSIDES, WAREHOUSE, write_map
 
 CELLS = WAREHOUSE.size - INSIDES
@@ -116,8 +116,7 @@ def test_a_map_that_cannot_be_offered_is_named_before_the_server_starts(
         write_map(folder, "hall")
     write_map(tmp_path, "wide", np.zeros((9, 129), bool))
     arguments = [f"--map={tmp_path / name}" for name in files]
-    with pytest.raises(SystemExit) as ended:
-        main(["serve", "--port=0", "--cell=1", f"--database={tmp_path / 'x.db'}", *arguments])
-    assert ended.value.code == 1
-    assert said in capsys.readouterr().err
+    where = "--port=0", "--cell=1", f"--database={tmp_path / 'x.db'}"
+    code, _, err = command(capsys, "serve", *where, *arguments)
+    assert (code, said in err) == (1, True)
     assert not (tmp_path / "x.db").exists()

@@ -2,11 +2,11 @@
 
 import pytest
 
-from app.cli.main import main
 from app.db.reader import now_ms, utc_day
 from app.db.store import Store
 from app.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
+from tests.support.command import command as run_command
 from tests.support.recorded import add_session, add_steps, free_moves, open_episode, play, tour
 from tests.support.recorded_daily import play_daily
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -45,11 +45,9 @@ def command(capsys, tmp_path):
     """`command(database, episode)` -> what `marsexplorer replay` says of an episode, its id taken out, and its exit code."""
 
     def call(database, episode):
-        capsys.readouterr()
-        out = f"--out={tmp_path / 'leak.png'}"
-        with pytest.raises(SystemExit) as left:
-            main(["replay", episode, out, "--ghost=none", f"--database={database}"])
-        return left.value.code, capsys.readouterr().err.replace(episode, "ID")
+        given = f"--out={tmp_path / 'leak.png'}", "--ghost=none", f"--database={database}"
+        code, _, err = run_command(capsys, "replay", episode, *given)
+        return code, err.replace(episode, "ID")
 
     return call
 

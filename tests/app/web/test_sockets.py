@@ -29,14 +29,6 @@ def rest_until_closed(socket):
         return messages, closed.rcvd and closed.rcvd.code
 
 
-def test_whoever_joins_gets_frame_and_history_at_once(server, board):
-    client, begun = board
-    with server.socket(begun["session"], client) as socket:
-        assert socket.receive() == begun["frame"]
-        history = socket.receive()
-        assert (history["kind"], history["positions"]) == ("history", [[0, 0]])
-
-
 def test_an_episode_over_the_socket_is_the_cores_frame_by_frame(server, board):
     client, begun = board
     episode = Episode.begin(EnvConfig("random", 9, 13), seed=5)

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-import sqlite3
 from functools import partial
 
 import pytest
@@ -16,6 +15,7 @@ from marsexplorer.policies import find_file
 from marsexplorer.policies.files import card
 from tests.support.command import command
 from tests.support.policy_files import write_network, write_onnx
+from tests.support.recorded import alter
 from tests.support.stored_studies import freeze, play_study
 
 
@@ -122,12 +122,9 @@ def forged(bundle, tmp_path):
     """A copy of the bundle in which one stored cell is changed, signed anew by somebody else."""
     out = tmp_path / "forged"
     shutil.copytree(bundle[0], out)
-    conn = sqlite3.connect(out / "study.sqlite")
-    changed = conn.execute("""UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
-        JOIN series_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)""")
-    assert changed.rowcount == 1
-    conn.commit()
-    conn.close()
+    sql = """UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
+        JOIN series_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)"""
+    assert alter(out / "study.sqlite", sql) == 1
     key = signing.signing_key(tmp_path / "forger.db")
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
     manifest = json.loads((out / MANIFEST).read_text())
@@ -163,12 +160,8 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     report = json.loads((out / "report.json").read_text())
     report["groups"][0]["figures"][1]["steps"]["mean"] += 1e-6
     (out / "report.json").write_text(json.dumps(report))
-    conn = sqlite3.connect(out / "study.sqlite")
-    conn.execute(
-        "UPDATE policy_episodes SET actions = substr(actions, 1, length(actions) - 1) WHERE policy = 'random'"
-    )
-    conn.commit()
-    conn.close()
+    sql = "UPDATE policy_episodes SET actions = substr(actions, 2) WHERE policy = 'random'"
+    alter(out / "study.sqlite", sql)
     code, said, _ = reproduce(out, "--recorded")
     found = counts(said)
     assert code == 1
