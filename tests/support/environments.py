@@ -197,9 +197,3 @@ def forward(observation):
 def nowhere(observation):
     """A rule that chooses what is no action."""
     return 99
-
-
-def stuck(observation):
-    """A rule that never comes to an end."""
-    while True:
-        pass

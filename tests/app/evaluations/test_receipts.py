@@ -230,7 +230,7 @@ def test_a_release_of_the_study_holds_it_and_derives_it_again(closed, tmp_path, 
     bundle = tmp_path / "dunes-1"
     code, _, said = command(capsys, "release", "--study", "dunes", "--out", bundle, *paths(closed))
     assert code == 0, said
-    code, said, _ = command(capsys, "reproduce", bundle)
+    code, said, _ = command(capsys, "reproduce", bundle, "--recorded")
     assert code == 0, said
     assert "receipts of agents" in said
     assert "agents: agents and people" in said

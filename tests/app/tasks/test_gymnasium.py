@@ -108,12 +108,9 @@ def test_nothing_else_can_be_asked_for(lake):
 
 
 @pytest.mark.parametrize(
-    ("task", "actions"),
-    [
-        (LAKE, (DOWN, RIGHT)),
-        pytest.param(ROOMS, ("forward", "right", "forward"), marks=pytest.mark.long),
-    ],
+    ("task", "actions"), [(LAKE, (DOWN, RIGHT)), (ROOMS, ("forward", "right", "forward"))]
 )
+@pytest.mark.long  # test_offers.py kills a server, too
 def test_a_killed_server_goes_on_where_it_stood(spawn, tmp_path, task, actions):
     server = spawn(task=task)
     client = server.client()
@@ -223,7 +220,6 @@ def test_a_replay_of_texts_is_drawn_and_one_of_many_pictures_leaves_some_out(mon
     [
         ("FrozenLake-v1", {"is_slippery": False}, "failed"),
         ("CartPole-v1", {"sutton_barto_reward": True}, "ended"),
-        ("Taxi-v4", {"is_rainy": True}, "timed_out"),
         ("minigrid:MiniGrid-Dynamic-Obstacles-8x8-v0", {"agent_pov": True}, "failed"),
     ],
 )

@@ -117,7 +117,6 @@ def test_what_it_decided_is_remembered_as_an_episode_goes_on_elsewhere(made):
         (f"{OWN}:none", "expected a function as module:function"),
         ("there_is_none.onnx", "expected random, module:function or an ONNX file"),
         (f"{OWN}:nowhere", "expected an action of Discrete"),
-        (f"{OWN}:stuck", "after 2 s of processor"),
     ],
 )
 def test_what_cannot_play_says_why(made, source, words):

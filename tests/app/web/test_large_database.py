@@ -1,4 +1,4 @@
-"""What public reads cost does not grow with the database: what SQLite does for each at 1,000 and at 10,000 episodes."""
+"""What public reads cost does not grow with the database: what SQLite does for each at 400 and at 4,000 episodes."""
 
 import sqlite3
 import time
@@ -15,7 +15,7 @@ from tests.support.many_episodes import make_episodes, public_reads
 from tests.support.recorded import SMALL
 from tests.support.servers import eventually, hasty_limits, running_server
 
-FEW, MANY = 1_000, 10_000
+FEW, MANY = 400, 4_000
 PLAYERS = 50
 """As many with few episodes as with many; the one who asks has as many episodes, too."""
 MOST = 1.2
@@ -115,5 +115,4 @@ def test_public_reads_cost_no_more_in_a_database_ten_times_as_large(
         if is_more or at_many.pages > PAGES + PAGES_AN_EPISODE * listed:
             grown.append(path)
     assert few[reads.index("/api/episodes")][0].instructions > 5_000, "they are counted"
-    assert [path for path in grown if not path.endswith("/results")] == []
-    assert len(grown) == 1, "what grows with those who played on that day"
+    assert grown == []
