@@ -32,52 +32,55 @@ WAYS = {
 BACK, FORWARD, WAVE = 0, 1, 2
 
 
-def failing(how, once=""):
-    return Description(id=FAILING, kwargs={"how": how, "once": str(once)}, max_steps=5000).told
+def failing(how):
+    return Description(id=FAILING, kwargs={"how": how}, max_steps=5000).told
 
 
-@pytest.fixture
-def made():
-    tasks = []
-
-    def make(told):
-        tasks.append(GymnasiumTask(told))
-        return tasks[-1]
-
-    yield make
-    for task in tasks:
-        task.close()
+@pytest.fixture(scope="module")
+def lake():
+    task = GymnasiumTask("FrozenLake-v1")
+    yield task
+    task.close()
 
 
-def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(made):
-    task = made("FrozenLake-v1")
-    here = GymnasiumRules("FrozenLake-v1").run(task.default, 7)
+@pytest.fixture(scope="module")
+def broken():
+    task = GymnasiumTask(failing("crash"))
+    yield task
+    task.close()
+
+
+def begun(task, how, once=""):
+    """A run of the task `broken` that fails so."""
+    return task.begin(Choice(task.configuration({"kwargs": {"how": how, "once": once}}), 1))
+
+
+def test_a_run_elsewhere_comes_to_what_a_run_here_comes_to(lake):
+    here = GymnasiumRules("FrozenLake-v1").run(lake.default, 7)
     here.is_live = True  # its pictures are packed as a board's are
-    there = task.begin(Choice(task.default, 7))
+    there = lake.begin(Choice(lake.default, 7))
     while here.outcome == "running":
         assert there.view().frame("e") == here.view().frame("e")
         action = len(here.actions) % 3
         assert there.step(action) == here.step(action)
     assert there.record() == here.record()
     assert there.view().history("e") == here.view().history("e")
-    again = task.run(task.default, 7, bytes(here.actions))
+    again = lake.run(lake.default, 7, bytes(here.actions))
     assert (again.record(), again.rewards()) == (here.record(), here.rewards())
 
 
-def test_what_fails_once_is_made_again(made):
-    task = made(failing("crash", "failed"))  # a file in the folder of its process
-    run = task.begin(Choice(task.default, 1))
+def test_what_fails_once_is_made_again(broken):
+    run = begun(broken, "crash", "failed")  # a file in the folder of its process
     for action in (FORWARD, FORWARD, WAVE, FORWARD):
         run.step(action)
-    assert (task._boards.preparer.folder / "failed").exists()
+    assert (broken._boards.preparer.folder / "failed").exists()
     assert (run.outcome, bytes(run.actions)) == ("running", bytes([1, 1, 2, 1]))
 
 
 @pytest.mark.parametrize("how", WAYS)
-def test_what_fails_twice_ends_the_episode(made, how, monkeypatch):
+def test_what_fails_twice_ends_the_episode(broken, how, monkeypatch):
     monkeypatch.setattr(processes, "WAIT_S", 1 if how == "sleep" else 30)
-    task = made(failing(how))
-    run = task.begin(Choice(task.default, 1))
+    run = begun(broken, how)
     run.step(FORWARD)
     before = run.view().frame("e")
     with pytest.raises(RunEndedError, match=WAYS[how]):
@@ -120,11 +123,11 @@ def alive(pid):
     return True
 
 
-def test_its_process_holds_nothing_of_the_server_s(made, monkeypatch, tmp_path):
+def test_its_process_holds_nothing_of_the_server_s(monkeypatch, tmp_path):
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", "red-planet-4")
     secret = (tmp_path / "secret").open("w")
     os.set_inheritable(secret.fileno(), True)
-    task = made("FrozenLake-v1")
+    task = GymnasiumTask("FrozenLake-v1")
     run = task.begin(Choice(task.default, 1))
     process = Path(f"/proc/{run._board.pid}")
     assert b"MARS_ADMIN_PASSWORD" not in (process / "environ").read_bytes()
@@ -134,6 +137,7 @@ def test_its_process_holds_nothing_of_the_server_s(made, monkeypatch, tmp_path):
     loaded = (process / "maps").read_text()
     assert [name for name in ("torch", "numba", "llvmlite") if name in loaded] == []
     secret.close()
+    task.close()
 
 
 def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
@@ -150,12 +154,11 @@ def test_a_board_reads_no_database_and_reaches_no_port(serve, tmp_path):
         assert "done" not in run.view().text
 
 
-def test_a_task_s_process_that_is_gone_is_started_again(made):
-    task = made("FrozenLake-v1")
-    first = task.begin(Choice(task.default, 1))
-    task._boards.preparer._process.send_signal(signal.SIGKILL)
+def test_a_task_s_process_that_is_gone_is_started_again(lake):
+    first = lake.begin(Choice(lake.default, 1))
+    lake._boards.preparer._process.send_signal(signal.SIGKILL)
     eventually(lambda: not alive(first._board.pid))
-    second = task.begin(Choice(task.default, 1))
+    second = lake.begin(Choice(lake.default, 1))
     assert second.view().frame("e") == first.view().frame("e")
     assert first.step(0) == second.step(0), "its board is made again"
 

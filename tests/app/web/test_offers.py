@@ -41,7 +41,7 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
     assert "/play lists them" in person.get("/play/nowhere").text
     assert "../../" in person.get("/play/marsexplorer/play").text
     server.kill()
-    again = spawn(task=LAKE, more=(CLIFF, "mars"))
+    again = spawn(task=LAKE, more=(CLIFF,))
     at = "/play/cliffwalking-v1"
     person = again.page(cookies=person.cookies)
     assert person.get(f"{at}/api/me/session").json()["frame"] == frame
