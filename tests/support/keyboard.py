@@ -7,6 +7,20 @@ import time
 from app.board.clock import STALLED
 
 
+def press(socket, episode, step, action, code, at_ms, seen=None):
+    """Send a press at a time of the page's clock and its move, as the page does: one behind the other.
+
+    seen  the step that was on screen, if it was not the move's own
+    """
+    seen = step if seen is None else seen
+    key = {"kind": "keydown", "code": code, "repeat": False, "trusted": True}
+    told = {**key, "client_ms": at_ms, "step": seen}
+    batch = {"batch": secrets.token_hex(8), "episode": episode, "events": [told]}
+    socket.send({"kind": "events", **batch})
+    times = {"input": "key", "key_down_ms": at_ms, "client_ms": at_ms}
+    socket.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
+
+
 class Keyboard:
     """Sends key events on a socket of `tests.support.servers`, and follows the frames and the state of the clock."""
 

@@ -1,7 +1,6 @@
 """The event loop never waits for SQLite: whatever the disk or another program does, moves alone wait for it, and say why."""
 
 import asyncio
-import secrets
 import sys
 import threading
 import time
@@ -26,6 +25,7 @@ from app.db.store import (
     StoreError,
     WriteQueue,
 )
+from tests.support.keyboard import press
 from tests.support.recorded import NOW, add_session, open_episode
 from tests.support.servers import eventually
 from tests.support.write_lock import locked_elsewhere
@@ -175,23 +175,9 @@ def test_a_player_hears_of_a_slow_disk_and_no_frame_comes_before_its_commit(serv
     delay_commits(server, 0)
 
 
-def press_and_move(board, server, episode, step, action, code):
-    """Send a press and its move, as the page does: one behind the other."""
+def press_and_move(board, server, *move):
     server.clock.skipped_ms += 150
-    now = server.clock.page_ms()
-    press = {
-        "kind": "keydown",
-        "code": code,
-        "repeat": False,
-        "trusted": True,
-        "client_ms": now,
-        "step": step,
-    }
-    board.send(
-        {"kind": "events", "batch": secrets.token_hex(8), "episode": episode, "events": [press]}
-    )
-    times = {"input": "key", "key_down_ms": now, "client_ms": now}
-    board.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
+    press(board, *move, server.clock.page_ms())
 
 
 def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_the_chain(
@@ -211,9 +197,9 @@ def test_a_move_is_recorded_with_the_press_before_it_and_the_last_press_is_in_th
         away = ("south", "ArrowDown") if frame["grid"][1][0] == "." else ("east", "ArrowRight")
         back = ("north", "ArrowUp") if away[0] == "south" else ("west", "ArrowLeft")
         commits = delay_commits(server, 0.1)
-        for step, press in enumerate((away, back)):
+        for step, way in enumerate((away, back)):
             before = len(commits)
-            press_and_move(board, server, frame["episode"], step, *press)
+            press_and_move(board, server, frame["episode"], step, *way)
             answers = sorted((board.receive() for _ in range(2)), key=lambda answer: answer["kind"])
             assert [answer["kind"] for answer in answers] == ["frame", "kept"]
             assert (answers[0]["step"], answers[1]["count"]) == (step + 1, 1)

@@ -1,7 +1,6 @@
 """Forgers who hold a valid cookie, the page's Origin and, in a study, an invitation: what enters a human figure of theirs."""
 
 import random
-import secrets
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +17,7 @@ from app.series.verification import verify_database
 from app.web.simulate import Clock, NoisyPolicy, Participant, occupancy_codes
 from marsexplorer.config import ACTIONS
 from marsexplorer.policies import load
+from tests.support.keyboard import press
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
@@ -55,32 +55,7 @@ class Forger:
                  "key_down_ms": now, "client_ms": now}
             )  # fmt: skip
             return
-        press = {
-            "kind": "keydown",
-            "code": KEYS[action],
-            "repeat": False,
-            "trusted": True,
-            "client_ms": stamp,
-            "step": frame["step"],
-        }
-        socket.send(
-            {
-                "kind": "events",
-                "batch": secrets.token_hex(8),
-                "episode": frame["episode"],
-                "events": [press],
-            }
-        )
-        times = {"input": "key", "key_down_ms": stamp, "client_ms": stamp}
-        socket.send(
-            {
-                "kind": "act",
-                "episode": frame["episode"],
-                "step": frame["step"],
-                "action": action,
-                **times,
-            }
-        )
+        press(socket, frame["episode"], frame["step"], action, KEYS[action], stamp)
 
 
 def forgers(copied):

@@ -1,10 +1,9 @@
 """Who is human: trusted events of the page with the session's own cookie; whatever else is a script."""
 
-import secrets
-
 import pytest
 
 from app.web.access import PLAYER_COOKIE
+from tests.support.keyboard import press
 
 
 def finish(server, begun, client, *acts, **socket):
@@ -54,32 +53,7 @@ def test_a_burst_that_was_typed_before_any_answer_was_on_screen_counts(server):
             action, code = ways[step % 2]
             server.clock.skipped_ms += 50
             now = server.clock.page_ms()
-            press = {
-                "kind": "keydown",
-                "code": code,
-                "repeat": False,
-                "trusted": True,
-                "client_ms": now,
-                "step": 0,
-            }
-            connection.send(
-                {
-                    "kind": "events",
-                    "batch": secrets.token_hex(8),
-                    "episode": first["episode"],
-                    "events": [press],
-                }
-            )
-            times = {"input": "key", "key_down_ms": now, "client_ms": now}
-            connection.send(
-                {
-                    "kind": "act",
-                    "episode": first["episode"],
-                    "step": step,
-                    "action": action,
-                    **times,
-                }
-            )
+            press(connection, first["episode"], step, action, code, now, seen=0)
         frame = connection.frame_after(9)
         connection.act(frame, "north", input="key")
         frame = connection.frame_after(frame["step"])
