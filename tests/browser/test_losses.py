@@ -46,9 +46,14 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     # nothing else changes the board from here on
     me.wait("window.mars.state.rival && window.mars.state.rival.frame.outcome")
     plain = me.still("canvas-player")
+    answers = []
+    me.page.route(
+        "**/regret", lambda route: answers.append(route)
+    )  # it comes when it is let through
     ask.click()
     me.page.locator("[data-part=losses] progress").wait_for()
     whole(me.page, "next-terrain", "watch-replay", "copy-replay")  # while the moves are judged
+    answers[0].continue_()
     first = me.page.get_by_test_id("loss-1")
     first.wait_for()
     assert "Move 3 ended the episode: " in first.inner_text()

@@ -280,8 +280,7 @@ def whole(page, *test_ids):
         return element.contains(document.elementFromPoint(x + 6 * across, y + 6 * along));
       });
     }"""
-    for each in test_ids:
-        eventually(lambda each=each: page.get_by_test_id(each).evaluate(seen))
+    assert [each for each in test_ids if not page.get_by_test_id(each).evaluate(seen)] == []
 
 
 def apart(page, *test_ids):

@@ -153,6 +153,7 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
         json.loads((tmp_path / "r.json").read_text()),
     )
     assert "Where people lose moves" in page
+    assert "so their sum may exceed the moves made" in page
     regret = document["groups"][0]["regret"]
     assert {each["player"] for each in regret["by_player"]} == {"P01", "P02"}
     assert not any(person in page or person in json.dumps(document) for person in people)

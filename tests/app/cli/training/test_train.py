@@ -193,13 +193,13 @@ def test_a_stopped_run_goes_on_by_the_same_command_with_resume(
 def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
     command = [sys.executable, "-m", "app.cli", "train", "--steps=100000000", "--out", "run"]
     environ = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])}
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=environ, **pipes) as run:
         next(line for line in run.stdout if " moves, " in line)
         run.send_signal(signal.SIGTERM)
-        out, err = run.communicate(timeout=60)
-    assert "go on with: marsexplorer train" in out
-    assert "leaked" not in err, "semaphores of its workers"
+        said = run.communicate(timeout=60)[0]
+    assert "go on with: marsexplorer train" in said
+    assert "leaked" not in said, "semaphores of its workers"
 
 
 @pytest.mark.parametrize(
