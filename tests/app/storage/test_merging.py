@@ -1,6 +1,8 @@
 """`merge`: several servers' files as one, or a sentence on why not."""
 
 import shutil
+import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -39,6 +41,16 @@ def test_two_servers_of_one_study_become_one(servers, tmp_path):
     built = build_release(ReleaseRequest(tmp_path / "c.db", study.name, tmp_path / "out"))
     assert built.header.rows["participants"] == 4
     assert verify_bundle(tmp_path / "out").verified.findings == ()
+
+
+def test_names_of_players_stay_where_they_can_be_changed(servers, tmp_path):
+    folder, _ = servers
+    with closing(sqlite3.connect(shutil.copy(folder / "a.db", tmp_path / "a.db"))) as conn, conn:
+        ((player,), *_) = conn.execute("SELECT id FROM players").fetchall()
+        conn.execute("INSERT INTO names VALUES (?, 'Ada', 'ada', 5, 0)", (player,))
+    merge([tmp_path / "a.db", folder / "b.db"], tmp_path / "c.db")
+    told = "SELECT count(*) FROM names", "SELECT count(*) FROM meta"
+    assert [ask(tmp_path / "c.db", each) for each in told] == [[(0,)], [(0,)]]
 
 
 def test_what_both_hold_is_taken_once(servers, tmp_path):

@@ -16,4 +16,5 @@ test("only open studies that are open to everybody are listed", () => {
   const listed = [study("a", "open", "open"), study("b", "closed", "open"), study("c", "open", "invitation"), study("d", "open", "panel")];
   assert.deepEqual(joinable(listed).map(({ name }) => name), ["a"]);
   assert.equal(lengthLine(listed[0]), "15 episodes to warm up, then 30 that count");
+  assert.equal(lengthLine({ warm_up: 1, ranked: 1 }), "1 episode to warm up, then 1 that counts");
 });
