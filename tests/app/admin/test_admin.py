@@ -1,8 +1,6 @@
 """The operator's login and requests: nobody else gets in, and what is shown is what is."""
 
 import re
-import subprocess
-import sys
 import time
 from functools import partial
 
@@ -13,6 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from app.web.access import ADMIN_COOKIE
 from app.web.operator.login import ATTEMPTS_PER_MINUTE, TOKEN_S, AdminPassword
 from app.web.settings import Settings
+from tests.support.command import command
 from tests.support.servers import eventually, forged
 from tests.support.study import Person, freeze
 
@@ -415,15 +414,14 @@ def test_the_password_is_drawn_and_printed_when_none_is_given(spawn, monkeypatch
     server.kill()
 
 
-def test_a_password_that_is_too_short_is_refused_without_being_repeated(monkeypatch, tmp_path):
+def test_a_password_that_is_too_short_is_refused_without_being_repeated(
+    monkeypatch, tmp_path, capsys
+):
     monkeypatch.setenv("MARS_ADMIN_PASSWORD", "mars4")
-    done = subprocess.run(
-        [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--database", str(tmp_path / "a.db")],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "must have at least 8 characters, got 5; set another MARS_ADMIN_PASSWORD" in done.stderr
-    assert "mars4" not in done.stderr
+    code, out, said = command(capsys, "serve", "--port", 0, "--database", tmp_path / "a.db")
+    assert (code, out) == (1, "")
+    assert "must have at least 8 characters, got 5; set another MARS_ADMIN_PASSWORD" in said
+    assert "mars4" not in said
 
 
 def test_settings_do_not_print_the_password(monkeypatch, tmp_path):

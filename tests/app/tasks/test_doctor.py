@@ -45,13 +45,8 @@ def test_what_is_odd_is_named(reason):
     assert (first.step > 1000) == (reason == "late")
 
 
-@pytest.mark.parametrize(
-    "reason",
-    [
-        "render",
-        *(pytest.param(each, marks=pytest.mark.long) for each in REASONS if each != "render"),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("reason", REASONS)
 def test_an_even_twin_passes(reason):
     even = examined("Even", reason)
     assert (even.differences, even.used) == ((), None)
