@@ -60,13 +60,6 @@ def is_solvable(bits, reach, shape, masks):
     return terrains.is_solvable(bits, 0, reach, 0, shape, masks)
 
 
-def test_the_bonus_does_not_enter_the_draw():
-    for t in "123":
-        for m in "12":
-            pair = [generate(EnvConfig.of(f"{t}-{m}-{b}", 21), 9) for b in "12"]
-            assert (pair[0] == pair[1]).all()
-
-
 def test_terrains_stay_the_same_for_ever():
     digest = hashlib.sha256()
     for level in sorted(LEVELS):

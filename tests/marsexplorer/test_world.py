@@ -155,22 +155,6 @@ def test_the_garbage_collector_has_no_more_to_look_at_however_many_moves_an_epis
     assert sizes[1] <= sizes[0] + 4  # numbers that are objects of their own
 
 
-def test_a_terrain_complete_at_reset_ends_on_the_first_valid_move():
-    config = EnvConfig(rows=5, cols=6, sensor_radius=8)
-    episode = Episode.begin(config, terrain=np.zeros((5, 6), bool))
-    assert (episode.coverage, episode.ended) == (1.0, False)
-    assert episode.step(1) == 30 - 0.5
-    assert episode.outcome == "explored"
-
-
-def test_an_invalid_first_move_scores_zero_and_leaves_the_rover():
-    episode = Episode.begin(EnvConfig(rows=5, cols=7), seed=3)
-    before = episode.codes.copy()
-    assert episode.step(0) == -35
-    assert (episode.position, episode.outcome, episode.score) == ((0, 0), "out_of_bounds", 0.0)
-    assert (episode.codes == before).all()
-
-
 def test_abandoning_costs_what_a_collision_costs():
     episode = Episode.begin(EnvConfig(), seed=1)
     first = episode.step(1)

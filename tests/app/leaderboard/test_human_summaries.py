@@ -119,10 +119,3 @@ def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_st
     del replayed[:]
     pictures(kept, store)
     assert len(replayed) == 7 - len(fit), "what did not fit is replayed again"
-
-
-def test_a_replay_takes_eight_bytes_a_move(store):
-    kept = HumanSummaries()
-    pictures(kept, store)
-    for summary in kept._replays[SMALL.hash].values():
-        assert summary.path.nbytes + summary.discoveries.nbytes == 8 * len(summary.path)
