@@ -76,6 +76,9 @@ function withOpponent(state) {
   return { ...state, mode: "practice", rival: { session: "", name: course.name, frame, trail, progress, hasGap: false, pace: null, isReplay: true } };
 }
 
+/** @param {Task | null} task @param {string} text of the server @returns the text with the plain names of policies */
+const plainly = (task, text) => text.replace(/the policy '([^']+)'/g, (_, name) => task?.nameOf(name) ?? name);
+
 /** @param {GameState} state @param {GameEvent} event @returns {GameState} the state after `event` */
 export const apply = (state, event) => withOpponent(applied(state, event));
 
@@ -110,7 +113,7 @@ function applied(state, event) {
       const next = { ...state, [event.role]: received(state.task, state[event.role], event.message) };
       const isOver = event.role === "player" && next.player?.frame.episode !== state.player?.frame.episode;
       if (isOver && next.rival?.isReplay) next.rival = null;
-      return event.message.kind === "error" ? noticed(next, event.message.detail, "error") : next;
+      return event.message.kind === "error" ? noticed(next, plainly(state.task, event.message.detail), "error") : next;
     }
     case "link": return { ...state, link: event.link };
     case "notice": return noticed(state, event.text, event.tone ?? "error");

@@ -112,3 +112,8 @@ test("ghosts appear on both boards when the player's episode is over, and not be
   assert.deepEqual(ghostOf(state, "rival"), [[0, 0], [1, 0]]);
   assert.equal(ghostOf({ ...state, rival: null }, "player"), null);
 });
+
+test("a notice of the server has the plain names of policies", () => {
+  const state = receive(begun(), { kind: "error", detail: "a decision took longer than 5 s, so the policy 'ppo' is paused on this board" }, "rival");
+  assert.equal(state.notices[0].text, "a decision took longer than 5 s, so Expert is paused on this board");
+});
