@@ -4,7 +4,6 @@ and the one that a preview of its link shows.
 
 from __future__ import annotations
 
-import base64
 import io
 import itertools
 import textwrap
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from app.board.pictures import png as packed
 from app.tasks.mars.course import NEVER, Course, sentence
 from marsexplorer.config import ACTIONS, OBSTACLE
 
@@ -244,7 +244,7 @@ def data_url(codes: NDArray[np.uint8]) -> str:
     colours = np.array([NIGHT, SOIL, AMBER, ROCK], np.uint8)
     cell = max(1, 480 // max(codes.shape))
     pixels: NDArray[np.uint8] = np.repeat(np.repeat(colours[codes], cell, 0), cell, 1)
-    return f"data:image/png;base64,{base64.b64encode(png(Image.fromarray(pixels))).decode()}"
+    return packed(pixels, quick=True)
 
 
 def percent(share: float) -> str:
