@@ -1,7 +1,7 @@
 """Policies that drive sessions: an agent waits for its turn, decides off the event loop, and moves like anyone else.
 
 `DecisionQueue` decides for many of them on one thread; boards that share a network are decided together. What a policy is
-asked and what it thinks is the task's.
+asked is the task's.
 """
 
 from __future__ import annotations
