@@ -178,7 +178,7 @@ def test_no_board_begins_where_all_take_too_much_memory(serve, monkeypatch):
 
 def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
     """As many of them as the event loop has threads of its own, and more."""
-    monkeypatch.setattr(processes, "WAIT_S", 5)
+    monkeypatch.setattr(processes, "WAIT_S", 8)
     server = serve(task="gymnasium:tests.support.environments:Sleeper-v0")
 
     def begin(_):
@@ -191,7 +191,7 @@ def test_boards_that_do_not_begin_keep_nobody_else_waiting(serve, monkeypatch):
         assert not any(each.done() for each in answers)
         refused = [each.result() for each in answers]
     assert [each.status_code for each in refused] == [422] * 40
-    assert "it gave no answer in 5 s" in refused[0].text
+    assert "it gave no answer in 8 s" in refused[0].text
 
 
 def test_an_episode_that_its_environment_ended_is_kept_shown_and_verified(serve, tmp_path):
@@ -238,30 +238,30 @@ def test_a_page_is_told_how_far_its_lost_environment_has_been_made_again(serve):
 
 
 def test_others_play_on_while_a_board_fails(serve):
-    """None of their moves waits for the failing one, which takes up to 2 s twice; the machine may be busy with other tests."""
+    """The failing one takes 2 s twice: if others' moves waited for it, they would make two meanwhile."""
     server = serve(task=f"gymnasium:{failing('loop')}")
-    other, failed, said = server.page(), threading.Event(), []
+    other, fails, failed, said = server.page(), threading.Event(), threading.Event(), []
 
     def fail():
         client = server.page()
         begun = client.post("/api/sessions", json={}).json()
         with server.socket(begun["session"], client) as socket:
             socket.act(socket.receive("frame"), "wave")
+            fails.set()
             said.append(socket.receive("refused")["reason"])
         failed.set()
 
     begun = other.post("/api/sessions", json={}).json()
     thread = threading.Thread(target=fail)
     thread.start()
-    taken = []
+    meanwhile = 0
     with server.socket(begun["session"], other) as socket:
         frame = socket.receive("frame")
-        while not failed.is_set() or len(taken) < 50:
-            began = time.perf_counter()
+        while not failed.is_set():
             socket.act(frame, ("back", "forward")[frame["step"] % 2])
             frame = socket.frame_after(frame["step"])
-            taken.append(time.perf_counter() - began)
+            meanwhile += fails.is_set()
             time.sleep(0.005)
     thread.join()
-    assert max(taken) < 1
+    assert meanwhile > 20
     assert "after 2 s of processor" in said[0]
