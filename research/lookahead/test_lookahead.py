@@ -1,11 +1,16 @@
-"""The measurement of looking ahead goes on where it was stopped, and a decision is worth at most what the map would give."""
+"""A measurement goes on where it was stopped, a decision is worth at most what the map gives, and labels follow `ppo`."""
 
+import numpy as np
 from click.testing import CliRunner
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation.episodes import play_episode
+from marsexplorer.policies import load
+from marsexplorer.policies.files.card import shipped
 from marsexplorer.terrain import generate
+from marsexplorer.training.network import load_net
 from research.lookahead.__main__ import main, read
+from research.lookahead.distillation import Labeller, Scorer
 from research.lookahead.stages import Watched
 
 
@@ -29,3 +34,17 @@ def test_what_a_decision_finds_is_at_most_what_knowing_the_map_gives():
     assert min(shares) < 0.6 < max(shares)
     assert all(some <= most for some, most in zip(found, known, strict=True))
     assert min(known) >= 0 < max(known)
+
+
+def test_labels_are_of_other_moves_and_the_episode_is_that_of_ppo():
+    net = Scorer().eval()
+    net.load_state_dict(load_net(shipped()["ppo"]).state_dict())
+    labeller = Labeller(net, np.random.default_rng(0))
+    config = EnvConfig.of("random", 21)
+    labelled, alone = (play_episode(each, config, 5) for each in (labeller, load("ppo")))
+    assert labelled.actions == alone.actions
+    _, moves, own, other, cost = (np.array(each) for each in zip(*labeller.pairs, strict=True))
+    assert (own != other).all()
+    assert moves[np.arange(len(other)), other, 0].all()  # only what can be done
+    assert 0 < (cost < 0).mean() < 0.5
+    assert labeller.observations
