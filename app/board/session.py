@@ -668,9 +668,8 @@ class Session:
     def _keep_events(self, events: Events, came_ms: int) -> None:
         try:
             self._add_events(events, came_ms)
-        except (
-            RefusedError
-        ):  # none of it belongs to the moves that follow, but to ticks that have taken its keys
+        except RefusedError:
+            # none of it belongs to the moves that follow, but to ticks that have taken its keys
             self._lacks_events = self.clock is not None and self._keeps_events
             raise
         self._lacks_events = False

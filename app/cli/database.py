@@ -291,7 +291,7 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
     """Join databases in which the same study, or different ones, were played; the sources stay as they are.
 
     What two of them hold alike is taken once; two contents under one id are refused. Whoever was forgotten in one of them is
-    left out. The key that signs cookies is not taken along, so the new file knows no browser again. So names that players
+    left out. The key that signs cookies is not taken along, so the new file knows no browser again; names that players
     chose, and their ratings, stay in their servers' own files, where they can be changed. A server may go on writing meanwhile.
 
     \b
