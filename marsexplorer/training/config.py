@@ -82,6 +82,14 @@ class TrainConfig:
         """What makes the network's observation of an environment."""
         return feature_encoder
 
+    @property
+    def has_critic(self) -> bool:
+        """Whether what the network says of values, by `value`, shares nothing with what it says of moves, by `logits`.
+
+        Values are then computed once a rollout, for all its steps.
+        """
+        return False
+
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network, which serves all environments."""
         del env_configs

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, field
 from types import FrameType
 from typing import Any
 
@@ -82,8 +84,9 @@ class TrainingRun:
     """A run under way; `state_dict` and `load_state_dict` save and restore it between two updates.
 
     num_updates     updates of the whole run; updates_done: made so far
+    net             the network that learns, on `device`; player: the one that plays, on the CPU, the same where both are there
     ent_coef        coefficient of the entropy in the loss as adapted; kl_coef: of the divergence
-    device          where the network computes: "cpu" or "cuda"
+    device          where the gradient steps are computed: "cpu" or "cuda"
     is_between_updates  whether the state is whole; it is not while an update is being made
     """
 
@@ -93,12 +96,14 @@ class TrainingRun:
     num_updates: int
     envs: MixedEnvs
     net: nn.Module
+    player: nn.Module
     optimizer: torch.optim.Optimizer
     device: str = "cpu"
     updates_done: int = 0
     ent_coef: float = 0.05
     kl_coef: float = 0.0
     is_between_updates: bool = True
+    graphs: GraphedSteps | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def begin(
@@ -112,7 +117,13 @@ class TrainingRun:
         """Return a run at its beginning; its length is `total_timesteps`, rounded up to whole updates."""
         torch.manual_seed(seed)
         torch.set_num_threads(1)
-        net = config.make_network(env_configs).to(device)
+        player = config.make_network(env_configs)
+        net, adam = player, dict[str, Any](lr=config.learning_rate)
+        if device == "cuda":
+            net = deepcopy(player).to(device)
+            rate = torch.tensor(config.learning_rate, device=device)
+            adam = {"lr": rate, "fused": True, "capturable": True}  # which graphs need
+            torch.backends.cudnn.allow_tf32 = False  # the network that plays is to say the same
         return cls(
             config=config,
             env_configs=env_configs,
@@ -120,7 +131,8 @@ class TrainingRun:
             num_updates=-(-total_timesteps // config.batch_size),
             envs=make_envs(env_configs, config.num_envs, seed, config.make_encoder),
             net=net,
-            optimizer=torch.optim.Adam(net.parameters(), lr=config.learning_rate, eps=1e-8),
+            player=player,
+            optimizer=torch.optim.Adam(net.parameters(), eps=1e-8, **adam),
             device=device,
             kl_coef=config.kl_coef,
         )
@@ -154,7 +166,11 @@ class TrainingRun:
         self.updates_done = state["updates_done"]
         self.ent_coef, self.kl_coef = state["ent_coef"], state["kl_coef"]
         self.net.load_state_dict(state["net"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        self.player.load_state_dict(state["net"])
+        stored, own = state["optimizer"], self.optimizer.param_groups
+        here = [{name: group[name] for name in ("lr", "fused", "capturable")} for group in own]
+        groups = [old | new for old, new in zip(stored["param_groups"], here, strict=True)]
+        self.optimizer.load_state_dict({**stored, "param_groups": groups})
         for part, part_state in zip(self.envs.parts, state["envs"], strict=True):
             part.load_state_dict(part_state)
         torch.set_rng_state(state["rng_state"])
@@ -192,7 +208,7 @@ def train(run: TrainingRun, on_update: Callable[[UpdateMetrics], None]) -> nn.Mo
         with postponed_interrupt():
             metrics = make_update(run, buffer)
             on_update(UpdateMetrics(run.global_step, **episode_means(run), **metrics))
-    return run.net.eval()
+    return run.player.eval()
 
 
 @contextmanager
@@ -230,8 +246,12 @@ def make_update(run: TrainingRun, buffer: RolloutBuffer) -> dict[str, float]:
     config = run.config
     run.is_between_updates = False
     progress = run.updates_done / run.num_updates
-    rates = (config.learning_rate, config.final_learning_rate)
-    run.optimizer.param_groups[0]["lr"] = between(*rates, progress)
+    rate = between(config.learning_rate, config.final_learning_rate, progress)
+    (group,) = run.optimizer.param_groups
+    if isinstance(group["lr"], Tensor):
+        group["lr"].fill_(rate)  # graphs read it where it is
+    else:
+        group["lr"] = rate
     next_values = collect_rollout(run, buffer)
     advantages = compute_advantages(buffer, next_values, config.gamma, config.gae_lambda)
     metrics = update(run, buffer, advantages)
@@ -250,22 +270,27 @@ def between(first: float, last: float, share: float) -> float:
 
 
 def forward(run: TrainingRun, obs: Observation) -> tuple[Tensor, Tensor]:
-    """Return (logits float32[num_envs, 4], values float32[num_envs]), computed in bfloat16 where that is fast."""
+    """Return (logits float32[num_envs, 4], values float32[num_envs]) of the network that plays."""
     with mixed_precision(run.device):
-        logits, values = run.net(*(part.to(run.device) for part in obs))
+        logits, values = run.player(*obs)
     return logits.float(), values.float()
 
 
-@torch.no_grad()
+@torch.inference_mode()
 def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
     """Fill the buffer with sampled steps; return the values float32[num_envs] of the observation that follows them."""
+    has_critic = run.config.has_critic
+    player: Any = run.player
     for t in range(run.config.num_steps):
         obs = run.envs.observe()
         for stored, part in zip(buffer.obs, obs, strict=True):
             stored[t] = part
-        logits, values = forward(run, obs)
-        log_probs = logits.log_softmax(1).cpu()
-        buffer.log_probs[t], buffer.values[t] = log_probs, values.cpu()
+        if has_critic:
+            with mixed_precision(run.device):
+                logits = player.logits(*obs).float()
+        else:
+            logits, buffer.values[t] = forward(run, obs)
+        log_probs = buffer.log_probs[t] = logits.log_softmax(1)
         buffer.actions[t] = torch.multinomial(log_probs.exp(), 1).squeeze(1)
         steps = run.envs.step(buffer.actions[t].numpy())
         parts = zip(run.envs.parts, steps, strict=True)
@@ -273,7 +298,15 @@ def collect_rollout(run: TrainingRun, buffer: RolloutBuffer) -> Tensor:
         buffer.rewards[t] = torch.from_numpy(np.concatenate(rewards))
         dones = np.concatenate([step.dones for step in steps]).astype(np.float32)
         buffer.dones[t] = torch.from_numpy(dones)
-    return forward(run, run.envs.observe())[1].cpu()
+    last = run.envs.observe()
+    if not has_critic:
+        return forward(run, last)[1]
+    learner: Any = run.net
+    every = [torch.cat([*own, part]) for own, part in zip(buffer.obs, last, strict=True)]
+    with mixed_precision(run.device):
+        values: Tensor = learner.value(*(part.to(run.device) for part in every)).float().cpu()
+    buffer.values[:] = values[: -run.envs.num_envs].view_as(buffer.values)
+    return values[-run.envs.num_envs :]
 
 
 def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> NDArray[np.float32]:
@@ -293,7 +326,7 @@ def compute_rewards(run: TrainingRun, envs: TrainingEnvs, step: StepResult) -> N
             rewards[step.explored] -= envs.config.r_bonus
             rewards[step.failed] = 0.0
     if step.final_obs is not None:
-        rewards[step.truncated] += run.config.gamma * forward(run, step.final_obs)[1].cpu().numpy()
+        rewards[step.truncated] += run.config.gamma * forward(run, step.final_obs)[1].numpy()
     return rewards.astype(np.float32)
 
 
@@ -325,6 +358,18 @@ class Minibatch:
     advantages: Tensor
     returns: Tensor
 
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All of them, those of the observation first."""
+        obs, *columns = vars(self).values()
+        return [*obs, *columns]
+
+    def map(self, change: Callable[[Tensor], Tensor]) -> Minibatch:
+        """Return the minibatch of what `change` makes of each tensor."""
+        changed = [change(each) for each in self.tensors]
+        count = len(self.obs)
+        return Minibatch(tuple(changed[:count]), *changed[count:])
+
 
 def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[str, float]:
     """Improve the network on a rollout; return entropy, ratio_change and explained_variance."""
@@ -333,14 +378,25 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
     returns = advantages + values
     explained_variance = 1 - float((returns - values).var() / returns.var().clamp(min=1e-8))
     advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-    obs = [part.flatten(0, 1) for part in buffer.obs]
+    obs = tuple(part.flatten(0, 1) for part in buffer.obs)
     actions, log_probs = buffer.actions.flatten(), buffer.log_probs.flatten(0, 1)
-    columns, passes = (actions, log_probs, values, advantages, returns), []
-    for _ in range(config.update_epochs):
-        for indices in torch.split(torch.randperm(len(actions)), config.minibatch_size):
-            own = (column[indices].to(run.device) for column in columns)
-            minibatch = Minibatch(tuple(part[indices] for part in obs), *own)
-            passes.append(gradient_step(run, minibatch))
+    rollout = Minibatch(obs, actions, log_probs, values, advantages, returns)
+
+    def step(indices: Tensor) -> Tensor:
+        minibatch = rollout.map(lambda column: column[indices])
+        return gradient_step(run, minibatch, run.ent_coef, run.kl_coef)
+
+    if run.device != "cpu":
+        run.graphs = run.graphs or GraphedSteps(run, rollout)
+        run.graphs.load(rollout)
+        step = run.graphs.step
+    orders = (torch.randperm(len(actions)).to(run.device) for _ in range(config.update_epochs))
+    found = [
+        step(indices) for order in orders for indices in torch.split(order, config.minibatch_size)
+    ]
+    if run.player is not run.net:
+        run.player.load_state_dict(run.net.state_dict())
+    passes = torch.stack(found).double().cpu().numpy()
     entropy, ratio_change, kl = np.mean(passes, axis=0)
     if config.kl_coef:
         if config.kl_of_last_epoch:
@@ -353,11 +409,17 @@ def update(run: TrainingRun, buffer: RolloutBuffer, advantages: Tensor) -> dict[
     return means | {"explained_variance": explained_variance}
 
 
-def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float, float]:
-    """Make one gradient step on a minibatch; return its entropy, mean absolute change of the ratio and divergence."""
+def gradient_step(
+    run: TrainingRun, minibatch: Minibatch, ent_coef: float | Tensor, kl_coef: float | Tensor
+) -> Tensor:
+    """Make one gradient step on a minibatch, in bfloat16 where that is fast.
+
+    Return float32[3]: its entropy, mean absolute change of the ratio and divergence.
+    """
     config, advantages, old_log_probs = run.config, minibatch.advantages, minibatch.log_probs
-    logits, values = forward(run, minibatch.obs)
-    log_probs = logits.log_softmax(1)
+    with mixed_precision(run.device):
+        logits, values = run.net(*minibatch.obs)
+    log_probs, values = logits.float().log_softmax(1), values.float()
     ratio = (log_probs - old_log_probs).gather(1, minibatch.actions[:, None]).squeeze(1).exp()
     clipped_ratio = ratio.clamp(1 - config.clip_coef, 1 + config.clip_coef)
     policy_objective = torch.min(ratio * advantages, clipped_ratio * advantages).mean()
@@ -369,16 +431,65 @@ def gradient_step(run: TrainingRun, minibatch: Minibatch) -> tuple[float, float,
     if run.updates_done >= config.value_warmup_updates:
         loss = loss - policy_objective
         if config.target_entropy is not None:
-            loss = loss - run.ent_coef * entropy
+            loss = loss - ent_coef * entropy
         if config.kl_coef:
-            loss = loss + run.kl_coef * kl
+            loss = loss + kl_coef * kl
         if any(config.rule_coef):
             loss = loss + rule_divergence(config, minibatch.obs[1], log_probs)
     run.optimizer.zero_grad(set_to_none=True)
     loss.backward()  # type: ignore[no-untyped-call]
-    torch.nn.utils.clip_grad_norm_(run.net.parameters(), config.max_grad_norm)
+    if config.max_grad_norm < float("inf"):
+        torch.nn.utils.clip_grad_norm_(run.net.parameters(), config.max_grad_norm)
     run.optimizer.step()
-    return float(entropy.detach()), float((ratio.detach() - 1).abs().mean()), float(kl.detach())
+    return torch.stack([entropy, (ratio - 1).abs().mean(), kl]).detach()
+
+
+UNGRAPHED_STEPS = 3
+"""Steps of a kind before one is made a graph: libraries prepare in them what a graph cannot hold."""
+
+
+class GraphedSteps:
+    """Gradient steps of a run on a CUDA device, which repeats each as one graph.
+
+    A step is some hundred kernels of a few microseconds each, and to start them one by one takes far longer than they run. With
+    `rule_coef` they are started one by one all the same, since the rules are made on the CPU.
+    """
+
+    def __init__(self, run: TrainingRun, rollout: Minibatch) -> None:
+        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+        torch.cuda.set_stream(stream)  # the default one cannot be captured
+        self._run, self._rollout = run, rollout.map(lambda column: column.to(run.device))
+        self._coefs = torch.zeros(2, device=run.device)
+        self._counts: Counter[tuple[int, bool]] = Counter()
+        self._graphs: dict[tuple[int, bool], tuple[torch.cuda.CUDAGraph, Tensor, Tensor]] = {}
+
+    def load(self, rollout: Minibatch) -> None:
+        """Copy a rollout and the coefficients to where the graphs read them."""
+        for place, part in zip(self._rollout.tensors, rollout.tensors, strict=True):
+            place.copy_(part)
+        self._coefs.copy_(torch.tensor([self._run.ent_coef, self._run.kl_coef]))
+
+    def step(self, indices: Tensor) -> Tensor:
+        """Make a gradient step on the moves of these indices of the rollout; return what `gradient_step` does."""
+        config = self._run.config
+        kind = (len(indices), self._run.updates_done >= config.value_warmup_updates)
+        if kind not in self._graphs:
+            self._counts[kind] += 1
+            if any(config.rule_coef) or self._counts[kind] <= UNGRAPHED_STEPS:
+                return self._step(indices)
+            graph, place = torch.cuda.CUDAGraph(), indices.clone()
+            with torch.cuda.graph(graph, stream=torch.cuda.current_stream()):
+                found = self._step(place)
+            self._graphs[kind] = graph, place, found
+        graph, place, found = self._graphs[kind]
+        place.copy_(indices)
+        graph.replay()
+        return found.clone()
+
+    def _step(self, indices: Tensor) -> Tensor:
+        return gradient_step(
+            self._run, self._rollout.map(lambda column: column[indices]), *self._coefs
+        )
 
 
 def rule_divergence(config: TrainConfig, moves: Tensor, log_probs: Tensor) -> Tensor:

@@ -80,7 +80,7 @@ class RunFolder:
         if not path.is_file():
             way_out = "leave --resume out to begin a run there"
             raise ValueError(f"no checkpoint in {self.folder}; {way_out}")
-        checkpoint = torch.load(path, weights_only=True)
+        checkpoint = torch.load(path, "cpu", weights_only=True)
         if differing := differing_names(checkpoint["identity"], self._run.identity):
             raise ValueError(
                 f"the checkpoint in {self.folder} is of another run ({differing}); give the options it began with"
@@ -131,7 +131,7 @@ class RunFolder:
             "curve": [line for line in self._lines if "greedy" in line],
         }
         card = {**self._card, **results, "training": training}
-        run.config.save_policy(run.net, self.policy, card)
+        run.config.save_policy(run.player, self.policy, card)
 
 
 def steps_of(folder: Path) -> int:
@@ -169,7 +169,7 @@ def validate(run: TrainingRun) -> tuple[float, float]:
     explored = np.zeros(VALIDATION_EPISODES, np.bool_)
     with torch.no_grad():
         for count in range(1, config.limit + 1):
-            result = envs.step(forward(run, envs.observe())[0].argmax(1).cpu().numpy())
+            result = envs.step(forward(run, envs.observe())[0].argmax(1).numpy())
             first_end = result.dones & (steps == 0)
             explored |= first_end & result.explored
             steps[first_end] = np.where(result.explored[first_end], count, config.limit)

@@ -240,7 +240,7 @@ class PolicyNetwork(PaperNetwork):
 
     def _logits(self, hidden: Tensor, observation: Observation) -> Tensor:
         logits = self.read_moves(self.policy_head, hidden, observation).squeeze(2)
-        invalid = invalid_moves(observation) if self.shape.mask else torch.zeros_like(logits) > 0
+        invalid = invalid_moves(observation) if self.shape.mask else None
         return self.fill_invalid(centred(logits, invalid).float(), observation)
 
     def _value(self, hidden: Tensor, observation: Observation) -> Tensor:
@@ -356,13 +356,15 @@ def initialize_orthogonal(net: nn.Module) -> None:
             nn.init.zeros_(module.bias)
 
 
-def centred(logits: Tensor, invalid: Tensor) -> Tensor:
-    """Return logits [b, 4] less their mean over the moves that are not `invalid`, bool[b, 4].
+def centred(logits: Tensor, invalid: Tensor | None) -> Tensor:
+    """Return logits [b, 4] less their mean over the moves that are not `invalid`, bool[b, 4], or over all.
 
     No probability depends on what a board's logits have in common, so no loss holds it. Where it has grown beyond some 1e7,
     float32 rounds the differences away, and the gradients of a board's logits, whose sum is 0, sum to about -2: every step
     of the optimiser then raises all of them, the faster the larger they are. Those of SAC came to 2e10.
     """
+    if invalid is None:
+        return logits - logits.mean(1, keepdim=True)
     weights = (~invalid).to(logits.dtype)
     mean = (logits * weights).sum(1, keepdim=True) / weights.sum(1, keepdim=True).clamp(min=1.0)
     return logits - mean

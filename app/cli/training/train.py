@@ -73,7 +73,12 @@ REFINE_CHECKPOINT = "refine.pt"
 @seed_option("The same seed, steps and rounds give the same weights.")
 @path_option("--out", "Folder of the run.  [default: runs/RECIPE-LEVEL-SIZE-sSEED]")
 @flag("--resume", "Go on with the run in --out: the command that began it, with --resume.")
-@option("--device", type=click.Choice(["cpu", "cuda"]), default="cpu", help="Where it computes.")
+@option(
+    "--device",
+    type=click.Choice(["cpu", "cuda"]),
+    default="cpu",
+    help="Where gradients are computed.",
+)
 def train(
     recipe: str,
     levels: tuple[str, ...],

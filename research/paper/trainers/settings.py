@@ -116,6 +116,11 @@ class PPOSettings(TrainConfig):
         """What makes the network's observation of an environment."""
         return feature_encoder if self.network == "features" else state_matrix_encoder
 
+    @property
+    def has_critic(self) -> bool:
+        """Whether logits and values share nothing."""
+        return self.network != "features"
+
     def make_network(self, env_configs: Iterable[EnvConfig]) -> nn.Module:
         """Return a freshly initialised network for environments of one size."""
         ((rows, cols),) = {(config.rows, config.cols) for config in env_configs}

@@ -125,6 +125,21 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights_and_another_seed_has
     assert set(policy.thought()[0]) != {0.25}
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@pytest.mark.parametrize("config", [BEST, LETTER, PRICED])
+def test_graphs_of_gradient_steps_give_the_weights_that_the_steps_give(config, monkeypatch):
+    def weights():
+        run = TrainingRun.begin(config, [SMALL], 4 * config.batch_size, 5, "cuda")
+        ppo.train(run, silent)
+        assert run.graphs is not None
+        assert same_weights(run.player, run.net.cpu())
+        return run.player
+
+    graphed = weights()
+    monkeypatch.setattr(ppo, "UNGRAPHED_STEPS", 10**9)
+    assert same_weights(graphed, weights())
+
+
 @pytest.mark.usefixtures("no_curve")
 def test_ctrl_c_in_the_middle_of_an_update_comes_after_it(tmp_path):
     config, steps = LETTER, 3 * 32
