@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from marsexplorer.config import EnvConfig
@@ -80,7 +81,7 @@ class FewTerrains:
 
 
 class PPOTrainer:
-    """Train by PPO, our own trainer. A round is an update.
+    """Train by PPO, our own trainer, on a CUDA device where there is one. A round is an update.
 
     config      of PPO, such as `ppo_settings` returns
     env_config  of the environments
@@ -96,7 +97,8 @@ class PPOTrainer:
         moves: int,
         terrains: int = 0,
     ) -> None:
-        self._run = TrainingRun.begin(config, [env_config], moves, seed)
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        self._run = TrainingRun.begin(config, [env_config], moves, seed, device)
         self._buffer = RolloutBuffer.empty(self._run.config, self._run.envs.observe())
         self.settings = self._run.config.to_dict()
         (self.envs,) = self._run.envs.parts
@@ -113,7 +115,7 @@ class PPOTrainer:
 
     def save_policy(self, path: Path, card: dict[str, Any]) -> None:
         """Write the policy with a card."""
-        self._run.config.save_policy(self._run.net, path, card)
+        self._run.config.save_policy(self._run.player, path, card)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state of the run."""

@@ -7,7 +7,8 @@ Its folder has
     checkpoint.pt      of a training that is not finished: where it stands, saved every CHECKPOINT_INTERVAL_S and when it is
                        stopped. It goes on from there exactly, or from CARRIED, where an earlier machine left it
 
-A line of the curve is of the moment: `moves` and `cpu_s` (CPU seconds of this process) so far, `episodes` ended so far, and
+A line of the curve is of the moment: `moves` and `cpu_s` (CPU seconds of this process, None after another kind of machine and
+beside an accelerator, whose time they do not tell) so far, `episodes` ended so far, and
 means over the last EPISODES_PER_LINE episodes as they were played in training: normalized `score`, `coverage`, `steps`,
 and how they ended, as shares (`explored` is completion, then `collided`, `out_of_bounds`, `timed_out`).
 """
@@ -44,7 +45,6 @@ EPISODES = ("moves", "actions")
 HELD_OUT_TERRAINS = 200
 """Terrains that the trained policy is measured on."""
 LIBRARIES = ("torch", "numpy", "gymnasium", "tianshou")
-HARDWARE = f"{platform.machine()}, one thread"
 CHECKPOINT_INTERVAL_S = 600.0
 LARGEST_CHECKPOINT = 10_000_000
 """Bytes of a checkpoint that is carried to another machine."""
@@ -91,19 +91,24 @@ class Trial:
     def run(self, folder: Path, on_progress: OnProgress) -> None:
         """Train, from a checkpoint where there is one, and measure, and write the policy and the log."""
         torch.set_num_threads(1)
+        # The optimisers' means of units that are dead fade to numbers that cost ten times as much.
+        torch.set_flush_denormal(True)
         own, begun = folder / self.name, time.process_time()
         own.mkdir(parents=True, exist_ok=True)
         trainer = begin(self.algorithm, self.variant, self.config, self.seed, self.moves)
         interval = max(1, self.moves // LINES)
         lines: list[dict[str, Any]] = []
+        machines = [hardware()]
         checkpoint = own / "checkpoint.pt"
         if (stored := self._stored(checkpoint)) is not None:
             trainer.load_state_dict(stored["trainer"])
             lines, begun = stored["lines"], begun - stored["cpu_s"]
+            machines = [*dict.fromkeys([*stored["machines"], *machines])]
+        is_timed = len(machines) == 1 and not accelerator()
 
         def save() -> None:
-            cpu_s = time.process_time() - begun
-            state = {"trainer": trainer.state_dict(), "lines": lines, "cpu_s": cpu_s}
+            so_far = {"lines": lines, "cpu_s": time.process_time() - begun, "machines": machines}
+            state = {"trainer": trainer.state_dict(), **so_far}
             with replace_whole(checkpoint) as path:
                 torch.save({"trial": asdict(self), "moves": trainer.moves, **state}, path)
 
@@ -113,7 +118,8 @@ class Trial:
             numbers = trainer.advance()
             if before // interval < trainer.moves // interval or trainer.moves >= self.moves:
                 means = recent_means(self.config, trainer.envs.recent)
-                lines.append(_curve_line(trainer, time.process_time() - begun, means | numbers))
+                cpu_s = round(time.process_time() - begun, 2) if is_timed else None
+                lines.append(_curve_line(trainer, cpu_s, means | numbers))
             try:
                 on_progress(TRAINING_SHARE * min(1.0, trainer.moves / self.moves))
             except KeyboardInterrupt:
@@ -122,19 +128,18 @@ class Trial:
             if time.monotonic() - saved > CHECKPOINT_INTERVAL_S:
                 save()
                 saved = time.monotonic()
-        cpu_s = round(time.process_time() - begun, 2)
         policy = own / f"{self.name}.onnx"
-        trainer.save_policy(policy, self._card(trainer))
+        trainer.save_policy(policy, self._card(trainer, machines))
 
         def on_episode(played: int, episodes: int) -> None:
             on_progress(TRAINING_SHARE + (1.0 - TRAINING_SHARE) * played / episodes)
 
         result = measure(policy, self, on_episode)
         results = {f"{self.level} {self.size}x{self.size}": result}
-        trainer.save_policy(policy, {**self._card(trainer), "results": results})
+        trainer.save_policy(policy, {**self._card(trainer, machines), "results": results})
         figures = {name: each for name, each in result.items() if name not in EPISODES}
-        last = {"kind": "result", "moves": trainer.moves, "cpu_s": cpu_s, **figures}
-        write_lines(own / "log.jsonl", [self._head(trainer), *lines, last])
+        last = {"kind": "result", "moves": trainer.moves, "cpu_s": lines[-1]["cpu_s"], **figures}
+        write_lines(own / "log.jsonl", [self._head(trainer, machines), *lines, last])
         checkpoint.unlink(missing_ok=True)
 
     def _stored(self, own: Path) -> dict[str, Any] | None:
@@ -145,7 +150,7 @@ class Trial:
         for path in (own, CARRIED / f"{self.name}.pt"):
             if not path.is_file():
                 continue
-            stored: dict[str, Any] = torch.load(path, weights_only=True)
+            stored: dict[str, Any] = torch.load(path, "cpu", weights_only=True)
             if stored["trial"] == asdict(self):
                 return stored
             if path == own:
@@ -154,21 +159,21 @@ class Trial:
                 )
         return None
 
-    def _head(self, trainer: Trainer) -> dict[str, Any]:
+    def _head(self, trainer: Trainer, machines: Sequence[str]) -> dict[str, Any]:
         return {
             "kind": "trial",
             "trial": asdict(self),
             "settings": trainer.settings,
             "versions": {name: _version(name) for name in LIBRARIES},
-            "hardware": HARDWARE,
+            "hardware": "; then ".join(machines),
         }
 
-    def _card(self, trainer: Trainer) -> dict[str, Any]:
+    def _card(self, trainer: Trainer, machines: Sequence[str]) -> dict[str, Any]:
         training = {"trial": asdict(self), "settings": trainer.settings, "moves": trainer.moves}
         what = f"{self.algorithm} ({self.variant}): {trainer.moves:,} moves on {self.level}"
         return {
             "summary": f"{what}, seed {self.seed}.",
-            "hardware": HARDWARE,
+            "hardware": "; then ".join(machines),
             "size": [self.size, self.size],
             "training": training,
         }
@@ -179,7 +184,10 @@ def carry(folder: Path, target: Path) -> list[str]:
     said = []
     for copy in target.glob("*.pt"):
         head = next(iter(read_lines(folder / copy.stem / "log.jsonl")), None)
-        if head is not None and head["trial"] == torch.load(copy, weights_only=True)["trial"]:
+        if (
+            head is not None
+            and head["trial"] == torch.load(copy, "cpu", weights_only=True)["trial"]
+        ):
             copy.unlink()
     for checkpoint in sorted(folder.glob("*/checkpoint.pt")):
         copy = target / f"{checkpoint.parent.name}.pt"
@@ -189,13 +197,13 @@ def carry(folder: Path, target: Path) -> list[str]:
             continue
         target.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(checkpoint, copy)
-        said.append(f"{copy}: {torch.load(copy, weights_only=True)['moves']:,} moves so far")
+        said.append(f"{copy}: {torch.load(copy, 'cpu', weights_only=True)['moves']:,} moves so far")
     return said
 
 
 def read_unfinished(folder: Path = CARRIED) -> list[dict[str, Any]]:
     """Return how far the carried trials are: `trial`, `moves`, and the last line of the curve as `line`."""
-    found = (torch.load(path, weights_only=True) for path in sorted(folder.glob("*.pt")))
+    found = (torch.load(path, "cpu", weights_only=True) for path in sorted(folder.glob("*.pt")))
     return [
         {
             "trial": Trial(**each["trial"]),
@@ -206,11 +214,22 @@ def read_unfinished(folder: Path = CARRIED) -> list[dict[str, Any]]:
     ]
 
 
-def _curve_line(trainer: Trainer, cpu_s: float, numbers: dict[str, float]) -> dict[str, Any]:
+def accelerator() -> str:
+    """Return the name of the CUDA device that PPO's gradient steps are computed on, "" where there is none."""
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else ""
+
+
+def hardware() -> str:
+    """Return what a trial runs on, in words."""
+    beside = accelerator()
+    return f"{platform.machine()}, one thread{f', beside {beside}' if beside else ''}"
+
+
+def _curve_line(trainer: Trainer, cpu_s: float | None, numbers: dict[str, float]) -> dict[str, Any]:
     rounded = {
         name: round(value, 6) if np.isfinite(value) else None for name, value in numbers.items()
     }
-    return {"kind": "curve", "moves": trainer.moves, "cpu_s": round(cpu_s, 2), **rounded}
+    return {"kind": "curve", "moves": trainer.moves, "cpu_s": cpu_s, **rounded}
 
 
 def recent_means(config: EnvConfig, recent: RecentEpisodes) -> dict[str, float]:

@@ -37,6 +37,7 @@ from research.paper.figures.curves import (
     cells_of,
     chosen,
     count_text,
+    is_timed,
     points_of,
     rows_of,
 )
@@ -232,7 +233,9 @@ def best(results: Results) -> Judgement:
     trials = figure_4(results, "paper")
     if not trials:
         return NOTHING
-    views = {"at the end": None, "at equal moves": "moves", "at equal CPU time": "cpu_s"}
+    views = {"at the end": None, "at equal moves": "moves"}
+    if all(is_timed(record) for each in trials.values() for record in each):
+        views["at equal CPU time"] = "cpu_s"
     scores = {words: scores_at(trials, axis) for words, axis in views.items()}
     first, second = list(scores["at the end"].items())[:2]
     wins = first[0] == "ppo" and is_above(first[1], second[1])

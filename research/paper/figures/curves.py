@@ -63,7 +63,7 @@ class Record:
     """What is kept of a finished trial, JSON-ready.
 
     trial     the fields of the Trial
-    settings  and versions: as logged
+    settings  and versions: as logged, the hardware among the versions
     curve     COLUMNS -> numbers, all of one length, at most POINTS; None where no episode had ended yet
     result    on held-out terrains, as logged
     """
@@ -95,7 +95,8 @@ def record_of(lines: Sequence[Line]) -> Record:
     points = [curve[number] for number in dict.fromkeys(kept.astype(int))]
     columns = {name: [_rounded(name, point.get(name)) for point in points] for name in COLUMNS}
     result = {name: value for name, value in result.items() if name != "kind"}
-    return Record(Trial(**head["trial"]), head["settings"], head["versions"], columns, result)
+    versions = head["versions"] | {"hardware": head["hardware"]}
+    return Record(Trial(**head["trial"]), head["settings"], versions, columns, result)
 
 
 def _rounded(name: str, value: float | None) -> float | None:
@@ -136,6 +137,11 @@ def points_of(record: Record, column: str, against: str) -> tuple[Floats, Floats
     x, y = (np.array(record.curve[name], np.float64) for name in (against, column))
     known = ~np.isnan(x + y)  # None became NaN
     return x[known], y[known]
+
+
+def is_timed(record: Record) -> bool:
+    """Return whether the CPU time of a training is known: all of it ran on one kind of machine, on the CPU alone."""
+    return record.curve["cpu_s"][-1] is not None
 
 
 def chosen(records: Iterable[Record], **wanted: Any) -> list[Record]:
@@ -250,7 +256,7 @@ def read_exported(path: Path) -> list[Record]:
 class Row:
     """The policies of all seeds of one algorithm, variant and level, on terrains kept for evaluation.
 
-    moves, cpu_minutes  of the training and measurement of one seed, means
+    moves, cpu_minutes  of the training and measurement of one seed, means; NaN minutes where an accelerator worked too
     score               normalized; coverage and completion are shares, 0..1
     steps               to 99 %, an unfinished episode counting `max_steps`
     ratio               of those to the better frontier rule's on the same terrains
@@ -278,11 +284,11 @@ def rows_of(records: Sequence[Record]) -> list[Row]:
 
 
 def _row(group: Sequence[Record]) -> Row:
-    def column(name: str) -> list[float]:
-        return [record.result[name] for record in group]
+    def column(name: str) -> Floats:
+        return np.array([record.result[name] for record in group], np.float64)  # NaN for None
 
     measured = (column(name) for name in ("score", "coverage", "completion", "steps"))
-    moves, minutes = (float(np.mean(column(name))) for name in ("moves", "cpu_s"))
+    moves, minutes = (float(column(name).mean()) for name in ("moves", "cpu_s"))
     ratio = np.divide(column("steps"), column("best_rule_steps"))
     trial, means = group[0].trial, (Estimate.of(each) for each in (*measured, ratio))
     return Row(*group[0].kind[:4], len(group), moves, minutes / 60, trial.terrains, *means)
@@ -296,7 +302,8 @@ TABLE_COLUMNS = (
 
 def cells_of(row: Row) -> list[str]:
     """Return a row as text, under TABLE_COLUMNS."""
-    name, spent = NAMES.get(row.algorithm, row.algorithm), f"{row.cpu_minutes:.1f}"
+    name = NAMES.get(row.algorithm, row.algorithm)
+    spent = "" if isnan(row.cpu_minutes) else f"{row.cpu_minutes:.1f}"
     shares = row.coverage.percent(), row.completion.percent()
     return [
         *(name, row.variant, row.level, str(row.seeds), count_text(row.moves), spent),
@@ -328,4 +335,5 @@ def _flat(row: Row) -> Line:
             flat |= zip(names, numbers, strict=True)
         else:
             flat[name] = round(value, 3) if isinstance(value, float) else value
+    flat["cpu_minutes"] = None if isnan(row.cpu_minutes) else flat["cpu_minutes"]
     return flat

@@ -1,7 +1,7 @@
 """Figure 4 of Koutras et al. 2021: learning curves of the four algorithms, with what a score alone does not tell.
 
 figure4-moves.svg    score, coverage and completion in training against moves, and how the last episodes ended
-figure4-cpu.svg      the same against CPU time
+figure4-cpu.svg      the same against CPU time, of the trainings whose time is known
 figure4-endings.svg  how episodes ended, all along
 """
 
@@ -29,6 +29,7 @@ from research.paper.figures.curves import (
     chosen,
     draw_curves,
     grouped,
+    is_timed,
     longest,
     set_moves_axis,
 )
@@ -83,9 +84,10 @@ def draw(records: Sequence[Record], folder: Path, human: HumanLevel | None = Non
     """Draw the pictures of trials, at least one, into a folder and return their paths."""
     pictures = {
         "moves": curves_figure(records, "moves", human),
-        "cpu": curves_figure(records, "cpu_s", human),
         "endings": endings_figure(records),
     }
+    if timed := [record for record in records if is_timed(record)]:
+        pictures["cpu"] = curves_figure(timed, "cpu_s", human)
     return [save(figure, folder / f"figure4-{name}.svg") for name, figure in pictures.items()]
 
 

@@ -15,7 +15,7 @@ def write_trial(folder, trial, scores, result=None, begin=1):
     time; None: no episode had ended.
     """
     head = {"trial": asdict(trial), "settings": {"variant": trial.variant}}
-    lines = [{"kind": "trial", **head, "versions": {"torch": "2"}}]
+    lines = [{"kind": "trial", **head, "versions": {"torch": "2"}, "hardware": "a CPU"}]
     for number, score in enumerate(scores, begin):
         moves = trial.moves * number // (len(scores) + begin - 1)
         shares = dict.fromkeys(ENDINGS, None if score is None else 0.0)

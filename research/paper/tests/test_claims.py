@@ -207,6 +207,15 @@ def test_a_slip_of_the_paper_is_no_failure_to_reproduce_it():
     assert verdict_of("shares", read()) == SLIP
 
 
+def test_no_order_at_equal_cpu_time_is_said_where_that_of_a_training_is_not_known():
+    first, *others = figure_4()
+    assert "at equal CPU time" in CLAIMS["best"].decide(Results(records=[first, *others])).measured
+    first = replace(first, curve={**first.curve, "cpu_s": [None] * len(first.curve["moves"])})
+    measured = CLAIMS["best"].decide(Results(records=[first, *others])).measured
+    assert "at equal moves" in measured
+    assert "at equal CPU time" not in measured
+
+
 def test_a_curve_that_has_not_begun_has_no_score():
     late = [
         replace(each, curve={**each.curve, "moves": [5000, 6000]})

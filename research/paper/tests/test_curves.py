@@ -1,7 +1,8 @@
 """What is drawn and tabulated is what the logs say, and what was exported is drawn as the logs are."""
 
+import csv
 import json
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -135,6 +136,26 @@ def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs)
         assert any(np.allclose(line.get_ydata(), 0.94) for line in letter.get_lines())
 
 
+def test_a_training_whose_cpu_time_is_not_known_has_none_in_the_table_and_is_not_drawn_against_it(
+    logs, tmp_path
+):
+    records = of(read_records(logs), "ppo")
+    assert "figure4-cpu.svg" in {path.name for path in figure4.draw(records, tmp_path)}
+    nothing = [None] * len(records[0].curve["moves"])
+    untimed = [
+        replace(each, curve=each.curve | {"cpu_s": nothing}, result=each.result | {"cpu_s": None})
+        for each in records
+    ]
+    assert "figure4-cpu.svg" not in {path.name for path in figure4.draw(untimed, tmp_path)}
+    (row,) = rows_of(untimed)
+    assert cells_of(row)[4:6] == ["1 k", ""]
+    csv_path, lines_path = write_table([row], tmp_path / "table")
+    assert json.loads(lines_path.read_text())["cpu_minutes"] is None
+    with csv_path.open() as file:
+        (line,) = csv.DictReader(file)
+    assert (line["moves"], line["cpu_minutes"]) == ("1000.0", "")
+
+
 def test_figure_5_has_a_line_for_each_level(tmp_path):
     for number, level in enumerate(DIFFICULTIES):
         write_trial(tmp_path, trial_of(level=level), [0.1, 0.2 + number / 100])
@@ -150,6 +171,7 @@ def test_figure_5_has_a_line_for_each_level(tmp_path):
 
 def test_a_curve_begins_when_enough_episodes_have_ended():
     head = {"kind": "trial", "trial": vars(trial_of()), "settings": {}, "versions": {}}
+    head |= {"hardware": ""}
     line = {"kind": "curve", "cpu_s": 1.0}
     lines = [{**line, "moves": each, "episodes": float(each)} for each in (99, 100, 300)]
     assert record_of([head, *lines, {"kind": "result"}]).curve["moves"] == [100, 300]

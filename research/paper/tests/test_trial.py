@@ -6,6 +6,7 @@ from math import log
 
 import onnx
 import pytest
+import torch
 
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
@@ -13,6 +14,7 @@ from marsexplorer.evaluation.cards import replay_card
 from marsexplorer.policies import load
 from marsexplorer.policies.files.onnx import OnnxModel
 from marsexplorer.rules import SEED
+from marsexplorer.training.ppo import RolloutBuffer, TrainingRun, collect_rollout, forward
 from research.paper import algorithms, trial
 from research.paper.algorithms import PPOTrainer, begin, check_variant
 from research.paper.jobs import read_lines
@@ -120,6 +122,34 @@ def test_a_trial_that_was_stopped_goes_on_exactly_here_and_on_another_machine(
     assert trial.carry(tmp_path / "stopped", carried) == []
     assert not checkpoint.exists()
     assert not [*carried.iterdir()]
+
+
+def test_a_trial_that_goes_on_from_another_machine_names_both_and_tells_no_cpu_time(
+    quick, tmp_path
+):
+    with pytest.raises(KeyboardInterrupt):
+        TRIAL.run(tmp_path, stops_after(1))
+    checkpoint = tmp_path / TRIAL.name / "checkpoint.pt"
+    stored = torch.load(checkpoint, weights_only=True)
+    assert [line["cpu_s"] > 0 for line in stored["lines"]] == [True]
+    torch.save(stored | {"machines": ["a CPU, beside a GPU"]}, checkpoint)
+    TRIAL.run(tmp_path, lambda share: None)
+    head, _, *later = read_lines(tmp_path / TRIAL.name / "log.jsonl")
+    assert head["hardware"] == f"a CPU, beside a GPU; then {trial.hardware()}"
+    assert [line["cpu_s"] for line in later] == [None, None, None]
+
+
+@pytest.mark.parametrize("variant", ["paper", "works"])
+def test_the_values_of_a_rollout_are_what_the_network_says_of_its_steps(variant):
+    config = replace(ppo_settings(variant), **SMALL)
+    run = TrainingRun.begin(config, [BOARD], 128, 5)
+    buffer = RolloutBuffer.empty(config, run.envs.observe())
+    after = collect_rollout(run, buffer)
+    with torch.no_grad():
+        said = [forward(run, obs)[1] for obs in zip(*buffer.obs, strict=True)]
+        assert torch.allclose(buffer.values, torch.stack(said), atol=1e-6)
+        assert torch.allclose(after, forward(run, run.envs.observe())[1], atol=1e-6)
+    assert len(buffer.values.unique()) > 8
 
 
 def test_a_training_on_few_terrains_meets_no_others_and_goes_on_with_them(quick):
