@@ -44,7 +44,7 @@ DIFFICULTIES = tuple(level for level in LEVELS if level != "random")
 """The paper's 12 levels, d_t-d_m-d_b (section 3.3)."""
 TERRAINS = {level[:3]: level for level in DIFFICULTIES if level.endswith("-1")}
 """d_t-d_m -> a level with such terrains; d_b changes the rewards alone."""
-DIFFICULTY_EPISODES = {"small": 20, "full": 100}
+DIFFICULTY_EPISODES = {"small": 20, "full": 100, "authors": 100}
 """Budget -> terrains of each level."""
 
 

@@ -6,8 +6,9 @@ import pytest
 
 from research.paper.algorithms import ALGORITHMS
 from research.paper.episodes.play import DIFFICULTIES
-from research.paper.plan import Request, disagreement, plan
+from research.paper.plan import BUDGETS, FIGURES, LEVEL, Request, disagreement, is_full, plan
 from research.paper.tests.logs import trial_of, write_trial
+from research.paper.trial import Trial
 
 NOWHERE = Path("nowhere")
 
@@ -27,6 +28,16 @@ def test_figure_5_is_ppo_on_the_12_levels():
     assert {(job.algorithm, job.variant) for job in jobs} == {("ppo", "paper")}
     assert [job.level for job in jobs[:12]] == list(DIFFICULTIES)
     assert [job.seed for job in jobs] == [0] * 12 + [1] * 12 + [2] * 12
+
+
+@pytest.mark.parametrize("budget", BUDGETS)
+def test_every_budget_has_every_figure_and_all_but_small_are_full(budget):
+    jobs = plan(Request(FIGURES, budget), NOWHERE)
+    trials = [job for job in jobs if isinstance(job, Trial)]
+    assert {(trial.level == LEVEL, is_full(trial)) for trial in trials} == {
+        (is_figure_4, budget != "small") for is_figure_4 in (True, False)
+    }
+    assert len(jobs) > len(trials)
 
 
 def test_options_stand_in_place_of_the_budgets():
