@@ -213,8 +213,7 @@ class _Derivation:
         for each in self._episodes:
             where = f"{each.policy}, terrain {each.terrain}"
             self._made.compare(section, f"{where}: seed", each.seed, seeds.get(each.terrain))
-            run = each.replay(self._data.protocol.rules, self._data.protocol.env_config)
-            found = run.record().trajectory_hash
+            found = each.replayed_hash(self._data.protocol.rules, self._data.protocol.env_config)
             self._made.compare(section, f"{where}: trajectory hash", each.trajectory_hash, found)
 
     def _compare_evaluations(self) -> None:
@@ -229,8 +228,8 @@ class _Derivation:
                 told = "; ".join(map(str, wrong)) or nothing
                 self._made.compare("receipts of agents", where, nothing, told)
             for each in found.episodes:
-                run = each.replay(found.protocol.rules, found.protocol.env_config)
-                made = (run.record().trajectory_hash, seed_of(found.opening, each.terrain))
+                replayed = each.replayed_hash(found.protocol.rules, found.protocol.env_config)
+                made = (replayed, seed_of(found.opening, each.terrain))
                 where = f"{path.name}, {each.policy}, instance {each.terrain}"
                 stored = (each.trajectory_hash, each.seed)
                 self._made.compare("receipts of agents", where, stored, made)

@@ -7,7 +7,7 @@ holds them, so that they can be derived again where the policy's file is not at 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from app.series.data import StudyData
@@ -36,15 +36,20 @@ class PolicyEpisode:
     trajectory_hash: str
 
     def replay(self, rules: Rules, config: Configuration) -> Any:
-        """Return the run that the seed and the moves give; ValueError when a move goes on after the end."""
+        """Return the run that the seed and the moves give, to its end; `replayed_hash` says whether moves go on after it."""
         players: Any = rules.players
         run = players.begin(config, self.seed)
         for action in self.actions:
             if run.ended:
-                where = f"{self.policy}, terrain {self.terrain}"
-                raise ValueError(f"{where}: the recorded moves go on after the end")
+                break
             run.step(action)
         return run
+
+    def replayed_hash(self, rules: Rules, config: Configuration) -> str:
+        """Return the hash of the trajectory that the seed and the moves give, or that moves go on after the end."""
+        if replace(self, actions=self.actions[:-1]).replay(rules, config).ended:
+            return "the recorded moves go on after the end"
+        return str(self.replay(rules, config).record().trajectory_hash)
 
 
 def closed_seeds(data: StudyData) -> dict[int, int]:

@@ -77,7 +77,9 @@ def test_a_file_is_made_again_as_it_is(board):
     entry = offered_boards()[board]
     with Jobs(2) as jobs:
         made = make_board(entry, jobs, lambda done, of: None)
-    assert made == (FOLDER / file_name(entry.config)).read_text()
+    kept = (FOLDER / file_name(entry.config)).read_text()
+    versions = [json.loads(each)["version"] for each in (kept, made)]  # of the software that made it
+    assert made == kept.replace(*versions, 1)
 
 
 def test_a_figure_is_used_for_its_own_terrains_policy_and_core_alone(tmp_path):

@@ -162,12 +162,14 @@ def test_a_changed_page_a_changed_report_and_a_changed_move_of_a_policy_are_seen
     (out / "report.json").write_text(json.dumps(report))
     sql = "UPDATE policy_episodes SET actions = substr(actions, 2) WHERE policy = 'random'"
     alter(out / "study.sqlite", sql)
+    longer = "UPDATE policy_episodes SET actions = actions || 'N' WHERE policy = 'frontier-cost'"
+    alter(out / "study.sqlite", f"{longer} AND terrain_index = 0")
     code, said, _ = reproduce(out, "--recorded")
     found = counts(said)
     assert code == 1
     assert found["page"][1] == 1
     assert found["figures"] == (found["figures"][0], 1)
-    assert found["policies' episodes, replayed"][1] == 3
+    assert found["policies' episodes, replayed"][1] == 4
     assert "file report.html: sha256" in said
 
 
