@@ -20,6 +20,7 @@ from research.paper.algorithms import ALGORITHMS
 from research.paper.claims.results import (
     NOT_YET,
     NOTHING,
+    PARTLY,
     UNDECIDED,
     Decide,
     Judgement,
@@ -68,6 +69,11 @@ def few_terrains(results: Results) -> Trials:
     return {words: own for words, own in found.items() if own}
 
 
+def as_it_works(holds: bool) -> str:
+    """Return the verdict on a statement by PPO as it works: at best in part, and nothing against the paper."""
+    return PARTLY if holds else UNDECIDED
+
+
 def generalises(results: Results) -> Judgement:
     """Training on diverse terrains gives strong generalisation: new terrains are completed, the more the more there were."""
     trials = few_terrains(results)
@@ -77,11 +83,18 @@ def generalises(results: Results) -> Judgement:
         words: np.array([record.result["completion"] for record in own])
         for words, own in trials.items()
     }
-    words = ", ".join(f"{name} {Estimate.of(each).percent()}" for name, each in shares.items())
-    measured = f"as it works, completion of new terrains after training on so many: {words}"
+    words = ", ".join(
+        f"{name} {Estimate.of(each).percent()} and {_moves_of(trials[name])}"
+        for name, each in shares.items()
+    )
+    measured = f"as it works, completion of new terrains, and moves to 99 %, after training on so many: {words}"
     if len(shares) < 4 or min(map(len, shares.values())) < SEEDS:
         return Judgement(measured, UNDECIDED)
-    return Judgement(measured, verdict(is_above(shares["unlimited"], shares["10"])))
+    return Judgement(measured, as_it_works(is_above(shares["unlimited"], shares["10"])))
+
+
+def _moves_of(records: Sequence[Record]) -> str:
+    return Estimate.of([record.result["steps"] for record in records]).text(0)
 
 
 def harder_generalises(results: Results) -> Judgement:
@@ -110,7 +123,7 @@ def harder_generalises(results: Results) -> Judgement:
     )
     if min(map(len, steps.values())) < SEEDS:
         return Judgement(measured, UNDECIDED)
-    return Judgement(measured, verdict(is_above(steps["1-1-1"], steps["3-2-1"])))
+    return Judgement(measured, as_it_works(is_above(steps["1-1-1"], steps["3-2-1"])))
 
 
 def matrix(results: Results) -> str:

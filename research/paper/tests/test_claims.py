@@ -16,6 +16,7 @@ from research.paper.claims.results import (
     FOLDER,
     NOT_REPRODUCED,
     NOT_YET,
+    PARTLY,
     REPRODUCED,
     SLIP,
     UNDECIDED,
@@ -307,7 +308,7 @@ def test_what_was_trained_on_one_level_is_judged_on_the_others():
         for level in DIFFICULTIES
     ]
     results = Results(plays={8: lines})
-    assert verdict_of("harder-generalises", results) == REPRODUCED
+    assert verdict_of("harder-generalises", results) == PARTLY
     one = [line for line in lines if line["policy"].endswith("s0")]
     assert verdict_of("harder-generalises", Results(plays={8: one})) == UNDECIDED
     assert "| 3-2-1 | 90 ± 0 %, 90 ± 0 |" in training_claims.matrix(results)
@@ -321,8 +322,11 @@ def test_few_terrains_to_train_on_are_compared_with_new_ones_in_every_episode():
         for seed in range(3)
     ]
     found = CLAIMS["generalises"].decide(Results(records=records))
-    assert found.verdict == REPRODUCED
-    assert "10 39 ± 2 %, 100 79 ± 2 %, 1,000 89 ± 2 %, unlimited 99 ± 2 %" in found.measured
+    assert found.verdict == PARTLY
+    said = "10 39 ± 2 % and 100 ± 0, 100 79 ± 2 % and 100 ± 0, 1,000 89 ± 2 % and 100 ± 0, unlimited 99 ± 2 %"
+    assert said in found.measured
+    as_many = [replace(each, result=each.result | {"completion": 1.0}) for each in records]
+    assert verdict_of("generalises", Results(records=as_many)) == UNDECIDED
 
 
 def test_a_file_that_holds_no_results_is_an_error_with_its_name(tmp_path):
