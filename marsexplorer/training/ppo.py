@@ -171,6 +171,7 @@ class TrainingRun:
         here = [{name: group[name] for name in ("lr", "fused", "capturable")} for group in own]
         groups = [old | new for old, new in zip(stored["param_groups"], here, strict=True)]
         self.optimizer.load_state_dict({**stored, "param_groups": groups})
+        self.graphs = None  # those that there were have the optimiser's numbers before
         for part, part_state in zip(self.envs.parts, state["envs"], strict=True):
             part.load_state_dict(part_state)
         torch.set_rng_state(state["rng_state"])
