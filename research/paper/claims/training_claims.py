@@ -43,7 +43,7 @@ from research.paper.figures.curves import (
     rows_of,
 )
 from research.paper.jobs import Line
-from research.paper.plan import ITERATIONS, LEVEL, LEVEL_MOVES, PAPER_MOVES, SIZE, is_full
+from research.paper.plan import LEVEL, LEVEL_MOVES, PAPER_MOVES, SIZE, is_full
 from research.paper.tables import Estimate, markdown_table
 from research.paper.trial import ENDINGS, HELD_OUT_TERRAINS, Trial
 
@@ -146,8 +146,8 @@ SERIOUS = 0.1
 """Loss of normalized score that counts as a serious degradation; the paper's is about 0.2 (a little above 0.6 from 0.8)."""
 Trials = dict[str, list[Record]]
 """Algorithm or level -> its trials."""
-PAPER_STEPS = ITERATIONS * 30 * -(-4000 // 128)
-"""Gradient steps of the paper's PPO: 30 passes in batches of 128."""
+PAPER_STEPS = 30 * -(-4000 // 128)
+"""Gradient steps of the paper's PPO for each 4,000 moves: 30 passes in batches of 128."""
 
 
 def of_figure_4(results: Results, algorithm: str, variant: str) -> list[Record]:
@@ -169,14 +169,13 @@ def figure_4(results: Results, variant: str) -> Trials:
 def decided(measured: str, holds: bool, trials: Trials) -> Judgement:
     """Return a judgement; trainings shorter than those of the full budget are shown, and decide nothing.
 
-    Nor do those that are shorter than the paper's, whose moves and gradient steps are then said.
+    Nor do those of fewer moves than the paper's. The moves and gradient steps of both are said.
     """
     records = [record for each in trials.values() for record in each]
     if not all(is_full(record.trial) for record in records):
         return Judgement(f"after short trainings, which decide nothing: {measured}", NOT_YET)
-    if all(record.result["moves"] >= paper_moves(record.trial) for record in records):
-        return Judgement(measured, verdict(holds))
-    return Judgement(f"{measured}. {lengths(trials)}", UNDECIDED)
+    are_long = all(record.result["moves"] >= paper_moves(record.trial) for record in records)
+    return Judgement(f"{measured}. {lengths(trials)}", verdict(holds) if are_long else UNDECIDED)
 
 
 def paper_moves(trial: Trial) -> int:
@@ -209,9 +208,11 @@ def lengths(trials: Trials) -> str:
         for name in NAMES
         if name in first
     )
-    is_figure_4 = any(record.trial.level == LEVEL for record in first.values())
-    steps = f"; its PPO made {count_text(PAPER_STEPS)} gradient steps" if is_figure_4 else ""
-    return f"Moves and gradient steps of our trainings: {', '.join(ours)}; moves of the paper's: {paper}{steps}"
+    steps = count_text(paper_moves(first["ppo"].trial) // 4000 * PAPER_STEPS)
+    return (
+        f"Moves and gradient steps of our trainings: {', '.join(ours)}; moves of the paper's: {paper}; "
+        f"its PPO made {steps} gradient steps"
+    )
 
 
 def score_at(record: Record, axis: str, limit: float) -> float:
@@ -349,7 +350,7 @@ def on_levels(measure: Callable[[Finals], tuple[str, bool]]) -> Decide:
     """
 
     def decide(results: Results) -> Judgement:
-        parts, found = [], NOT_YET
+        parts, found, said = [], NOT_YET, ""
         for variant in ("paper", "works"):
             if trials := figure_5(results, variant):
                 finals = {
@@ -358,14 +359,13 @@ def on_levels(measure: Callable[[Finals], tuple[str, bool]]) -> Decide:
                 }
                 words, holds = measure(finals)
                 parts.append(f"{TITLES[variant]}: {words}")
+                said = said or lengths(trials)
                 if variant == "paper":
                     found = decided(words, holds, trials).verdict
                 elif found == NOT_YET:
                     found = UNDECIDED
-                    parts[-1] += (
-                        f", {'as' if holds else 'not as'} the paper says. {lengths(trials)}"
-                    )
-        return Judgement(". ".join(parts), found)
+                    parts[-1] += f", {'as' if holds else 'not as'} the paper says"
+        return Judgement(". ".join([*parts, said] if said else parts), found)
 
     return decide
 

@@ -78,7 +78,9 @@ def test_a_file_is_made_again_as_it_is(board):
     with Jobs(2) as jobs:
         made = make_board(entry, jobs, lambda done, of: None)
     kept = (FOLDER / file_name(entry.config)).read_text()
-    versions = [json.loads(each)["version"] for each in (kept, made)]  # of the software that made it
+    versions = [
+        json.loads(each)["version"] for each in (kept, made)
+    ]  # of the software that made it
     assert made == kept.replace(*versions, 1)
 
 
