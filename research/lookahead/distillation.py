@@ -219,8 +219,8 @@ def main(size: str, labels: int, rounds: int, points: int, workers: int | None, 
       nice -n 19 python -m research.lookahead.distillation
       python -m research.lookahead.distillation --labels 2000 --rounds 1 --points 1
 
-    The file curve.jsonl gets a line for each point, labels.pt what has been played, from which a run that was stopped
-    goes on, and distilled.onnx the network of the best point, from which each round begins.
+    The file curve.jsonl gets a line for each point, labels.pt what has been played, and distilled.onnx the network of the
+    best point, from which each round begins. A run that was stopped goes on after the last labels, or after their points.
     """
     out.mkdir(parents=True, exist_ok=True)
     net, side, stored = load_net(shipped()["ppo"]), int(size), out / "labels.pt"
@@ -232,7 +232,7 @@ def main(size: str, labels: int, rounds: int, points: int, workers: int | None, 
     with Jobs(workers or cores()) as pool, (out / "curve.jsonl").open("a") as file:
         for number in range(kept["round"], rounds + 1):
             if kept["figures"] is None:
-                kept |= {"round": number, "figures": run.add(pool, side, labels)}
+                kept["figures"] = run.add(pool, side, labels)
                 torch.save(kept | {"run": run.state_dict()}, stored)
             for point in range(1, points + 1):
                 line = {
@@ -249,7 +249,8 @@ def main(size: str, labels: int, rounds: int, points: int, workers: int | None, 
                 if ratio < kept["ratio"]:
                     kept |= {"ratio": ratio, "best": deepcopy(run.net.state_dict())}
             run.begin_round_with(kept["best"])
-            kept["figures"] = None
+            kept |= {"round": number + 1, "figures": None}
+            torch.save(kept | {"run": run.state_dict()}, stored)
     card = read_card(shipped()["ppo"])
     save_network(
         run.net, out / "distilled.onnx", {**card, "command": "research.lookahead.distillation"}
