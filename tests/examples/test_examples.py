@@ -34,7 +34,7 @@ def home(name):
     python, stamp = folder / "bin" / "python", folder / "installed.json"
     if not stamp.is_file() or json.loads(stamp.read_text()) != NEEDS[name]:
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        ours = [] if name == "oldest" else ["--editable", str(ROOT)]
+        ours = [] if name == "oldest" else ["--editable", f"{ROOT}[mars]"]
         install = [str(python), "-m", "pip", "install", "--quiet"]
         subprocess.run([*install, *NEEDS[name], *ours], check=True)
         stamp.write_text(json.dumps(NEEDS[name]))
