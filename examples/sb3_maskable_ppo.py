@@ -1,6 +1,6 @@
 """MaskablePPO of sb3-contrib on MarsExplorer, with invalid moves masked and a small convolutional network.
 
-    pip install '.[mars,onnx]' stable-baselines3 sb3-contrib
+    pip install '.[train]' stable-baselines3 sb3-contrib
     python examples/sb3_maskable_ppo.py --out mine.onnx
 
 Its 100,000 moves take 215 seconds of one core; the policy then scores 0.399 on 20 terrains on which `random` scores 0.373.

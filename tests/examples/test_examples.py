@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -19,25 +20,26 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]
 
 ROOT = Path(__file__).parent.parent.parent
 HOMES = ROOT / ".cache" / "examples"
-NEEDS = {
-    "sb3": ["torch", "stable-baselines3", "sb3-contrib", "onnx", "onnxruntime"],
-    "torchrl": ["torch", "torchrl"],
-    "rllib": ["torch", "ray[rllib]"],
-    "oldest": ["gymnasium==1.0.0", "numba", "scipy", "pytest", "pytest-timeout", "hypothesis"],
-}
-"""Name of an environment -> what is installed in it; ours comes with its own needs except in `oldest`, which needs the core."""
+OLDEST = ["gymnasium==1.0.0", "numba", "scipy", "pytest", "pytest-timeout", "hypothesis"]
+
+
+def needs(name):
+    """Return what pip installs in the environment of an example: what its script says, or the core alone in `oldest`."""
+    if name == "oldest":
+        return OLDEST
+    (line,) = re.findall(r"^ *pip install (.+)$", (ROOT / "examples" / name).read_text(), re.M)
+    own, *packages = shlex.split(line)
+    return ["--editable", f"{ROOT}{own.removeprefix('.')}", *packages]
 
 
 def home(name):
     """Return the Python of an environment, made and filled on its first use."""
-    folder = HOMES / name
+    folder = HOMES / Path(name).stem
     python, stamp = folder / "bin" / "python", folder / "installed.json"
-    if not stamp.is_file() or json.loads(stamp.read_text()) != NEEDS[name]:
+    if not stamp.is_file() or json.loads(stamp.read_text()) != needs(name):
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-        ours = [] if name == "oldest" else ["--editable", f"{ROOT}[mars]"]
-        install = [str(python), "-m", "pip", "install", "--quiet"]
-        subprocess.run([*install, *NEEDS[name], *ours], check=True)
-        stamp.write_text(json.dumps(NEEDS[name]))
+        subprocess.run([str(python), "-m", "pip", "install", "--quiet", *needs(name)], check=True)
+        stamp.write_text(json.dumps(needs(name)))
     return str(python)
 
 
@@ -82,7 +84,9 @@ print(json.dumps(kept))
 @pytest.mark.parametrize("features", ["terrain", "flat"])
 def test_an_exported_maskable_ppo_plays_here_as_it_does_there(features, tmp_path):
     out = tmp_path / "mine.onnx"
-    there = json.loads(run(home("sb3"), "-c", PREDICT, ROOT / "examples", out, features))
+    there = json.loads(
+        run(home("sb3_maskable_ppo.py"), "-c", PREDICT, ROOT / "examples", out, features)
+    )
     policy, at = policies.load(out), 0
     for seed in range(3):
         episode = Episode.begin(EnvConfig.of("random", 8), seed=seed)
@@ -129,7 +133,7 @@ print(json.dumps(played))
 @pytest.mark.parametrize("env", ["FrozenLake-v1", "CartPole-v1"])
 def test_a_ppo_that_stable_baselines_exports_plays_the_same_seeds_as_there(env, tmp_path):
     out = tmp_path / "mine.onnx"
-    there = json.loads(run(home("sb3"), "-c", EXPORT, env, out).splitlines()[-1])
+    there = json.loads(run(home("sb3_maskable_ppo.py"), "-c", EXPORT, env, out).splitlines()[-1])
     task = GymnasiumTask(env, [str(out)])
     policy = task.policies.load("mine")
     played = [task.players.play(policy, task.default, seed, 0).actions for seed in range(5)]
@@ -140,7 +144,7 @@ def test_a_ppo_that_stable_baselines_exports_plays_the_same_seeds_as_there(env, 
 def test_the_example_trains_and_writes_what_evaluate_scores(tmp_path):
     out = tmp_path / "mine.onnx"
     given = ["--steps", 1024, "--size", 8, "--out", out]
-    said = run(home("sb3"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
+    said = run(home("sb3_maskable_ppo.py"), "examples/sb3_maskable_ppo.py", *given, cwd=ROOT)
     assert "1,024 moves learnt from" in said
     rest = ["--policy", out, "--size", 8, "--episodes", 3]
     assert "mine" in run(sys.executable, "-m", "app.cli", "evaluate", *rest, cwd=ROOT)
@@ -158,12 +162,12 @@ def test_the_cleanrl_loop_learns_and_saves_what_beats_chance(tmp_path):
 
 
 def test_rllib_trains():
-    said = run(home("rllib"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
+    said = run(home("rllib_ppo.py"), "examples/rllib_ppo.py", "--steps", 2000, cwd=ROOT)
     assert len(re.findall(r"moves, mean return -?[\d.]+", said)) >= 2
 
 
 def test_torchrl_rolls_out_with_masks():
-    said = run(home("torchrl"), "examples/torchrl_rollout.py", "--steps", 200, cwd=ROOT)
+    said = run(home("torchrl_rollout.py"), "examples/torchrl_rollout.py", "--steps", 200, cwd=ROOT)
     assert "200 moves, 0 of them invalid" in said
     assert "action_mask" in said
 
