@@ -122,7 +122,7 @@ class TrainingRun:
         if device == "cuda":
             net = deepcopy(player).to(device)
             rate = torch.tensor(config.learning_rate, device=device)
-            adam = {"lr": rate, "fused": True, "capturable": True}  # which graphs need
+            adam = {"lr": rate, "capturable": True}  # which graphs need
             torch.backends.cudnn.allow_tf32 = False  # the network that plays is to say the same
         return cls(
             config=config,
@@ -132,7 +132,7 @@ class TrainingRun:
             envs=make_envs(env_configs, config.num_envs, seed, config.make_encoder),
             net=net,
             player=player,
-            optimizer=torch.optim.Adam(net.parameters(), eps=1e-8, **adam),
+            optimizer=torch.optim.Adam(net.parameters(), eps=1e-8, fused=True, **adam),
             device=device,
             kl_coef=config.kl_coef,
         )
