@@ -10,6 +10,7 @@ import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import product
+from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any
 
@@ -87,19 +88,20 @@ OTHER_LEVELS: MappingProxyType[str, Level] = MappingProxyType(
 ALL_LEVELS: MappingProxyType[str, Level] = MappingProxyType({**LEVELS, **OTHER_LEVELS})
 
 
-def _check_whole(name: str, value: object, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int):
+def _whole(name: str, value: object, low: int, high: int) -> int:
+    """Return a whole number of Python or NumPy as an int; TypeError or ValueError when it is none in low..high."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be a whole number, got {value!r}")
-    if not low <= value <= high:
-        bound = f"at least {low}" if value < low else f"at most {high}"
-        raise ValueError(f"{name} must be {bound}, got {value}")
+    whole = int(value)
+    if not low <= whole <= high:
+        bound = f"at least {low}" if whole < low else f"at most {high}"
+        raise ValueError(f"{name} must be {bound}, got {whole}")
+    return whole
 
 
 def check_seed(seed: object) -> int:
-    """Return the seed when it is a whole number in 0..2^53-1; TypeError or ValueError otherwise."""
-    _check_whole("seed", seed, 0, MAX_SEED)
-    assert isinstance(seed, int)
-    return seed
+    """Return the seed as an int when it is a whole number in 0..2^53-1; TypeError or ValueError otherwise."""
+    return _whole("seed", seed, 0, MAX_SEED)
 
 
 def fewest_cells(cells: int, beta: float) -> int:
@@ -136,17 +138,17 @@ class EnvConfig:
     def __post_init__(self) -> None:
         if self.level not in ALL_LEVELS:
             raise ValueError(f"no level {self.level!r}; choose one of: {', '.join(ALL_LEVELS)}")
-        _check_whole("rows", self.rows, MIN_SIDE, MAX_SIDE)
-        _check_whole("cols", self.cols, MIN_SIDE, MAX_SIDE)
-        _check_whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS)
-        is_number = isinstance(self.beta, (int, float)) and not isinstance(self.beta, bool)
+        self._keep("rows", _whole("rows", self.rows, MIN_SIDE, MAX_SIDE))
+        self._keep("cols", _whole("cols", self.cols, MIN_SIDE, MAX_SIDE))
+        self._keep("sensor_radius", _whole("sensor_radius", self.sensor_radius, 1, MAX_RADIUS))
+        is_number = isinstance(self.beta, Real) and not isinstance(self.beta, bool)
         if not is_number or not 0 < self.beta <= 1:
             raise ValueError(f"beta must be a number above 0 and at most 1, got {self.beta!r}")
-        if self.max_steps is None:
-            object.__setattr__(self, "max_steps", self.rows * self.cols)
-        _check_whole("max_steps", self.max_steps, 1, 2**31 - 1)
+        self._keep("beta", float(self.beta))
+        limit = self.n if self.max_steps is None else self.max_steps
+        self._keep("max_steps", _whole("max_steps", limit, 1, 2**31 - 1))
         if self.discoverable_only is None:
-            object.__setattr__(self, "discoverable_only", self.level in OTHER_LEVELS)
+            self._keep("discoverable_only", self.level in OTHER_LEVELS)
         if not isinstance(self.discoverable_only, bool):
             given = f"got {self.discoverable_only!r}"
             raise TypeError(f"discoverable_only must be True, False or None, {given}")
@@ -154,13 +156,19 @@ class EnvConfig:
             what = f"for level {self.level!r}: much of it can never be seen"
             raise ValueError(f"discoverable_only cannot be False {what}")
 
+    def _keep(self, name: str, value: object) -> None:
+        """Set a field to a value as a plain number, so that equal configurations have one hash."""
+        object.__setattr__(self, name, value)
+
     @classmethod
-    def of(cls, level: str = "random", size: int | tuple[int, int] = 21, **rest: Any) -> EnvConfig:
-        """Return the configuration of a level at a size: one side for a square, or (rows, cols)."""
-        if isinstance(size, int) and not isinstance(size, bool):
-            return cls(level, size, size, **rest)
+    def of(
+        cls, level: str = "random", size: int | tuple[int, int] = 21, *more: Any, **rest: Any
+    ) -> EnvConfig:
+        """Return the configuration of a level at a size: one side for a square, or (rows, cols); the other fields behind."""
+        if isinstance(size, Integral) and not isinstance(size, bool):
+            return cls(level, int(size), int(size), *more, **rest)
         if isinstance(size, (tuple, list)) and len(size) == 2:
-            return cls(level, size[0], size[1], **rest)
+            return cls(level, size[0], size[1], *more, **rest)
         raise TypeError(f"size must be a whole number or (rows, cols), got {size!r}")
 
     @cached_property

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig
+from marsexplorer.config import MAX_SEED, OUTCOMES, RUNNING, TIMED_OUT, EnvConfig, check_seed
 from marsexplorer.episode import score
 from marsexplorer.maps import GridMap, read_map
 from marsexplorer.observation import STATE_VALUES, action_masks
@@ -33,6 +33,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
     sensor_radius  reach of the lidar, cells
     beta           share of cells to discover
     max_steps      moves until truncation, rows * cols by default
+    discoverable_only  whether only cells count that can be discovered, see config.EnvConfig; None: as the level has it
     observation    "float32": Box(0, 1, (rows, cols)), eq. 6; "uint8": codes 0 unknown, 1 free, 2 rover, 3 obstacle
 
     Actions: Discrete(4), 0 north, 1 east, 2 south, 3 west. `reset(seed=s)` gives the terrain of seed s; without a seed the
@@ -52,13 +53,14 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         max_steps: int | None = None,
         render_mode: str | None = None,
         observation: str = "float32",
+        discoverable_only: bool | None = None,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             known = 'None, "rgb_array" or "ansi"'
             raise ValueError(f"render_mode must be {known}, got {render_mode!r}")
         self.render_mode = render_mode
-        more: Any = {"sensor_radius": sensor_radius, "beta": beta, "max_steps": max_steps}
-        self.config = EnvConfig.of(level, size, **more)
+        limits = (sensor_radius, beta, max_steps, discoverable_only)
+        self.config = EnvConfig.of(level, size, *limits)
         self.observation_space = observation_space(self.config, observation)
         self.action_space = spaces.Discrete(4)
         self._raw = observation == "uint8"
@@ -73,6 +75,7 @@ class MarsExplorer(gymnasium.Env[NDArray[Any], np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start an episode and return its first observation and info."""
+        seed = None if seed is None else check_seed(seed)
         super().reset(seed=seed)
         options = options or {}
         unknown = set(options) - {"terrain", "start", "map"}

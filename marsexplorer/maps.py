@@ -125,15 +125,22 @@ def read_map(
 
 def write_map(found: GridMap, path: Path | str) -> None:
     """Write a map as a YAML file, and beside it a PGM picture of the same name with one pixel for each cell."""
+    import yaml
+
     path = Path(path)
     rows, cols = found.terrain.shape
     pixels = np.where(found.terrain, np.uint8(0), np.uint8(254))
     path.with_suffix(".pgm").write_bytes(f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes())
-    x, y, yaw = found.origin
-    path.write_text(
-        f"image: {path.with_suffix('.pgm').name}\nmode: trinary\nresolution: {found.cell!r}\norigin: [{x!r}, {y!r}, {yaw!r}]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    fields = {
+        "image": path.with_suffix(".pgm").name,
+        "mode": "trinary",
+        "resolution": float(found.cell),
+        "origin": [float(each) for each in found.origin],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    path.write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None))
 
 
 def _read_fields(path: Path) -> dict[str, Any]:

@@ -77,9 +77,9 @@ def first_number(key):
 
 def mix(value: int) -> int:
     """Return the first number of the stream that `value` names (its lowest 64 bits): 0..2^64-1, well mixed."""
-    return int(first_number(np.uint64(value & MASK64)))
+    return int(first_number(np.uint64(int(value) & MASK64)))
 
 
 def draw_below(seed: int, counter: int, limit: int) -> int:
     """Return the counter-th whole number in 0..limit-1 of the stream that `seed` names."""
-    return (mix(mix(seed) ^ (counter & MASK64)) * limit) >> 64
+    return (mix(mix(seed) ^ (int(counter) & MASK64)) * limit) >> 64

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from marsexplorer.buffers import shared_array, write_values
-from marsexplorer.config import ACTIONS, OUTCOMES, EnvConfig
+from marsexplorer.config import ACTIONS, MAX_SEED, OUTCOMES, EnvConfig, check_seed
 from marsexplorer.env import following, observation_space
 from marsexplorer.observation import STATE_VALUES, action_masks
 from marsexplorer.rules import DISCOVERED, SEED
@@ -60,11 +61,12 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         beta: float = 0.99,
         max_steps: int | None = None,
         observation: str = "float32",
+        discoverable_only: bool | None = None,
         out: Any = None,
     ) -> None:
         self.num_envs = num_envs
-        more: Any = {"sensor_radius": sensor_radius, "beta": beta, "max_steps": max_steps}
-        self.config = EnvConfig.of(level, size, **more)
+        limits = (sensor_radius, beta, max_steps, discoverable_only)
+        self.config = EnvConfig.of(level, size, *limits)
         self.single_observation_space = observation_space(self.config, observation)
         self.single_action_space = spaces.Discrete(len(ACTIONS))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -74,7 +76,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         dtype = self.single_observation_space.dtype
         self._out = None if out is None else shared_array(out, shape, dtype)
         self._worlds = Worlds(self.config, num_envs, self._out if self._raw else None)
-        self._seeds: list[int] | None = None
+        self._was_reset = False
         worlds, always = self._worlds, np.ones(num_envs, np.bool_)
         self._info = self._columns(worlds.shares, worlds.scalars, always)
         self._final_info = self._columns(worlds.last_shares, worlds.last_scalars, worlds.ended)
@@ -88,8 +90,9 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if options:
             instead = "play given terrains one at a time"
             raise ValueError(f"a stack of environments takes no options; {instead}")
-        super().reset(seed=seed if isinstance(seed, int) else None)
         seeds = self._starting_seeds(seed)
+        super().reset(seed=seeds[0])
+        self._was_reset = True
         self._worlds.start(seeds)
         self._worlds.describe()
         return self._observe(), self._lasting(self._info)
@@ -99,20 +102,18 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             if len(seed) != self.num_envs:
                 wanted = f"one number or {self.num_envs} of them"
                 raise ValueError(f"seed must be {wanted}, got {len(seed)}")
-            return [following(None) if one is None else one for one in seed]
-        if seed is not None:
-            return [seed + i for i in range(self.num_envs)]
-        current = self._worlds.scalars[:, SEED]
-        if self._seeds is None and not current.any():
-            self._seeds = [following(None)]
-            return [self._seeds[0] + i for i in range(self.num_envs)]
-        return [next_seed(int(one)) for one in current]
+            return [following(None) if one is None else check_seed(one) for one in seed]
+        if seed is None and self._was_reset:
+            return [next_seed(one) for one in self._worlds.scalars[:, SEED]]
+        first = secrets.randbelow(MAX_SEED + 2 - self.num_envs) if seed is None else seed
+        return [check_seed(check_seed(first) + i) for i in range(self.num_envs)]
 
     def step(self, actions: NDArray[Any]) -> VectorStep:
         """Make one move in every environment."""
-        given = np.ascontiguousarray(actions, np.int64)
-        if given.shape != (self.num_envs,):
+        given = np.ascontiguousarray(actions)
+        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise not_actions(self.num_envs, actions)
+        given = given.astype(np.int64, copy=False)
         if not given.flags.writeable:  # the kernels are compiled for arrays that are
             given = given.copy()
         if self._which.size:
@@ -138,6 +139,7 @@ class MarsExplorerVector(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def restore(self, snapshot: dict[str, NDArray[Any]]) -> NDArray[Any]:
         """Return the observations of the environments as they were at a snapshot of one made alike."""
         self._worlds.put(np.arange(self.num_envs), snapshot)
+        self._was_reset = True
         return self._observe()
 
     def terrain(self, index: int) -> NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any
 
@@ -56,6 +57,9 @@ class Worlds:
     The arrays are the same objects for the life of the stack: copy what must outlast a step. Not for
     two threads at once; several stacks step at once in as many threads, as the rules release the
     interpreter's lock. `codes` may be given: uint8[num, rows, cols], C-contiguous, which is written to from then on.
+
+    A step raises RuntimeError, and moves nothing, while some world stands on no terrain: one that was never started, or
+    whose start failed. The rules look up cells beyond the grid without a test, in margins that a start writes.
     """
 
     def __init__(
@@ -81,31 +85,39 @@ class Worlds:
         self.shares, self.last_shares = np.zeros(2 * num), np.zeros(2 * num)
         self.ended = np.zeros(num, np.bool_)
         self._which = np.zeros(num, np.int64)
+        self._without_terrain = set(range(num))
 
-    def start(self, seeds: ArrayLike) -> None:
-        """Start every world on its seed (int[num], 0..2^53-1); ValueError when a seed has no solvable terrain."""
-        given = np.ascontiguousarray(seeds, np.uint64)
+    def start(self, seeds: Iterable[int]) -> None:
+        """Start every world on its seed (0..2^53-1); ValueError when a seed is none, or has no solvable terrain."""
+        checked = [check_seed(seed) for seed in seeds]
+        self._without_terrain.update(range(self.num))
+        given = self._scalars[:, SEED] = np.array(checked, np.uint64)
         if self.config.discoverable_only:
-            for index, seed in enumerate(given):
-                self.start_one(index, int(seed))
+            for index, seed in enumerate(checked):
+                self.start_one(index, seed)
             return
         failed = start_all(self._state, self._record, self._codes, *self._tables, given)
         if failed:
-            raise terrains.unsolvable(self.config, int(given[failed - 1]))
+            raise terrains.unsolvable(self.config, checked[failed - 1])
         self.outcomes[:] = RUNNING
+        self._without_terrain.clear()
 
     def start_one(self, index: int, seed: int) -> None:
-        """Start one world of the stack on a seed."""
+        """Start one world of the stack on a seed; as `start`."""
+        seed = check_seed(seed)
+        self._without_terrain.add(index)
+        self._scalars[index, SEED] = seed
         if self.config.discoverable_only:
             self._start_on_bits(index, terrains.draw_bits(self.config, seed), (0, 0), seed)
             return
         base, cells = index * self._record, self.config.n
         state = self._state[base : base + self._record]
         codes = self._codes[index * cells : (index + 1) * cells]
-        seeds = np.array([check_seed(seed)], np.uint64)
+        seeds = np.array([seed], np.uint64)
         if start_all(state, self._record, codes, *self._tables, seeds):
             raise terrains.unsolvable(self.config, seed)
         self.outcomes[index] = RUNNING
+        self._without_terrain.discard(index)
 
     def start_on(self, index: int, terrain: ArrayLike, start: tuple[int, int] = (0, 0)) -> None:
         """Start one world on a given terrain, which need not be solvable.
@@ -128,9 +140,16 @@ class Worlds:
             enough = fewest_cells(cells, self.config.beta)
         start_given(*where, cells, enough, np.uint64(seed))
         self.outcomes[index] = RUNNING
+        self._without_terrain.discard(index)
+
+    def _check_terrains(self) -> None:
+        """Raise RuntimeError when some world stands on no terrain."""
+        if self._without_terrain:
+            raise RuntimeError("no episode is running: call reset() first")
 
     def step(self, actions: NDArray[np.int64]) -> NDArray[np.float64]:
         """Make one move in every running world and return the rewards. actions: int64[num], 0..3."""
+        self._check_terrains()
         step_all(
             actions, self._state, self._record, self._codes, *self._tables, self.rewards, self.outcomes, self._listed
         )  # fmt: skip
@@ -142,6 +161,7 @@ class Worlds:
         `outcomes` says which ended; `last_scalars` and `last_codes` hold how those stood. ValueError when a world's next
         seed has no solvable terrain.
         """
+        self._check_terrains()
         if self.config.discoverable_only:
             self._step_and_start(actions)
         else:
@@ -164,6 +184,7 @@ class Worlds:
 
         ValueError when some action is none, with nothing moved.
         """
+        self._check_terrains()
         if self.config.discoverable_only:
             if actions.min() < 0 or actions.max() >= len(ACTIONS):
                 raise not_actions(self.num, actions)
@@ -189,8 +210,10 @@ class Worlds:
         failed = -1 - count
         if failed == self.num:
             raise not_actions(self.num, actions)
-        seed = int(self._last[failed * HEAD + SEED])
-        raise terrains.unsolvable(self.config, terrains.next_seed(seed))
+        seed = terrains.next_seed(int(self._last[failed * HEAD + SEED]))
+        self._without_terrain.update(range(self.num))  # the worlds behind it have not moved
+        self._scalars[failed, SEED] = seed
+        raise terrains.unsolvable(self.config, seed)
 
     def _step_and_start(self, actions: NDArray[np.int64]) -> None:
         """Do `step_autoreset` where a start counts what can be discovered, which takes longer than all else."""
@@ -225,6 +248,7 @@ class Worlds:
 
         `put` takes them, on any stack of the same configuration.
         """
+        self._check_terrains()
         records, codes = self._state.reshape(self.num, -1), self.codes
         return {"records": records[which], "codes": codes[which], "outcomes": self.outcomes[which]}
 
@@ -232,6 +256,7 @@ class Worlds:
         """Put worlds that `take` returned in the places of the worlds of these indices."""
         self._state.reshape(self.num, -1)[which] = taken["records"]
         self.codes[which], self.outcomes[which] = taken["codes"], taken["outcomes"]
+        self._without_terrain.difference_update(which.tolist())
 
     @property
     def last_codes(self) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ from marsexplorer.maps import GridMap
 
 @dataclass(frozen=True)
 class MapResults:
-    """What policies did on one map, in the order given; `to_reference` compares them.
+    """What policies did on one map, in the order given; `to_rule` compares them.
 
     name    of the map
     start   (row, col)

@@ -7,6 +7,7 @@ traces.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -30,15 +31,23 @@ SHOWN_SHARE = 0.99
 
 
 def save_plots(table: EvaluationTable, folder: Path) -> list[Path]:
-    """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths."""
+    """Write coverage-LEVEL-ROWSxCOLS.png for each configuration and heat-POLICY.png for each policy; return the paths.
+
+    Of configurations that differ in something else, and of policies in files of one name, the names have -2, -3, ... behind.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    figures = {
-        f"coverage-{config.level}-{config.rows}x{config.cols}": coverage_figure(table, config)
+    figures = [
+        (f"coverage-{config.level}-{config.rows}x{config.cols}", coverage_figure(table, config))
         for config in table.configs
-    }
+    ]
     policies = dict.fromkeys(row.policy for row in table.rows)
-    figures |= {f"heat-{Path(policy).stem}": heat_figure(table, policy) for policy in policies}
-    return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
+    figures += [(f"heat-{Path(policy).stem}", heat_figure(table, policy)) for policy in policies]
+    paths: list[Path] = []
+    for name, figure in figures:
+        names = chain([name], (f"{name}-{number}" for number in count(2)))
+        path = next(path for each in names if (path := folder / f"{each}.png") not in paths)
+        paths.append(_save(figure, path))
+    return paths
 
 
 def coverage_figure(table: EvaluationTable, config: EnvConfig) -> Figure:

@@ -43,6 +43,7 @@ class EvaluationRow:
     level: str
     rows: int
     cols: int
+    config_hash: str
     episodes: int
     score_mean: float
     score_low: float
@@ -72,6 +73,7 @@ class Comparison:
     level: str
     rows: int
     cols: int
+    config_hash: str
     episodes: int
     difference_mean: float
     difference_low: float
@@ -93,9 +95,8 @@ class EvaluationTable:
 
     def compared(self, row: EvaluationRow) -> Comparison | None:
         """Return the comparison of a row's policy with the better rule, None when there is none."""
-        key = (row.policy, row.level, row.rows, row.cols)
-        keys = {(each.policy, each.level, each.rows, each.cols): each for each in self.comparisons}
-        return keys.get(key)
+        keys = {(each.policy, each.config_hash): each for each in self.comparisons}
+        return keys.get((row.policy, row.config_hash))
 
     def to_json(self) -> str:
         """Return everything but the traces as JSON: core_version, configs, seeds, rows, comparisons, results."""
@@ -156,7 +157,8 @@ def tabulate(
 def summarize_policy(results: Sequence[Result]) -> EvaluationRow:
     """Return the row of one policy's episodes of one configuration (at least two)."""
     first, outcomes = results[0], [result.outcome for result in results]
-    where = (first.policy, first.level, first.rows, first.cols, len(results))
+    config = first.level, first.rows, first.cols, first.config_hash
+    where = (first.policy, *config, len(results))
     columns = (_column(results, name) for name in ("score", "steps_to_99", "auc"))
     score, steps, area = map(mean_interval, columns)
     completion = outcomes.count("explored") / len(results)
@@ -179,7 +181,7 @@ def compare(by_policy: dict[str, list[Result]]) -> list[Comparison]:
     for name, results in by_policy.items():
         if name != reference:
             first = results[0]
-            where = (first.level, first.rows, first.cols, len(results))
+            where = (first.level, first.rows, first.cols, first.config_hash, len(results))
             difference = mean_interval(steps[name] - steps[reference])
             ratio = ratio_interval(steps[name], steps[reference])
             comparisons.append(Comparison(name, reference, *where, *difference, *ratio))

@@ -1,5 +1,5 @@
 """Training of the networks: PPO from a freshly initialised network (`ppo`), and refining with branched episodes (`refine`).
 
-A run's configuration is in `config`, its environments in `envs`, what it writes in `run_folder` and `checkpoint`; `sweep`
-trains many networks on a Ray cluster. Import from the modules: they load torch, and the command's help must not.
+A run's configuration is in `config`, its environments in `envs`, what it writes in `run_folder`. Import from the modules:
+they load torch, and the command's help must not.
 """

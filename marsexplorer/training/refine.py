@@ -177,7 +177,7 @@ class SampleBuffer:
 
     def append(self, rows: list[NDArray[Any]], permanent: bool = False) -> None:
         """Append rows, the same number to each column; the oldest that are not permanent are dropped."""
-        new = [torch.from_numpy(each) for each in rows]
+        new = [torch.from_numpy(each if permanent else each[-self._capacity :]) for each in rows]
         kept = self._num_permanent
         excess = 0 if permanent else max(0, len(self) - kept + len(new[0]) - self._capacity)
         both = zip(self.columns or [each[:0] for each in new], new, strict=True)

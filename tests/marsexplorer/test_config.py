@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from marsexplorer.config import LEVELS, EnvConfig
@@ -26,6 +27,8 @@ def test_the_target_is_the_fewest_cells_that_reach_beta(beta):
 def test_the_hash_is_that_of_the_canonical_json_and_stays():
     assert EnvConfig().hash == EnvConfig(max_steps=441).hash
     assert EnvConfig(cols=22).hash != EnvConfig(rows=22).hash
+    assert EnvConfig(beta=1).hash == EnvConfig(beta=np.float64(1.0)).hash
+    assert EnvConfig.of("random", np.int64(9)).hash == EnvConfig.of("random", (9, np.int32(9))).hash
     assert EnvConfig(**EnvConfig.of("1-2-1", (5, 7)).to_dict()) == EnvConfig.of("1-2-1", (5, 7))
     assert EnvConfig().hash == "a5aa6afaaf945098149a4bd31cd20b5afad672e9633dfbf54aacd4f606d7dbe8"
 

@@ -27,8 +27,12 @@ def test_reset_with_a_seed_gives_the_terrain_of_that_seed_and_continues_from_it(
     _, info = env.reset(seed=5)
     assert info["terrain_seed"] == 5
     assert (env.unwrapped.terrain == generate(EnvConfig.of("random", (9, 12)), 5)).all()
+    for seed in (2**60, -1, 1.5):
+        with pytest.raises((ValueError, TypeError), match="seed must be"):
+            env.reset(seed=seed)
     _, info = env.reset()
     assert info["terrain_seed"] == next_seed(5)
+    assert env.reset(seed=np.int64(7))[1]["terrain_seed"] == 7
 
 
 def test_steps_and_infos_are_those_of_the_rules():

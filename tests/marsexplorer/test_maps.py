@@ -98,7 +98,7 @@ def test_the_start_is_the_one_given_or_the_free_cell_nearest_to_the_origin(tmp_p
 def test_a_written_map_is_read_as_it_was(tmp_path):
     terrain = np.random.default_rng(3).random((7, 11)) < 0.3
     terrain[2, 4] = False
-    found = GridMap(terrain, 0.4, (1.5, -2.5, 0.0), (2, 4))
+    found = GridMap(terrain, 0.4, (np.float64(1.5), -2.5, 1e-05), (2, 4))
     write_map(found, tmp_path / "own.yaml")
     again = read_map(tmp_path / "own.yaml", cell=0.4, start=found.to_metres((2, 4)))
     assert (again.terrain == terrain).all()

@@ -10,6 +10,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from marsexplorer.buffers import shared_array
 from marsexplorer.config import EnvConfig
+from marsexplorer.terrain import attempts, next_seed
 from marsexplorer.world import Worlds
 
 
@@ -62,6 +63,42 @@ def test_a_seed_without_a_terrain_is_named():
     worlds.start(range(6))
     with pytest.raises(ValueError, match="no solvable terrain"):
         step_for_ever(worlds)
+
+
+def test_no_step_is_made_on_a_board_that_stands_on_no_terrain():
+    config = EnvConfig.of("random", 42, beta=1.0)
+    ok, failing = (
+        next(s for s in range(99) if bool(attempts(config, s)) is is_solved)
+        for is_solved in (True, False)
+    )
+    envs = gymnasium.make_vec("MarsExplorer-v0", 3, "vector_entry_point", size=42, beta=1.0)
+    single = gymnasium.make("MarsExplorer-v0", size=42, beta=1.0).unwrapped
+    single.reset(seed=ok)
+    for env, action in ((envs, np.ones(3, np.int64)), (single, 1)):
+        with pytest.raises(ValueError, match="no solvable terrain"):
+            env.reset(seed=[ok, failing, ok] if env is envs else failing)
+        for _ in range(2):
+            with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
+                env.step(action)
+        env.reset(seed=[ok] * 3 if env is envs else ok)
+        env.step(action)
+    with pytest.raises(RuntimeError, match=r"call reset\(\) first"):
+        made(2).step(np.ones(2, np.int64))
+
+
+def test_seeds_are_checked_before_anything_changes_and_what_follows_them_is_known():
+    envs = made(1)
+    for _ in range(2):
+        envs.reset(seed=0)
+        assert envs.reset()[1]["terrain_seed"] == [next_seed(0)]
+    envs = made(2)
+    envs.reset(seed=[np.int64(3), None])
+    second = envs.reset(seed=[np.uint64(5), 0])[1]["terrain_seed"].copy()
+    for seed in (2**53 - 1, [2**60, 0], [-1, 2], [1.7, 2], [np.int64(-1), 2]):
+        with pytest.raises((ValueError, TypeError), match="seed must be"):
+            envs.reset(seed=seed)
+    assert second.tolist() == [5, 0]
+    assert envs.reset()[1]["terrain_seed"].tolist() == [next_seed(5), next_seed(0)]
 
 
 def test_codes_and_infos_are_views_and_float_ones_last():
@@ -140,7 +177,7 @@ def test_bad_actions_move_nothing():
     envs = made(3, observation="uint8")
     envs.reset(seed=1)
     before = envs.snapshot()
-    for actions in ([0, 1, 4], [0, -1, 1], [0, 1], [[0, 1, 2]]):
+    for actions in ([0, 1, 4], [0, -1, 1], [0, 1], [[0, 1, 2]], [0, 1.9, 2], ["0", "1", "2"]):
         with pytest.raises(ValueError, match="actions must be 3 numbers in 0"):
             envs.step(np.array(actions))
     for name, array in envs.snapshot().items():

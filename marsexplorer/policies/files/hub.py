@@ -147,7 +147,8 @@ def _words(path: Path, card: dict[str, Any], repo: str) -> str:
     if "command" in card:
         lines += ["## How it was made", f"`{card['command']}`", ""]
     if results := _results(card):
-        keys = list(dict.fromkeys(key for figures in results.values() for key in figures))
+        entries = [entry for figures in results.values() for entry in figures.items()]
+        keys = list(dict.fromkeys(key for key, value in entries if not isinstance(value, list)))
         rows = [["setting", *keys]]
         for setting, figures in results.items():
             rows.append([setting, *(str(figures.get(key, "")) for key in keys)])

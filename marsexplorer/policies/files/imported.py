@@ -26,6 +26,7 @@ class ImportedPolicy:
     raw       whether it expects uint8 codes instead of the float32 state matrix
     masked    whether invalid moves are left out, as MaskablePPO does; else it may drive into an obstacle
     samples   whether each move is drawn from the probabilities; the seed of `reset` fixes the draws
+    has_value  whether it gives a value; else values are NaN
 
     thought()  after `act`: probabilities float32[4] of the moves, and the value of the last observation
     """
@@ -38,8 +39,9 @@ class ImportedPolicy:
         raw: bool,
         masked: bool,
         samples: bool = False,
+        has_value: bool = False,
     ) -> None:
-        self.name, self.size = name, size
+        self.name, self.size, self.has_value = name, size, has_value
         self._evaluate, self._raw, self._masked, self._samples = evaluate, raw, masked, samples
         self._thought = np.full(4, 0.25, np.float32), float("nan")
         self.reset(0)

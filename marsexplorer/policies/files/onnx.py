@@ -178,7 +178,8 @@ def load_imported(model: OnnxModel) -> ImportedPolicy:
     check_outputs(model, model.try_out(_inputs_of(model, nothing, np.ones(4, np.bool_))))
     samples = model.acts("greedy", "samples") == "samples"
     masked = "action_mask" in names
-    return ImportedPolicy(model.path.stem, _evaluation(model), size, raw, masked, samples)
+    how = (size, raw, masked, samples, "value" in model.outputs)
+    return ImportedPolicy(model.path.stem, _evaluation(model), *how)
 
 
 def _evaluation(model: OnnxModel) -> Evaluate:

@@ -45,6 +45,18 @@ def test_other_processes_give_the_same():
     assert evaluate(["frontier-utility"], CONFIG, 11, 3).rows[0] == alone.rows[1]
 
 
+def test_configurations_of_one_level_and_size_are_compared_each_with_its_own_rule():
+    configs = [replace(CONFIG, sensor_radius=radius) for radius in (2, 3)]
+    names = ["random", "frontier-cost"]
+    both = evaluate(names, configs, 5, 0)
+    for number, config in enumerate(configs):
+        alone = evaluate(names, config, 5, 0)
+        assert [both.compared(row) for row in both.rows[2 * number :][:2]] == [
+            *alone.comparisons,
+            None,
+        ]
+
+
 def test_unfinished_episodes_count_the_limit():
     config = EnvConfig("random", 7, 11, sensor_radius=3, max_steps=4)
     row = evaluate(["random"], config, 5, 0).rows[0]

@@ -1,5 +1,7 @@
 """Pictures of an evaluation: what is drawn is what was played, and the same table gives the same bytes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,11 @@ def test_the_same_table_gives_the_same_files_and_needs_traces(table, tmp_path):
     ]  # fmt: skip
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
     assert {path.name for path in (tmp_path / "a").iterdir()} == {path.name for path in first}
+    alike = [replace(CONFIGS[0], sensor_radius=radius) for radius in (2, 3)]
+    both = evaluate(["random"], alike, 2, 0, traces=True)
+    assert [path.name for path in save_plots(both, tmp_path / "c")] == [
+        "coverage-random-7x11.png", "coverage-random-7x11-2.png", "heat-random.png"
+    ]  # fmt: skip
     without = evaluate(["random"], CONFIGS[0], 2, 0)
     with pytest.raises(ValueError, match="traces=True"):
         save_plots(without, tmp_path)

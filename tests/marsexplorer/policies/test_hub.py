@@ -73,6 +73,7 @@ def test_a_model_card_has_the_hubs_metadata_and_the_figures_of_the_card():
     assert card["summary"] in found.text
     assert f"marsexplorer policies pull {REPO}" in found.text
     assert card["limits"] in found.text
+    assert max(map(len, found.text.splitlines())) < 300  # no list of an entry for each episode
     assert json.loads(hub.card_json(shipped()["ppo"])) == card
 
 

@@ -39,7 +39,7 @@ def test_floats_and_codes_give_the_same_moves_and_a_reset_gives_them_again(name)
     assert first.outcome in ("explored", "timed_out")
     assert play_episode(policy, CONFIG, 5).actions == first.actions
     again = Episode.begin(CONFIG, seed=5)
-    other.reset(5)
+    other.reset(np.int64(5))
     while not again.ended:
         again.step(other.act(again.observation()))
     assert again.actions == first.actions

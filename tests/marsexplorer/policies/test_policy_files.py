@@ -171,3 +171,14 @@ def test_other_makers_finite_weights_whose_sums_are_not_are_refused_too(tmp_path
     onnx.save(model, tmp_path / "huge.onnx")
     with pytest.raises(PolicyFileError, match="finite numbers from a first decision"):
         policies.load(tmp_path / "huge.onnx")
+    model = files.onnx_model()
+    last = next(node for node in model.graph.node if node.output[0] == "value")
+    last.output[0] = "mean"
+    model.graph.node.append(onnx.helper.make_node("Sqrt", ["mean"], ["value"]))
+    held = {one.name: one for one in model.graph.initializer}
+    held["w"].raw_data = np.full((42, 4), -1, np.float32).tobytes()
+    onnx.save(
+        model, tmp_path / "nan.onnx"
+    )  # 0 for zeros, for a board the root of a negative number
+    with pytest.raises(PolicyFileError, match="finite numbers"):
+        policies.load(tmp_path / "nan.onnx")

@@ -300,6 +300,8 @@ def test_training_environments_are_of_the_whole_configuration():
     config = EnvConfig("2-1-1", 9, 12, sensor_radius=3, beta=0.5, max_steps=70)
     envs = TrainingEnvs(config, 2, 0)
     assert envs.env.config == config
+    config = EnvConfig("random", 9, 12, discoverable_only=True)
+    assert TrainingEnvs(config, 2, 0).env.config == config
 
 
 def test_evaluation_seeds_are_refused():
