@@ -113,7 +113,7 @@ $(RESEARCH)/.done: pyproject.toml research/requirements.txt research/constraints
 
 $(AGENTS)/.done: constraints-agents.txt
 	@$(MAKE) --no-print-directory VENV=$(AGENTS) $(AGENTS)/bin/python
-	@echo "Installing what agents need into $(AGENTS): about 0.8 GB, some minutes when nothing has been downloaded before."
+	@echo "Installing what agents need into $(AGENTS): about 0.9 GB, some minutes when nothing has been downloaded before."
 	$(AGENTS)/bin/python $(PIP) --no-deps --requirement constraints-agents.txt
 	@touch $@
 
