@@ -141,6 +141,12 @@ def train(
         again = f"{command}{shlex.quote(str(folder))}{here}"
         command += folder.name
         echo(again, err=True)
+        warm_up = config.value_warmup_updates * config.batch_size
+        if steps <= warm_up:
+            echo(
+                f"{warm_up:,} moves train the value alone, so this learns no move: take more --steps",
+                err=True,
+            )
         run = TrainingRun.begin(config, configs, steps, seed, device)
         with written(f"to {folder}"):
             try:

@@ -202,6 +202,20 @@ def test_sigterm_ends_a_run_like_ctrl_c_and_in_its_own_words_alone(tmp_path):
     assert "leaked" not in said, "semaphores of its workers"
 
 
+def test_a_run_that_is_too_short_to_learn_says_so(quick, in_a_thread, tmp_path):
+    for steps in (128, 129):
+        words = [
+            "train",
+            "--recipe=priced",
+            f"--steps={steps}",
+            "--out",
+            str(tmp_path / str(steps)),
+        ]
+        done = CliRunner().invoke(cli, words)
+        assert done.exit_code == 0, done.output
+        assert ("128 moves train the value alone" in done.output) is (steps == 128)
+
+
 @pytest.mark.parametrize(
     ("given", "part"),
     [
