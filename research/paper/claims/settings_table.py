@@ -1,8 +1,9 @@
 """The settings of the four algorithms in one table: the paper's appendix, the authors' repository, and what ran here.
 
-`settings.tsv` has a row for each setting: `key` is where a trial's `settings` have it; `paper` is what the appendix prints and
+`settings.tsv` has a row for each setting: `key` is where a trial's `settings` have it, empty where there is nothing to set and
+`fixed` says what the trainer always does (earlier logs have a value for these); `paper` is what the appendix prints and
 `repository` what the authors' script or RLlib's default has, both empty where they say nothing; `reason` says why ours differs,
-or where a value comes from that the paper leaves open. What ran is what the shipped trials logged.
+or where a value comes from that the paper leaves open. What ran is what the shipped trials logged, but for what is fixed.
 
 The repository's values are those of `trainners/runners/{PPO,A2C,DQN}.py` and `trainners/runners_legacy/SAC.py`. What these
 scripts leave alone is RLlib 1's default (`rllib/agents/{ppo,a3c,dqn,sac}`), marked so.
@@ -28,7 +29,7 @@ COLUMNS = ("algorithm", "setting", "paper", "repository", "ours", "why")
 def rows_of(algorithm: str) -> tuple[dict[str, str], ...]:
     """Return the rows of an algorithm, in the order of the page."""
     with (Path(__file__).parent / "settings.tsv").open(newline="") as file:
-        rows = csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
+        rows = csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE, restval="")
         return tuple(row for row in rows if row["algorithm"] == algorithm)
 
 
@@ -70,7 +71,7 @@ def as_table(results: Results) -> str:
 
 def _cells(row: dict[str, str], logged: list[dict[str, Any]]) -> tuple[str, ...]:
     """Return a row; logged: the settings by the letter, as it works and tuned."""
-    paper, works, tuned = (words(settings[row["key"]]) for settings in logged)
+    paper, works, tuned = (row["fixed"] or words(each[row["key"]]) for each in logged)
     ours = paper
     if works != paper:
         ours += f"; works: {works}"

@@ -14,11 +14,13 @@ pytest.importorskip(
     "tianshou", reason="tianshou is not installed here: `make test-research` tests what needs it"
 )
 
-from tianshou.data import Batch
+from tianshou.data import Batch, PrioritizedVectorReplayBuffer
+from torch import nn
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.files.onnx import OnnxModel
 from research.paper.algorithms import begin
+from research.paper.networks import NoisyLinear
 from research.paper.trainers.environments import (
     Environments,
     ObservationBytes,
@@ -37,9 +39,9 @@ INTERRUPTED = {"a2c": 4000, "rainbow": 1280, "sac": 1792}
 """After the first gradient steps of it."""
 
 
-def weights(trainer):
+def weights(net):
     """Return all weights as one vector."""
-    tensors = trainer.net.state_dict().values()
+    tensors = net.state_dict().values()
     return torch.cat([tensor.detach().flatten().double() for tensor in tensors])
 
 
@@ -123,9 +125,14 @@ def test_three_steps_of_rewards_are_followed_by_the_observation_after_three():
 def test_the_noise_is_new_for_every_move_and_rainbow_has_its_six_parts():
     trainer = short_trainer("rainbow")
     assert isinstance(trainer, RainbowTrainer)
-    own = trainer.settings
-    assert all(own[part] for part in ("double_q", "dueling", "prioritized_replay", "noisy"))
-    assert (own["n_step"], own["num_atoms"]) == (3, 51)
+    net, algorithm = trainer.net, trainer.algorithm
+    for stream in (net.advantage_head, net.value_head):  # dueling
+        layers = [module for module in stream.modules() if isinstance(module, nn.Linear)]
+        assert layers
+        assert all(isinstance(layer, NoisyLinear) for layer in layers)
+    assert net.advantage_head is not net.value_head
+    assert isinstance(trainer._buffer, PrioritizedVectorReplayBuffer)
+    assert (algorithm.n_step, len(net.support)) == (3, 51)
     asked = []
     for _ in range(2):
         trainer.act()
@@ -139,6 +146,37 @@ def test_a_policy_of_probabilities_samples_and_one_of_values_is_greedy(tmp_path)
         path = tmp_path / f"{algorithm}.onnx"
         short_trainer(algorithm).save_policy(path, {"summary": "untrained"})
         assert OnnxModel(path).card["acts"] == acts
+
+
+def test_the_network_chooses_the_move_whose_value_the_target_network_gives():
+    trainer = short_trainer("rainbow")
+    algorithm, obs = trainer.algorithm, trainer.environments.obs
+    algorithm.gamma, chosen = 1.0, np.arange(len(obs)) % 4
+    distributions = torch.zeros(len(obs), 4, 51)
+    distributions[:, range(4), range(4)] = 1.0  # what the target network gives: atom k for move k
+
+    def ask(batch, model=None, **_):
+        if model is algorithm.model_old:
+            return Batch(act=(chosen + 1) % 4, logits=distributions)
+        return Batch(act=chosen, logits=torch.full_like(distributions, torch.nan))
+
+    algorithm.policy.forward = ask
+    returns = algorithm.policy.support.expand(len(obs), 51)
+    found = algorithm._target_dist(Batch(obs_next=obs, returns=returns))
+    assert found.argmax(1).tolist() == chosen.tolist()
+
+
+def test_sac_has_two_critics_with_targets_and_a_replay_with_priorities():
+    trainer = short_trainer("sac")
+    algorithm = trainer.algorithm
+    critics = [algorithm.critic, algorithm.critic2, algorithm.critic_old, algorithm.critic2_old]
+    assert len({id(next(critic.parameters())) for critic in critics}) == 4
+    assert isinstance(trainer._buffer, PrioritizedVectorReplayBuffer)
+    before = [weights(each).clone() for each in (algorithm.critic, algorithm.critic2)]
+    assert not torch.equal(*before)
+    advance(trainer, MOVES["sac"])
+    after = [weights(each) for each in (algorithm.critic, algorithm.critic2)]
+    assert not any(map(torch.equal, before, after))
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -158,5 +196,5 @@ def test_the_same_training_interrupted_or_not_gives_the_same_numbers_and_weights
     assert second.moves == first.moves < moves
     numbers += advance(second, moves)
     assert numbers == expected
-    assert torch.equal(weights(second), weights(whole))
+    assert torch.equal(weights(second.net), weights(whole.net))
     assert list(second.envs.recent.returns) == list(whole.envs.recent.returns)

@@ -253,7 +253,6 @@ class OffPolicy(Common):
     moves_per_update: int = 4
     learning_starts: int = 1000
     n_step: int = 1
-    prioritized_replay: bool = True
     priority_alpha: float = 0.6
     priority_beta: float = 0.4
 
@@ -292,6 +291,7 @@ class RainbowSettings(OffPolicy):
 
     support             lowest and highest return of the distribution; None: +-(n + 20), which holds the +-n of eq. 8 (RLlib
                         has +-10, the authors' repository +-400 where the ends are paid +-400)
+    noisy_sigma         of the noise in the dense layers at first
     epsilon             at first, and after `epsilon_moves` moves
     target_update_freq  moves between two copies to the target network
     max_grad_norm       of the gradient
@@ -301,10 +301,7 @@ class RainbowSettings(OffPolicy):
     n_step: int = 3
     num_atoms: int = 51
     support: tuple[float, float] | None = None
-    noisy: bool = True
     noisy_sigma: float = 0.5
-    dueling: bool = True
-    double_q: bool = True
     epsilon: tuple[float, float] = (1.0, 0.02)
     epsilon_moves: int = 10_000
     target_update_freq: int = 500
@@ -334,7 +331,6 @@ class SACSettings(OffPolicy):
     learning_starts: int = 1500
     learning_rate: float = 3e-4
     tau: float = 5e-3
-    twin_q: bool = True
     q_hidden: tuple[int, ...] = (256, 256)
     policy_hidden: tuple[int, ...] = (256, 256)
     initial_alpha: float = 1.0
