@@ -60,7 +60,7 @@ from research.paper.jobs import Job, Line, write_text
 from research.paper.tables import markdown_table
 
 FIGURE = 6
-POLICIES = ("ppo", "ppo-paper", *RULES)
+POLICIES = ("ppo", *RULES)
 """What is drawn unless others are named."""
 
 LEVEL_PLACE = "{level}"

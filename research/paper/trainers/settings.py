@@ -12,7 +12,8 @@ What the paper's appendix says is taken by the letter; what it leaves open is RL
 PPO has besides
 
     appendix             RLlib's 30 passes in minibatches of 128
-    rllib                the same with a network of RLlib's default sizes, as `ppo-paper` was trained
+    rllib                the same with a network of RLlib's default sizes. The shipped `ppo-paper` is of an earlier training by
+                         the letter: so, but for 240,000 moves on level random, and with an older clip of the value (`vf_clip`)
     paper-no-bonus       eq. 8 without +-n at the end of an episode, as on the levels t-m-2
     paper-no-value-clip  the values' change since the rollout is not clipped
 """
