@@ -16,9 +16,11 @@ and how they ended, as shares (`explored` is completion, then `collided`, `out_o
 from __future__ import annotations
 
 import platform
+import re
 import shutil
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -219,10 +221,25 @@ def accelerator() -> str:
     return torch.cuda.get_device_name() if torch.cuda.is_available() else ""
 
 
+def processor(info: Path = Path("/proc/cpuinfo")) -> str:
+    """Return the model of the processor, "" where the system does not say it."""
+    with suppress(OSError):
+        if found := re.search(r"^model name\s*: (.+)$", info.read_text(), re.M):
+            return found[1].strip()
+    named = platform.processor()
+    return "" if named == platform.machine() else named
+
+
 def hardware() -> str:
-    """Return what a trial runs on, in words."""
+    """Return what a trial runs on, in words: the machine, its processor, and what works beside it."""
     beside = accelerator()
-    return f"{platform.machine()}, one thread{f', beside {beside}' if beside else ''}"
+    parts = (platform.machine(), processor(), "one thread", beside and f"beside {beside}")
+    return ", ".join(filter(None, parts))
+
+
+def names_processor(logged: str | None) -> bool:
+    """Return whether the hardware that was logged has the model of the processor, which earlier logs do not."""
+    return ", " in (logged or "").partition(", one thread")[0]
 
 
 def _curve_line(trainer: Trainer, cpu_s: float | None, numbers: dict[str, float]) -> dict[str, Any]:

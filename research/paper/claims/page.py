@@ -34,7 +34,7 @@ BLOCK = re.compile(r"^<!-- drawn: (?P<name>[a-z0-9 -]+) -->\n.*?^<!-- end -->$",
 SHOWN = {
     "figure4": {
         "figure4-moves": "score, coverage and completion of the four algorithms against moves",
-        "figure4-cpu": "the same against CPU seconds",
+        "figure4-cpu": "the same against CPU minutes",
         "figure4-endings": "how the episodes of the four algorithms end",
     },
     "figure5": {

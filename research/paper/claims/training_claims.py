@@ -38,7 +38,7 @@ from research.paper.figures.curves import (
     cells_of,
     chosen,
     count_text,
-    is_timed,
+    is_timed_alike,
     points_of,
     rows_of,
 )
@@ -248,7 +248,7 @@ def best(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     views = {"at the end": None, "at equal moves": "moves"}
-    if all(is_timed(record) for each in trials.values() for record in each):
+    if is_timed_alike([record for each in trials.values() for record in each]):
         views["at equal CPU time"] = "cpu_s"
     scores = {words: scores_at(trials, axis) for words, axis in views.items()}
     first, second = list(scores["at the end"].items())[:2]

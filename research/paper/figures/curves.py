@@ -36,7 +36,7 @@ from marsexplorer.files import to_cell
 from marsexplorer.intervals import Floats, t_interval
 from research.paper.jobs import Line, read_lines, write_lines, write_text
 from research.paper.tables import Estimate
-from research.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial
+from research.paper.trial import ENDINGS, EPISODES_PER_LINE, Trial, names_processor
 
 POINTS = 50
 GRID = 100
@@ -140,8 +140,19 @@ def points_of(record: Record, column: str, against: str) -> tuple[Floats, Floats
 
 
 def is_timed(record: Record) -> bool:
-    """Return whether the CPU time of a training is known: all of it ran on one kind of machine, on the CPU alone."""
+    """Return whether the CPU time of a training is known: all of it ran on one kind of machine, on the CPU alone.
+
+    Times of different trainings can be compared where they are `is_timed_alike`.
+    """
     return record.curve["cpu_s"][-1] is not None
+
+
+def is_timed_alike(records: Sequence[Record]) -> bool:
+    """Return whether CPU times can be compared: all are known, and of one processor, whose model was logged."""
+    machines = {record.versions.get("hardware") for record in records}
+    return (
+        all(map(is_timed, records)) and len(machines) == 1 and all(map(names_processor, machines))
+    )
 
 
 def chosen(records: Iterable[Record], **wanted: Any) -> list[Record]:

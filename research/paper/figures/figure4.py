@@ -1,7 +1,7 @@
 """Figure 4 of Koutras et al. 2021: learning curves of the four algorithms, with what a score alone does not tell.
 
 figure4-moves.svg    score, coverage and completion in training against moves, and how the last episodes ended
-figure4-cpu.svg      the same against CPU time, of the trainings whose time is known
+figure4-cpu.svg      the same against CPU time, of the trainings whose time is known; it says whether they can be compared
 figure4-endings.svg  how episodes ended, all along
 """
 
@@ -30,6 +30,7 @@ from research.paper.figures.curves import (
     draw_curves,
     grouped,
     is_timed,
+    is_timed_alike,
     longest,
     set_moves_axis,
 )
@@ -49,7 +50,8 @@ from research.paper.figures.drawing import (
 
 ROWS = {"score": "normalized score", "coverage": "coverage", "explored": "completion"}
 AXES = {"moves": "moves made in training (logarithmic)", "cpu_s": "CPU minutes of training"}
-AGAINST = {"moves": "equal moves", "cpu_s": "equal CPU time"}
+UNALIKE = "Trainings ran on machines, and beside other work, that are not known to be the same."
+"""What is said of CPU times that are not `is_timed_alike`."""
 ENDINGS = {
     "explored": "explored",
     "timed_out": "out of time",
@@ -131,7 +133,12 @@ def curves_figure(
     _add_legend(figure, algorithms, human)
     shown = [record for record in records if record.trial.variant in variants]
     text = f"{seeds_text(shown)}. As played in training: means of the last 100 episodes.\nBelow: how the last of them ended."
-    heading(figure, f"Learning on {place_of(records)}, at {AGAINST[against]}", text)
+    title = (
+        f"Learning on {place_of(records)}, against {'moves' if against == 'moves' else 'CPU time'}"
+    )
+    if against == "cpu_s" and not is_timed_alike(shown):
+        text += f"\n{UNALIKE}"
+    heading(figure, title, text)
     return figure
 
 

@@ -33,6 +33,7 @@ from research.paper.trial import ENDINGS, Trial
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 MEASURED = {"score": 0.5, "coverage": 0.9, "steps": 100.0, "best_rule_steps": 80.0}
 SETTINGS = {"num_envs": 20, "num_steps": 200, "update_epochs": 6, "minibatch_size": 500}
+HARDWARE = "x86_64, some processor, one thread"
 LONG = 10**8
 """Moves, more than any budget has."""
 FINALS = {"ppo": 0.8, "rainbow": 0.4, "a2c": 0.2, "sac": 0.1}
@@ -54,7 +55,8 @@ def trained(
     curve |= {"score": scores, "coverage": scores}
     curve["explored"] = [2 * each - 1 if explored is None else explored for each in scores]
     result = MEASURED | {"moves": LONG, "cpu_s": 60.0, "completion": completion}
-    return Record(Trial(algorithm, variant, level, 21, seed, LONG), SETTINGS, {}, curve, result)
+    trial = Trial(algorithm, variant, level, 21, seed, LONG)
+    return Record(trial, SETTINGS, {"hardware": HARDWARE}, curve, result)
 
 
 def verdicts_of(names, results):
@@ -210,13 +212,19 @@ def test_a_slip_of_the_paper_is_no_failure_to_reproduce_it():
     assert verdict_of("shares", read()) == SLIP
 
 
-def test_no_order_at_equal_cpu_time_is_said_where_that_of_a_training_is_not_known():
+def test_no_order_at_equal_cpu_time_is_said_where_times_or_processors_are_not_known_or_differ():
     first, *others = figure_4()
     assert "at equal CPU time" in CLAIMS["best"].decide(Results(records=[first, *others])).measured
-    first = replace(first, curve={**first.curve, "cpu_s": [None] * len(first.curve["moves"])})
-    measured = CLAIMS["best"].decide(Results(records=[first, *others])).measured
-    assert "at equal moves" in measured
-    assert "at equal CPU time" not in measured
+    for other in (
+        replace(first, curve={**first.curve, "cpu_s": [None] * len(first.curve["moves"])}),
+        replace(first, versions={"hardware": "x86_64, another processor, one thread"}),
+    ):
+        measured = CLAIMS["best"].decide(Results(records=[other, *others])).measured
+        assert "at equal moves" in measured
+        assert "at equal CPU time" not in measured
+    for unknown in ({"hardware": "x86_64, one thread"}, {"hardware": None}, {}):
+        records = [replace(each, versions=unknown) for each in (first, *others)]
+        assert "at equal CPU time" not in CLAIMS["best"].decide(Results(records=records)).measured
 
 
 def test_a_curve_that_has_not_begun_has_no_score():

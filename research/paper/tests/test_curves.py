@@ -17,6 +17,7 @@ from research.paper.figures.curves import (
     add_records,
     band,
     cells_of,
+    is_timed_alike,
     read_exported,
     read_records,
     record_of,
@@ -134,6 +135,22 @@ def test_figure_4_has_a_column_for_each_variant_and_the_curves_of_the_logs(logs)
         longest = max(max(x) for x in lines if len(x) > 2)
         assert all(axes.get_xlim()[1] >= longest for axes in figure.axes if axes.get_lines())
         assert any(np.allclose(line.get_ydata(), 0.94) for line in letter.get_lines())
+
+
+def test_cpu_times_are_compared_where_all_are_of_one_processor_that_was_logged(logs, tmp_path):
+    records = read_records(logs)
+    named = [
+        replace(each, versions={"hardware": "x86_64, one of them, one thread"}) for each in records
+    ]
+    other = replace(named[0], versions={"hardware": "x86_64, another, one thread"})
+    untimed = replace(named[0], curve=named[0].curve | {"cpu_s": [None]})
+    assert is_timed_alike(named)
+    for differing in (records, [other, *named[1:]], [untimed, *named[1:]]):
+        assert not is_timed_alike(differing)
+    for several, is_said in ((named, False), ([other, *named[1:]], True), (records, True)):
+        paths = {path.name: path for path in figure4.draw(several, tmp_path)}
+        assert ("not known to be the same" in paths["figure4-cpu.svg"].read_text()) == is_said
+        assert "not known to be the same" not in paths["figure4-moves.svg"].read_text()
 
 
 def test_a_training_whose_cpu_time_is_not_known_has_none_in_the_table_and_is_not_drawn_against_it(

@@ -230,3 +230,23 @@ def test_a_policy_of_any_network_is_loaded_and_plays(tmp_path, variant):
     ends = {True: ("explored", "timed_out"), False: ("collided", "out_of_bounds")}
     assert episode.outcome in ends[config.mask]
     assert ("may drive into" in OnnxModel(path).card["limits"]) != config.mask
+
+
+def test_the_hardware_has_the_model_of_the_processor_where_the_system_says_it(
+    tmp_path, monkeypatch
+):
+    info = tmp_path / "cpuinfo"
+    info.write_text("processor\t: 0\nmodel name\t: Some CPU @ 2.00GHz\nprocessor\t: 1\n")
+    assert trial.processor(info) == "Some CPU @ 2.00GHz"
+    monkeypatch.setattr(trial, "accelerator", lambda: "")
+    monkeypatch.setattr(trial.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(trial.platform, "processor", lambda: "x86_64")
+    assert trial.processor(tmp_path / "none") == ""
+    monkeypatch.setattr(trial, "processor", lambda: "")
+    assert trial.hardware() == "x86_64, one thread"
+    assert not trial.names_processor(trial.hardware())
+    monkeypatch.setattr(trial, "processor", lambda: "Some CPU")
+    assert trial.hardware() == "x86_64, Some CPU, one thread"
+    assert trial.names_processor(trial.hardware())
+    assert not trial.names_processor(None)
+    assert not trial.names_processor("x86_64, one thread, beside Some GPU")
