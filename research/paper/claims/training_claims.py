@@ -496,11 +496,15 @@ def ablations(results: Results) -> str:
             losses = [both.mean - one.mean for both, one in zip(whole, others, strict=False)]
             lost = max((each for each in losses if not isnan(each)), default=0.0)
             used = (of_figure_4(results, name, start + change) for start in STARTS)
-            sizes = {f"{len(each)} x {each[0].trial.terrains}" for each in used if each}
-            cells = [f"`{change}`", *map(percent, others), ", ".join(sorted(sizes))]
+            sizes = [
+                f"{len(each)} x {each[0].trial.terrains}, {count_text(each[0].trial.moves)}"
+                for each in used
+                if each
+            ]
+            cells = [f"`{change}`", *map(percent, others), "; ".join(dict.fromkeys(sizes))]
             rows.append((NAMES[name], -lost, cells))
     columns = ("algorithm", "change", "works without it", "tuned without it")
-    alone = ("the letter with it alone", "the letter without it", "seeds x terrains")
+    alone = ("the letter with it alone", "the letter without it", "seeds x terrains, moves")
     rows.sort(key=lambda row: row[:2])
     return as_table((*columns, *alone), [[name, *cells] for name, _, cells in rows])
 

@@ -130,10 +130,18 @@ def test_what_holds_an_algorithm_back_is_what_costs_most_to_leave_out():
         ]
     )
     assert training_claims.ablations(results).splitlines()[2:] == [
-        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  | 3 x 200 |",
-        "| SAC | `reward` |  | 90 ± 0 % |  |  | 3 x 200 |",
-        "| SAC | `bonus` |  |  |  | 1 ± 0 % | 3 x 200 |",
+        "| SAC | `mask` | 10 ± 0 % | 90 ± 0 % | 2 ± 0 % |  | 3 x 200, 100 M |",
+        "| SAC | `reward` |  | 90 ± 0 % |  |  | 3 x 200, 100 M |",
+        "| SAC | `bonus` |  |  |  | 1 ± 0 % | 3 x 200, 100 M |",
     ]
+    shorter = [
+        *of_moves(results.records[3:6], 600_000),
+        *of_moves([trained("sac", 0, [0.5], variant="works-no-mask")], 600_000),
+        trained("sac", 0, [0.5], variant="tuned-no-mask"),
+    ]
+    assert training_claims.ablations(Results(records=shorter)).endswith(
+        " | 1 x 200, 600 k; 1 x 200, 100 M |"
+    )
     first, _, *table = training_claims.trained(results).splitlines()
     assert first.startswith("In all rows: algorithm SAC, level random, seeds 3, ")
     assert [line.split(" | ")[0] for line in table[2:]] == ["| paper", "| works", "| tuned"]
