@@ -24,7 +24,7 @@ from marsexplorer.evaluation.table import ratio_interval
 from marsexplorer.policies.lookahead import Lookahead
 
 FIRST_SEED = 7_000_000_000
-"""Of the terrains of the measurement, which nothing else uses."""
+"""Of the terrains of the measurement, on which nothing was chosen; `stages` plays the first of them again."""
 TERRAINS = {21: 300, 42: 100, 84: 20}
 FOLDER = Path(__file__).parent / "measured"
 BOARDS = Path(__file__).parents[2] / "data" / "leaderboard"
