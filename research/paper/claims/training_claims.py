@@ -97,33 +97,44 @@ def _moves_of(records: Sequence[Record]) -> str:
     return Estimate.of([record.result["steps"] for record in records]).text(0)
 
 
+EASIEST, HARDEST = ("1-1-1", "1-1-2"), ("3-2-1", "3-2-2")
+"""The levels of either end of the difficulty; d_b changes no terrain, so the two of a pair have the same."""
+
+
+def moves_between(results: Results, levels: Sequence[str]) -> Floats:
+    """Return the mean moves on the levels between the easiest and the hardest, of each training on one of `levels`."""
+    trained = by_training(results)
+    return np.array(
+        [
+            np.mean([line["steps_to_99"] for line in seed])
+            for trained_on in levels
+            for seed in zip(
+                *(
+                    lines
+                    for level, lines in trained.get(trained_on, {}).items()
+                    if level not in (*EASIEST, *HARDEST)
+                ),
+                strict=False,
+            )
+        ]
+    )
+
+
 def harder_generalises(results: Results) -> Judgement:
     """What was trained on the greater difficulty does better on levels that it was not trained on."""
-    of = by_training(results)
-    steps = {
-        name: np.array(
-            [
-                np.mean([line["steps_to_99"] for line in seed])
-                for seed in zip(
-                    *(each for level, each in of[name].items() if level[:3] not in ("1-1", "3-2")),
-                    strict=False,
-                )
-            ]
-        )
-        for name in ("1-1-1", "3-2-1")
-        if name in of
-    }
-    if len(steps) < 2:
+    easy, hard = (moves_between(results, levels) for levels in (EASIEST, HARDEST))
+    if not len(easy) or not len(hard):
         return NOTHING
     words = ", ".join(
-        f"trained on {name} {Estimate.of(each).text(1)}" for name, each in steps.items()
+        f"trained on {' or '.join(levels)} {Estimate.of(each).text(1)} ({len(each)} trainings)"
+        for levels, each in ((EASIEST, easy), (HARDEST, hard))
     )
     measured = (
         f"as it works, moves to 99 % on the levels between the easiest and the hardest: {words}"
     )
-    if min(map(len, steps.values())) < SEEDS:
+    if min(len(easy), len(hard)) < SEEDS:
         return Judgement(measured, UNDECIDED)
-    return Judgement(measured, as_it_works(is_above(steps["1-1-1"], steps["3-2-1"])))
+    return Judgement(measured, as_it_works(is_above(easy, hard)))
 
 
 def matrix(results: Results) -> str:
