@@ -23,9 +23,14 @@ from research.paper.claims.results import (
     PARTLY,
     UNDECIDED,
     Decide,
+    Holds,
     Judgement,
     Results,
+    above_by_seed,
+    all_of,
+    certainly_above,
     is_above,
+    ratio_of_means,
     verdict,
 )
 from research.paper.episodes.play import DIFFICULTIES
@@ -177,7 +182,7 @@ def figure_4(results: Results, variant: str) -> Trials:
     return found if min(map(len, found.values())) >= SEEDS else {}
 
 
-def decided(measured: str, holds: bool, trials: Trials) -> Judgement:
+def decided(measured: str, holds: Holds, trials: Trials) -> Judgement:
     """Return a judgement; trainings shorter than those of the full budget are shown, and decide nothing.
 
     Nor do those of fewer moves than the paper's. The moves and gradient steps of both are said.
@@ -262,10 +267,16 @@ def best(results: Results) -> Judgement:
     if is_timed_alike([record for each in trials.values() for record in each]):
         views["at equal CPU time"] = "cpu_s"
     scores = {words: scores_at(trials, axis) for words, axis in views.items()}
-    first, second = list(scores["at the end"].items())[:2]
-    wins = first[0] == "ppo" and is_above(first[1], second[1])
+    wins = all_of(beats("ppo", scores["at the end"]))
     measured = "; ".join(f"{words} {order(each)}" for words, each in scores.items())
     return decided(measured, wins, trials)
+
+
+def beats(name: str, scores: dict[str, Floats]) -> list[Holds]:
+    """Return whether an algorithm is above each of the others, None where neither is with certainty."""
+    return [
+        certainly_above(scores[name], values) for other, values in scores.items() if other != name
+    ]
 
 
 def second(results: Results) -> Judgement:
@@ -274,7 +285,14 @@ def second(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    return decided(f"at the end {order(scores)}", list(scores)[1] == "rainbow", trials)
+    found = beats("rainbow", scores)
+    below, above = found.count(False), found.count(True)
+    is_second: Holds = None
+    if below > 1 or above == len(found):
+        is_second = False
+    elif None not in found:
+        is_second = True
+    return decided(f"at the end {order(scores)}", is_second, trials)
 
 
 def half(results: Results) -> Judgement:
@@ -283,10 +301,13 @@ def half(results: Results) -> Judgement:
     if not trials:
         return NOTHING
     scores = scores_at(trials, None)
-    count = min(len(scores["rainbow"]), len(scores["ppo"]))
-    ratio = Estimate.of(scores["rainbow"][:count] / scores["ppo"][:count])
-    holds = ratio.low <= 0.5004 <= ratio.high and ratio.high - ratio.low < 0.5
-    return decided(f"ratio of the final scores {ratio.text()}", holds, trials)
+    ratio = ratio_of_means(scores["rainbow"], scores["ppo"])
+    is_inside = ratio.low <= 0.5004 <= ratio.high
+    holds = (True if ratio.high - ratio.low < 0.5 else None) if is_inside else False
+    words = f"{ratio.mean:.3f}, and no bounded interval, since PPO's may be 0"
+    if ratio.high < np.inf:
+        words = ratio.span("{:.3f}")
+    return decided(f"ratio of the means of the final scores {words}", holds, trials)
 
 
 def millions(results: Results) -> Judgement:
@@ -349,10 +370,11 @@ ON_LEVELS: dict[str, Callable[[Record], float]] = {
     "score with the bonus counted everywhere": with_bonus,
 }
 COMPARABLE = "score with the bonus counted everywhere"
-"""What the effect of d_b is judged by: the scores of t-m-1 and t-m-2 have two scales."""
+"""What levels of both d_b are judged by: the scores of t-m-1 and t-m-2 have two scales."""
+AS_IT_SAYS = {True: "as the paper says", False: "not as the paper says", None: "undecided"}
 
 
-def on_levels(measure: Callable[[Finals], tuple[str, bool]]) -> Decide:
+def on_levels(measure: Callable[[Finals], tuple[str, Holds]]) -> Decide:
     """Return what judges a statement about the 12 levels, by the letter and as it works.
 
     The letter alone decides. Without it the statement is undecided, whatever PPO does as it works.
@@ -375,7 +397,7 @@ def on_levels(measure: Callable[[Finals], tuple[str, bool]]) -> Decide:
                     found = decided(words, holds, trials).verdict
                 elif found == NOT_YET:
                     found = UNDECIDED
-                    parts[-1] += f", {'as' if holds else 'not as'} the paper says"
+                    parts[-1] += f", {AS_IT_SAYS[holds]}"
         return Judgement(". ".join([*parts, said] if said else parts), found)
 
     return decide
@@ -387,10 +409,10 @@ def mean_with(finals: dict[str, Floats], element: int, value: str) -> Floats:
     return np.asarray(np.mean(own, axis=0))
 
 
-def effects(finals: Finals) -> tuple[dict[str, float], str]:
+def effects(finals: Finals) -> tuple[dict[str, Floats], str]:
     """Return the effects of d_t, d_m and d_b on the score that can be compared, and words with those on all of ON_LEVELS.
 
-    The effect of an element is the highest less the lowest mean of its values.
+    The effect of an element is the highest less the lowest mean of its values, float64[seeds].
     """
     found, words = {}, []
     for element, name in enumerate(("d_t", "d_m", "d_b")):
@@ -401,28 +423,43 @@ def effects(finals: Finals) -> tuple[dict[str, float], str]:
         }
         spreads = (f"{Estimate.of(each).text()} of {measure}" for measure, each in of.items())
         words.append(f"{name} {', '.join(spreads)}")
-        found[name] = float(of[COMPARABLE].mean())
+        found[name] = of[COMPARABLE]
     return found, f"spread between its values: {'; '.join(words)}"
 
 
+def larger(found: dict[str, Floats], pairs: Sequence[tuple[str, str]]) -> tuple[str, Holds]:
+    """Return by how much the first effect of each pair is larger than the second, and whether all are with certainty."""
+    words = ", ".join(f"{a} less {b} {Estimate.of(found[a] - found[b]).text()}" for a, b in pairs)
+    return (
+        f"by seed, with the bonus counted everywhere: {words}",
+        all_of(above_by_seed(found[a], found[b]) for a, b in pairs),
+    )
+
+
 @on_levels
-def morphology_first(finals: Finals) -> tuple[str, bool]:
+def morphology_first(finals: Finals) -> tuple[str, Holds]:
     """d_m has the largest effect on the learned policy."""
     found, words = effects(finals)
-    return words, found["d_m"] > max(found["d_t"], found["d_b"])
+    differences, holds = larger(found, [("d_m", "d_t"), ("d_m", "d_b")])
+    return f"{words}; {differences}", holds
 
 
 @on_levels
-def morphology_degrades(finals: Finals) -> tuple[str, bool]:
+def morphology_degrades(finals: Finals) -> tuple[str, Holds]:
     """With d_m = 1 the policies perform best, and d_m = 2 degrades them seriously."""
-    small, large = (mean_with(finals["score"], 1, value) for value in ("1", "2"))
-    holds = is_above(small, large) and float(small.mean() - large.mean()) > SERIOUS
-    words = (Estimate.of(each).text() for each in (small, large))
-    return "final score {} with d_m = 1, {} with d_m = 2".format(*words), holds
+    small, large = (mean_with(finals[COMPARABLE], 1, value) for value in ("1", "2"))
+    is_serious = above_by_seed(small, large, SERIOUS)
+    size = {True: "more than", False: "less than", None: "not certainly more or less than"}
+    of_loss = "a certain loss" if above_by_seed(small, large) else "a loss"
+    one, two, loss = (Estimate.of(each).text() for each in (small, large, small - large))
+    return (
+        f"final score with the bonus counted everywhere {one} with d_m = 1, {two} with d_m = 2: "
+        f"{of_loss} of {loss}, {size[is_serious]} the {SERIOUS} that counts as serious"
+    ), is_serious
 
 
 @on_levels
-def hardest(finals: Finals) -> tuple[str, bool]:
+def hardest(finals: Finals) -> tuple[str, Holds]:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
     found = {level: Estimate.of(finals["score"][level]) for level in ("3-2-1", "3-2-2")}
     words = ", ".join(f"{level} {mean.text()}" for level, mean in found.items())
@@ -430,10 +467,11 @@ def hardest(finals: Finals) -> tuple[str, bool]:
 
 
 @on_levels
-def bonus_little(finals: Finals) -> tuple[str, bool]:
+def bonus_little(finals: Finals) -> tuple[str, Holds]:
     """d_b does not affect the overall performance much."""
     found, _ = effects(finals)
-    return "the spreads of `morphology-first`", found["d_b"] < min(found["d_t"], found["d_m"])
+    differences, holds = larger(found, [("d_t", "d_b"), ("d_m", "d_b")])
+    return f"the spreads of `morphology-first`; {differences}", holds
 
 
 NONE_YET = "No such trainings are shipped yet."

@@ -5,10 +5,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import score
+from marsexplorer.intervals import t_interval
 from research.paper.algorithms import ALGORITHMS, begin
 from research.paper.claims import checks, page, settings_table, training_claims
 from research.paper.claims.claims import CLAIMS
@@ -22,6 +24,10 @@ from research.paper.claims.results import (
     UNDECIDED,
     VERDICTS,
     Results,
+    above_by_seed,
+    all_of,
+    certainly_above,
+    ratio_of_means,
     read,
 )
 from research.paper.claims.training_claims import with_bonus
@@ -165,11 +171,79 @@ def test_an_unknown_check_is_an_error_that_names_the_others(capsys):
             {"ppo": 0.3, "rainbow": 0.4, "a2c": 0.5, "sac": 0.1},
             [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED],
         ),
-        (FINALS | {"ppo": 0.405}, [NOT_REPRODUCED, REPRODUCED, NOT_REPRODUCED]),  # within the noise
+        (FINALS | {"sac": 0.5, "a2c": 0.6}, [REPRODUCED, NOT_REPRODUCED, REPRODUCED]),
+        (FINALS | {"rainbow": 0.9}, [NOT_REPRODUCED, NOT_REPRODUCED, NOT_REPRODUCED]),
+        # within the noise: PPO and Rainbow, Rainbow and A2C, PPO and A2C
+        (FINALS | {"ppo": 0.405}, [UNDECIDED, UNDECIDED, NOT_REPRODUCED]),
+        (FINALS | {"ppo": 0.395}, [UNDECIDED, UNDECIDED, NOT_REPRODUCED]),
+        (FINALS | {"a2c": 0.405}, [REPRODUCED, UNDECIDED, REPRODUCED]),
+        (FINALS | {"a2c": 0.395}, [REPRODUCED, UNDECIDED, REPRODUCED]),
+        (FINALS | {"a2c": 0.805}, [UNDECIDED, NOT_REPRODUCED, REPRODUCED]),
     ],
 )
-def test_figure_4_is_judged_by_who_is_best_and_second(finals, verdicts):
+def test_figure_4_is_judged_by_who_is_best_and_second_with_certainty(finals, verdicts):
     assert verdicts_of(FIGURE_4, Results(records=figure_4(finals))) == verdicts
+
+
+def test_a_statement_holds_where_all_its_parts_do_and_fails_where_one_does_not():
+    assert all_of([]) is all_of([True, True]) is True
+    assert all_of([True, None]) is None
+    assert all_of([None, False, True]) is False
+    high, low, wide = (
+        np.array([3.0, 3.1, 3.2]),
+        np.array([1.0, 1.2, 1.1]),
+        np.array([0.0, 3.0, 6.0]),
+    )
+    for above in (certainly_above, above_by_seed):
+        assert (above(high, low), above(low, high), above(high, wide)) == (True, False, None)
+    # what seeds share is no noise of their difference
+    assert above_by_seed(wide + 0.01, wide) is True
+    assert certainly_above(wide + 0.01, wide) is None
+    assert above_by_seed(high, low, 2.5) is False
+
+
+def test_a_ratio_of_means_has_fiellers_interval():
+    # 4 degrees of freedom, t 2.7764: (10 - 5 r)^2 = t^2 (4/3 + r^2 / 3)
+    found = ratio_of_means(np.array([8.0, 10.0, 12.0]), np.array([4.0, 5.0, 6.0]))
+    assert (found.mean, found.low, found.high) == pytest.approx((2.0, 1.2447, 3.2134), abs=2e-4)
+    # over a constant, and of one, it is the t interval of the other
+    two, values = np.array([2.0, 2.0, 2.0]), np.array([4.0, 5.0, 6.0])
+    low, high = t_interval(values)
+    found = ratio_of_means(values, two)
+    assert (found.low, found.high) == pytest.approx((low / 2, high / 2))
+    found = ratio_of_means(two, values)
+    assert (found.low, found.high) == pytest.approx((2 / high, 2 / low))
+    found = ratio_of_means(values, np.array([-1.0, 1.0, 2.0]))  # which may be 0
+    assert (found.mean, found.low, found.high) == (7.5, -np.inf, np.inf)
+    assert ratio_of_means(values, np.array([-1.0, 0.0, 1.0])).high == np.inf
+    assert ratio_of_means(two, two).high == 1.0
+
+
+def test_a_ratio_whose_interval_is_not_bounded_decides_nothing_and_says_so():
+    finals = {
+        "ppo": (0.01, 0.2, 0.5),
+        "rainbow": (0.1, 0.11, 0.12),
+        "a2c": (0.1,) * 3,
+        "sac": (0.1,) * 3,
+    }
+    records = [
+        trained(name, seed, [0.1, score])
+        for name, scores in finals.items()
+        for seed, score in enumerate(scores)
+    ]
+    found = CLAIMS["half"].decide(Results(records=records))
+    assert found.verdict == UNDECIDED
+    assert "ratio of the means of the final scores 0.465, and no bounded interval" in found.measured
+    bounded = CLAIMS["half"].decide(Results(records=figure_4()))
+    assert re.search(r"final scores 0\.506 \(0\.\d+ to 0\.\d+\)\.", bounded.measured)
+
+
+def test_the_speed_is_that_of_the_results():
+    (said,) = re.findall(
+        r"([\d,]+) steps per CPU second", CLAIMS["fast"].decide(Results()).measured
+    )
+    results = (DOCUMENT.parent / "results.md").read_text()
+    assert f"|through `gymnasium.make`, uint8 codes|{said}|" in results
 
 
 def test_too_few_seeds_or_algorithms_decide_nothing():
@@ -269,6 +343,57 @@ LIKE_THE_PAPER, UNLIKE = (0.02, 0.28, 0.01), (0.2, 0.0, 0.3)
 def test_figure_5_is_judged_by_the_effects_of_the_three_elements():
     assert verdicts_of(FIGURE_5, figure_5(*LIKE_THE_PAPER)) == [REPRODUCED] * 4
     assert verdicts_of(FIGURE_5, figure_5(*UNLIKE)) == [NOT_REPRODUCED] * 4
+
+
+def shaken(results, shifts):
+    """The same with a shift of the score for each seed, on the levels where an element of the difficulty has its last value."""
+
+    def score(record):
+        element, shift = shifts[0], shifts[1][record.trial.seed]
+        is_last = record.trial.level.split("-")[element] == "322"[element]
+        return record.curve["score"][-1] + shift * is_last
+
+    return Results(
+        records=[
+            trained("ppo", each.trial.seed, [score(each)], each.trial.level)
+            for each in results.records
+        ]
+    )
+
+
+NOISE = (-0.03, 0.0, 0.03)
+"""By which an effect varies over seeds: a mean of three has an interval of 0.075 then."""
+
+
+@pytest.mark.parametrize(
+    ("bonus", "verdict"), [(0.02, REPRODUCED), (0.1, UNDECIDED), (0.24, NOT_REPRODUCED)]
+)
+def test_an_effect_is_smaller_or_larger_than_the_others_only_with_certainty(bonus, verdict):
+    results = shaken(figure_5(0.06, 0.3, bonus), (2, NOISE))  # d_t has 0.12
+    assert verdict_of("bonus-little", results) == verdict
+    assert verdict_of("morphology-first", results) == (UNDECIDED if bonus == 0.24 else REPRODUCED)
+
+
+@pytest.mark.parametrize(
+    ("loss", "verdict"), [(0.2, REPRODUCED), (0.12, UNDECIDED), (0.02, NOT_REPRODUCED)]
+)
+def test_a_loss_is_serious_only_with_certainty(loss, verdict):
+    results = shaken(figure_5(0.01, loss, 0.01), (1, NOISE))
+    assert verdict_of("morphology-degrades", results) == verdict
+
+
+def test_a_loss_is_of_scores_on_one_scale():
+    records = [
+        trained("ppo", seed, [0.5 - 0.12 * (level[2] == "2") + 0.0001 * seed], level, explored=0.0)
+        for level in DIFFICULTIES
+        for seed in range(3)
+    ]
+    found = CLAIMS["morphology-degrades"].decide(Results(records=records))
+    assert found.verdict == NOT_REPRODUCED
+    assert (
+        "a certain loss of 0.080 ± 0.000, less than the 0.1 that counts as serious"
+        in found.measured
+    )
 
 
 def test_a_level_without_bonus_is_compared_on_the_scale_of_those_with_it():
