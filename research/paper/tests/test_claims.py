@@ -238,6 +238,49 @@ def test_a_ratio_whose_interval_is_not_bounded_decides_nothing_and_says_so():
     assert re.search(r"final scores 0\.506 \(0\.\d+ to 0\.\d+\)\.", bounded.measured)
 
 
+def converging(finals, moves=LONG, works=0.95):
+    """Results of four algorithms: after 1,000 moves all have completed `works` as they work; by the letter see `finals`.
+
+    finals  algorithm -> moves after which each seed has completed enough, None: never
+    """
+    records = [trained(name, 0, [0.9], variant="works", explored=works) for name in ALGORITHMS]
+    for name, at in finals.items():
+        for seed, each in enumerate(at):
+            record = trained(name, seed, [0.1, 0.9])
+            curve = record.curve | {
+                "moves": [1000, each or LONG],
+                "explored": [0.0, 0.95 if each else 0.1],
+            }
+            result = record.result | {"moves": moves}
+            records.append(replace(record, curve=curve, result=result))
+    return Results(records=records)
+
+
+@pytest.mark.parametrize(
+    ("finals", "verdict"),
+    [
+        ({"ppo": [2 * 10**6] * 3, "sac": [10**6, None]}, REPRODUCED),
+        ({"ppo": [2 * 10**5] * 3, "sac": [10**6, None]}, NOT_REPRODUCED),
+        ({"ppo": [2 * 10**6] * 2, "sac": [10**5, None]}, UNDECIDED),
+        ({"ppo": [None] * 3}, UNDECIDED),
+    ],
+)
+def test_millions_of_moves_are_what_most_trainings_by_the_letter_need(finals, verdict):
+    assert verdict_of("millions", converging(finals)) == verdict
+
+
+def test_all_trainings_by_the_letter_are_counted_and_those_that_are_shorter_than_the_papers():
+    longer = converging({"sac": [None] * 3}, moves=225_000)
+    short = converging({"ppo": [None] * 3}, moves=8_999_999)
+    two = of_moves(converging({"a2c": [None] * 2}, moves=9_000_000).records, 9_000_000)
+    records = [*longer.records, *short.records, *two[4:]]
+    measured = CLAIMS["millions"].decide(Results(records=records)).measured
+    assert (
+        "by the letter 0 of 8 trainings ever have; 3 of these are shorter than the paper's"
+        in measured
+    )
+
+
 def test_the_speed_is_that_of_the_results():
     (said,) = re.findall(
         r"([\d,]+) steps per CPU second", CLAIMS["fast"].decide(Results()).measured
