@@ -34,7 +34,9 @@ _ADD_EVENT = """INSERT INTO stage_events SELECT ?1, coalesce(max(number) + 1, 0)
 _ORDER_NUMBER = f"SELECT json_extract(detail, '$.number') FROM stage_events WHERE participant_id = ? AND kind = '{ORDER_EVENT}'"
 _NEXT_ORDER_NUMBER = f"""SELECT coalesce(max(json_extract(v.detail, '$.number')) + 1, 0) FROM stage_events v
     JOIN participants p ON p.id = v.participant_id WHERE p.study = ? AND p.kind = ? AND v.kind = '{ORDER_EVENT}'"""
-_IS_OPEN = "SELECT 1 FROM series WHERE name = ? AND protocol_hash = ? AND closed_ms IS NULL"
+_IS_OPEN = (
+    "SELECT 1 FROM series WHERE (name, protocol_hash, commitment) = (?, ?, ?) AND closed_ms IS NULL"
+)
 _NOTE_CLOSED = "UPDATE series SET closed_ms = ?, secret = ?, sealed_ms = ? WHERE name = ?"
 _PHASE_AND_STAGE = """SELECT t.phase, p.stage FROM series_episodes t
     JOIN participants p ON p.id = t.participant_id WHERE t.episode_id = ?"""
@@ -67,7 +69,8 @@ class StudyStore:
         if study.closed_ms is None and study.sealed_ms is None:
             return
         with self._store.transaction():
-            if self._conn.execute(_IS_OPEN, (study.name, study.protocol_hash)).fetchone():
+            fixed = (study.name, study.protocol_hash, study.commitment)
+            if self._conn.execute(_IS_OPEN, fixed).fetchone():
                 with chain.changing(self._conn, "series", study.name):
                     values = (study.closed_ms, study.secret, study.sealed_ms, study.name)
                     self._conn.execute(_NOTE_CLOSED, values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 from app.db.trial import ParticipantKind
 
@@ -36,6 +36,20 @@ class SeriesRow(NamedTuple):
     beacon: str | None = None
     beacon_signature: str | None = None
     sealed_ms: int | None = None
+
+
+class Frozen(Protocol):
+    """Whatever says what freezing fixed of a study."""
+
+    @property
+    def protocol_hash(self) -> str: ...
+    @property
+    def commitment(self) -> str: ...
+
+
+def is_same_study(one: Frozen, other: Frozen) -> bool:
+    """Return whether two are one freezing: others of the same protocol have its hash too, and another secret."""
+    return (one.protocol_hash, one.commitment) == (other.protocol_hash, other.commitment)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.db.reader import Reader
 from app.db.series import find_study, participants
+from app.db.study_rows import is_same_study
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
 from app.report.page import render
@@ -169,9 +170,9 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
             beacon_signature=study.beacon_signature,
             policy_files=study.policy_files,
         )
-    if data.protocol_hash != study.protocol_hash:
+    if not is_same_study(data, study):
         raise StudyError(
-            f"the study {name!r} in {reader.path} has another protocol than the one in {folder.root}: give the right --studies"
+            f"the study {name!r} in {reader.path} is another one than that in {folder.root}: give the right --studies"
         )
     if study.protocol.recruitment == "invitation":
         opened = [p.invitation for p in participants(reader, name) if p.invitation is not None]

@@ -7,6 +7,7 @@ from app.board.clock import controls_of
 from app.db.reader import Reader
 from app.db.series import StudyStore, find_study, participants, study_trials, trial_activity
 from app.db.store import Closing, Store
+from app.db.study_rows import is_same_study
 from app.db.trial import Trial
 from app.series.flow import INTERRUPTED
 from app.series.folder import Folder, Study
@@ -51,7 +52,7 @@ def note_closed(store: Store, study: Study) -> list[str]:
         return []
     if study.is_open and row.sealed_ms is not None:
         return []
-    if row.protocol_hash != study.protocol_hash:  # another study of this name
+    if not is_same_study(row, study):
         return []
     with store.transaction():
         for participant_id in _active(store, study.name, ended_ms) if row.sealed_ms is None else ():

@@ -27,7 +27,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Literal
 
-from app.db.study_rows import SeriesRow
+from app.db.study_rows import SeriesRow, is_same_study
 from app.series.beacon import Beacon
 from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
 from app.series.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
@@ -449,7 +449,7 @@ class Folder:
         if of is None or (protocol.agents is not None and protocol.agents.unpaired):
             return None
         study = self.study(of.name)
-        if (study.protocol_hash, study.commitment) != (of.protocol_hash, of.commitment):
+        if not is_same_study(study, of):
             raise StudyError(
                 f"the evaluation {protocol.name!r} is of another study {of.name!r} than the one in {self.root}: put that back"
             )

@@ -20,7 +20,7 @@ from app.board.ranked import Locks
 from app.board.session import RefusedError, Session
 from app.db.file import StoreError
 from app.db.series import StudyStore, add_series
-from app.db.study_rows import Participant, Stage
+from app.db.study_rows import Participant, Stage, is_same_study
 from app.db.trial import Phase, Trial
 from app.series.closing import note_closed
 from app.series.folder import Folder, Study
@@ -344,7 +344,7 @@ class ParticipantProgress:
     def add_study(self, study: Study) -> None:
         """Add the study to the database; StageError when another study of its name is there."""
         known = add_series(self.lobby.store, study.row())
-        if (known.protocol_hash, known.commitment) == (study.protocol_hash, study.commitment):
+        if is_same_study(known, study):
             return
         _log.warning(
             "%s holds another study %r (protocol hash %s): serve this one on a database of its own, or give it another name",

@@ -37,7 +37,7 @@ from app.db.checks import (
 )
 from app.db.database import reading
 from app.db.resimulation import Finding
-from app.db.study_rows import SeriesRow
+from app.db.study_rows import SeriesRow, is_same_study
 from app.jobs import Jobs, cores
 from app.series import seeds
 from app.series.beacon import Beacon
@@ -242,10 +242,11 @@ def _secret(row: SeriesRow, secrets: Mapping[str, bytes]) -> bytes | None:
 
 def _paired(conn: sqlite3.Connection, agents: Agents, row: SeriesRow) -> SeriesRow | None:
     """Return the series whose terrains an evaluation plays: its own, or the study's, None where that is not in the database."""
-    if agents.study is None or agents.unpaired:
+    of = agents.study
+    if of is None or agents.unpaired:
         return row
-    found = (each for each in series(conn, agents.study.name) if each.kind == "study")
-    return next((each for each in found if each.protocol_hash == agents.study.protocol_hash), None)
+    found = (each for each in series(conn, of.name) if each.kind == "study")
+    return next((each for each in found if is_same_study(each, of)), None)
 
 
 def _check_beacon(row: SeriesRow, beacon: Beacon | None) -> Iterator[Finding]:

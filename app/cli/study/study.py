@@ -375,6 +375,7 @@ def _note_in_database(found: Study, database: Path) -> bool:
     from app.db.reader import Reader
     from app.db.series import find_study
     from app.db.store import Store, StoreError
+    from app.db.study_rows import is_same_study
     from app.series.closing import note_closed
 
     with suppress(StoreError), closing(Store(database)) as store:
@@ -382,7 +383,7 @@ def _note_in_database(found: Study, database: Path) -> bool:
     for _ in range(NOTED_S * 10):
         with closing(Reader.open(database)) as reader:
             row = find_study(reader, found.name)
-        if row is None or row.closed_ms is not None or row.protocol_hash != found.protocol_hash:
+        if row is None or row.closed_ms is not None or not is_same_study(row, found):
             return True
         if found.is_open and row.sealed_ms is not None:
             return True

@@ -8,6 +8,7 @@ import pytest
 
 from app.db.erasure import forget
 from app.db.reader import Reader, now_ms
+from app.db.series import StudyStore
 from app.db.store import Store
 from app.release.build import build_release, request_of
 from app.release.errors import ReleaseError
@@ -81,11 +82,21 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     assert treated.steps.mean > figures["protocol"].steps.mean
 
 
-def test_another_study_of_the_same_name_that_is_closed_ends_nothing(study, tmp_path):
-    other = freeze(tmp_path / "elsewhere", ranked=2)
-    with closing(Store(tmp_path / "play.db")) as store:
-        assert note_closed(store, other) == []
-    assert outcomes(tmp_path / "play.db")[None] == 2
+@pytest.mark.parametrize("ranked", [2, 3], ids=["another protocol", "the same, frozen again"])
+def test_another_study_of_the_same_name_that_is_closed_ends_nothing(
+    study, tmp_path, capsys, ranked
+):
+    path, other = tmp_path / "play.db", freeze(tmp_path / "elsewhere", ranked=ranked, close=False)
+    where = ["--studies", tmp_path / "elsewhere", "--database", path]
+    assert command(capsys, "study", "close", "dunes", "--yes", "--now", *where)[0] == 0
+    closed = Folder(tmp_path / "elsewhere").study("dunes")
+    with closing(Store(path)) as store:
+        assert note_closed(store, closed) == []
+        StudyStore(store).note_closed(closed.row())
+    assert outcomes(path)[None] == 2
+    assert load(path, "dunes").closed_ms is None
+    assert verify_database(path).findings == ()
+    assert closed.commitment == other.commitment
 
 
 def outcomes_of(server):

@@ -91,11 +91,12 @@ def test_a_study_that_nobody_has_joined_is_known_from_its_folder(tmp_path):
     reader.close()
 
 
-def test_two_studies_of_one_name_are_not_mixed(tmp_path):
-    freeze(tmp_path / "studies", ranked=4)
+@pytest.mark.parametrize("ranked", [3, 4], ids=["the same protocol", "another"])
+def test_two_studies_of_one_name_are_not_mixed(tmp_path, ranked):
+    freeze(tmp_path / "studies", ranked=ranked)
     recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "others"))
     recorder.close()
     reader = Reader.open(tmp_path / "play.db")
-    with pytest.raises(StudyError, match="another protocol than the one in"):
+    with pytest.raises(StudyError, match="is another one than that in"):
         load_with_folder(reader, Folder(tmp_path / "studies"), "dunes")
     reader.close()

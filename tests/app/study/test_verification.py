@@ -11,9 +11,11 @@ import pytest
 from app.board.attestation import COPIED
 from app.db import chain
 from app.db.columns import TABLES
+from app.db.series import add_series
 from app.series import verification
 from app.series.verification import check_attestation, verify_database
 from tests.app.play.test_attestation import STARTED, burst
+from tests.support.agents import sealed
 from tests.support.command import command
 from tests.support.recorded import ask
 from tests.support.stored_studies import StudyRecorder, freeze, play_study, write_chain_anew
@@ -429,6 +431,16 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
     assert "commitment" in {finding.what for finding in wrong.findings}
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
+
+
+def test_seeds_of_an_evaluation_are_not_held_to_another_freezing_of_its_study(tmp_path):
+    other = freeze(tmp_path / "others")
+    freeze(tmp_path / "studies", close=False)
+    agents = sealed(tmp_path / "studies", of="dunes")
+    with closing(StudyRecorder(tmp_path / "play.db", agents)) as recorder:
+        recorder.play(recorder.join(0, "script"), "ranked", 0)
+        add_series(recorder.store, other.row())
+    assert verify_database(tmp_path / "play.db").findings == ()
 
 
 def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_path):
