@@ -30,6 +30,7 @@ from app.release.errors import ReleaseError
 from app.report.agents import compare_agents
 from app.report.making import load_with_folder
 from app.report.regret import ProgressBar, no_bar
+from app.series.beacon import Beacon
 from app.series.closing import UNNOTED
 from app.series.data import StudyData
 from app.series.evaluation import (
@@ -46,6 +47,7 @@ from app.series.folder import Folder, Study
 from app.series.policy_episodes import PolicyEpisode, compared_policies, play_policies
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from app.series.seeds import commitment, key_of, seed
+from app.series.verification import check_beacon
 
 EVALUATIONS = "evaluations"
 """The folder of a release that holds those of its study."""
@@ -229,6 +231,7 @@ def _opening(study: Study, receipts: Sequence[Mapping[str, Any]]) -> dict[str, A
 def _secret_of(study: Study) -> dict[str, Any]:
     return {
         "protocol_hash": study.protocol_hash, "commitment": study.commitment, "secret": study.secret.hex(),
+        "frozen_ms": study.frozen_ms, "beacon": study.beacon and asdict(study.beacon),
         "beacon_signature": study.beacon_signature,
     }  # fmt: skip
 
@@ -326,13 +329,17 @@ def _check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Ite
 
 
 def check_opening(opening: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what of an opening does not fit the commitments and the protocol's hash."""
+    """Yield what of an opening does not fit the commitments, the protocol's hash and the public beacon."""
     digest = hashlib.sha256(canonical_json(opening["protocol"])).hexdigest()
     if digest != opening["protocol_hash"]:
         yield Finding("opening", "protocol_hash", opening["protocol_hash"], digest)
     for what in filter(None, (opening, opening["study"])):
         if (bound := commitment(bytes.fromhex(what["secret"]))) != what["commitment"]:
             yield Finding("opening", "commitment", what["commitment"], f"{bound} from the secret")
+        beacon = what["beacon"] and Beacon(**what["beacon"])
+        yield from check_beacon("opening", beacon, what["beacon_signature"], what["frozen_ms"])
+        if beacon is not None and not beacon.is_public:
+            yield Finding("opening", "beacon", beacon.public_key, "that of drand quicknet")
     named = opening["protocol"]["agents"]
     told, wanted = (
         of and {name: of[name] for name in ("protocol_hash", "commitment")}

@@ -228,7 +228,7 @@ def _check_series(
         yield Finding(where, "protocol_hash", row.protocol_hash, found)
     if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret")
-    yield from _check_beacon(row, beacon)
+    yield from check_beacon(where, beacon, row.beacon_signature, row.frozen_ms)
     expected = _Expected(row, config.hash, key, (drawn_by or row).protocol_hash)
     if isinstance(of, Protocol):
         yield from _check_participants(conn, of, expected)
@@ -249,14 +249,15 @@ def _paired(conn: sqlite3.Connection, agents: Agents, row: SeriesRow) -> SeriesR
     return next((each for each in found if is_same_study(each, of)), None)
 
 
-def _check_beacon(row: SeriesRow, beacon: Beacon | None) -> Iterator[Finding]:
+def check_beacon(
+    where: str, beacon: Beacon | None, signature: str | None, frozen_ms: int
+) -> Iterator[Finding]:
     """Yield what is wrong with the beacon that a study names, and with its signature."""
-    where, signature = f"{row.kind} {row.name}", row.beacon_signature
     if beacon is None:
         if signature is not None:
             yield Finding(where, "beacon_signature", signature, "no beacon that was named")
         return
-    if beacon.round_ms <= row.frozen_ms:
+    if beacon.round_ms <= frozen_ms:
         yield Finding(where, "beacon's round", beacon.round, "one that came out after the freezing")
     if signature is None or not beacon.has_signed(signature):
         found = f"a signature of round {beacon.round} by the beacon's key"
