@@ -20,7 +20,13 @@ from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Progress
 from app.report.statistics.comparisons import new_terrains_interval, player_means
-from app.report.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
+from app.report.statistics.exclusion_sets import (
+    Cohort,
+    members,
+    people_of,
+    scripts_of,
+    unspoilt,
+)
 from app.report.statistics.intervals import Interval, printed_interval
 from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData, trial_records
@@ -182,7 +188,7 @@ def regret_of_study(
         raise ValueError(f"nobody's finished episode of {data.protocol.name!r} can be shown yet")
     names = {person: f"P{number:02d}" for number, person in enumerate(ids, 1)}
     own = cohort.ranked if is_closed else cohort.warm_up
-    told = ((each, regret_rows(reader, data, own[each], estimator)) for each in ids)
+    told = ((each, regret_rows(reader, data, unspoilt(own[each]), estimator)) for each in ids)
     rows = [{"player": names[each], **asdict(row)} for each, found in told for row in found]
     players = tuple(replace(each, player=names[each.player]) for each in summary.by_player)
     return replace(summary, by_player=players), rows
@@ -198,11 +204,11 @@ def summarize_regret(
 ) -> RegretSummary | None:
     """Return where some players of a cohort lose moves: in ranked episodes of a closed study, else in the warm-up.
 
-    None where no episode has a regret.
+    Spoilt ones are left out. None where no episode has a regret.
     """
     phase = "warm_up" if data.closed_ms is None else "ranked"
     own = cohort.warm_up if data.closed_ms is None else cohort.ranked
-    trials = [trial for player in ids for trial in own[player]]
+    trials = [trial for player in ids for trial in unspoilt(own[player])]
     if not has_regret(data.protocol):
         return None
     episodes: dict[str, dict[int, Any]] = defaultdict(dict)

@@ -131,6 +131,11 @@ def _finished(
     return {id: tuple(sorted(own, key=attrgetter("trial"))) for id, own in found.items()}
 
 
+def unspoilt(trials: Iterable[Trial]) -> list[Trial]:
+    """Return those that were not spoilt, for what follows from moves: in the others some may be a script's."""
+    return [trial for trial in trials if trial.attestation != "spoilt"]
+
+
 def members(cohort: Cohort, rules: Mapping[Any, Any]) -> list[str]:
     """Return the ids of those whom a set's rules let in, in the order of what they played.
 

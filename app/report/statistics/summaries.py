@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from app.db.reader import Reader
 from app.jobs import Progress
-from app.report.statistics.exclusion_sets import Cohort, members, people_of, scripts_of
+from app.report.statistics.exclusion_sets import (
+    Cohort,
+    members,
+    people_of,
+    scripts_of,
+    unspoilt,
+)
 from app.report.statistics.human_level import mean_interval
 from app.series.data import StudyData, trial_records
 from app.task import Configuration, Record, Rules
@@ -138,13 +144,14 @@ def summarize_groups(
 ) -> dict[str, dict[str, Any]]:
     """Return {"curve", "visits"} by group's name, over the ranked episodes of everybody (a player weighs once).
 
-    Nothing where episodes have no courses. Those of another core version cannot be replayed and are left out.
+    Nothing where episodes have no courses. Those of another core version cannot be replayed, and spoilt ones are not their
+    player's: both are left out.
     progress: (episodes replayed, in all)
     """
     if data.protocol.rules.courses is None:
         return {}
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
-    total = sum(len(trials) for cohort in cohorts for trials in cohort.ranked.values())
+    total = sum(len(unspoilt(own)) for cohort in cohorts for own in cohort.ranked.values())
     done = 0
 
     def advance() -> None:
@@ -162,7 +169,7 @@ def _pictures(
     groups: list[Sequence[EpisodeSummary]] = []
     for person in members(cohort, {}):
         own = []
-        for trial, record in trial_records(reader, cohort.ranked[person]):
+        for trial, record in trial_records(reader, unspoilt(cohort.ranked[person])):
             if trial.core_version == trial.rules.version:
                 own.append(summary_of_record(trial.rules, record))
             advance()

@@ -20,7 +20,7 @@ from app.db.reader import Reader
 from app.db.series import closed_studies, count_participants
 from app.db.trial import Trial
 from app.jobs import Jobs, Progress
-from app.report.statistics.exclusion_sets import Cohort, members, people_of
+from app.report.statistics.exclusion_sets import Cohort, members, people_of, unspoilt
 from app.report.statistics.human_level import VolunteerFigures
 from app.report.statistics.study_figures import live_figure
 from app.report.statistics.summaries import EpisodeSummary, summarize_groups, trial_summaries
@@ -152,7 +152,8 @@ def human_likeness(
     players: Any = rules.players
     records = []
     for player in ids[:SAMPLED_PLAYERS]:
-        first = sorted(cohort.ranked[player], key=attrgetter("terrain_index"))[:SAMPLED_EPISODES]
+        own = unspoilt(cohort.ranked[player])
+        first = sorted(own, key=attrgetter("terrain_index"))[:SAMPLED_EPISODES]
         same = [trial for trial in first if trial.core_version == rules.version]
         records.append([record for _, record in trial_records(reader, same)])
     for name in (each for each in data.protocol.policies if each != "random"):

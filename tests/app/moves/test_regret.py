@@ -18,17 +18,19 @@ from app.report.regret import (
     summarize_regret,
 )
 from app.report.statistics.comparisons import new_terrains_interval
-from app.report.statistics.exclusion_sets import people_of
+from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.intervals import printed_interval
+from app.report.statistics.summaries import summarize_groups
 from app.series.data import load, trial_records
 from app.series.protocol import StudyError
+from app.web.leaderboard.entries import human_likeness
 from marsexplorer.config import ACTIONS
 from marsexplorer.evaluation.episodes import play_terrain
 from marsexplorer.evaluation.losses import LossKind
 from marsexplorer.evaluation.regret import RegretEstimator
 from marsexplorer.policies import load as load_policy
 from tests.support.command import command, run
-from tests.support.stored_studies import freeze, play_study
+from tests.support.stored_studies import StudyRecorder, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +119,28 @@ def test_what_players_lose_as_the_policy_does_on_a_terrain_is_no_excess():
     assert found.mean == pytest.approx(policy.mean() + 7 / 3)
     same = _part(np.zeros((3, 4)), np.zeros(4))
     assert (same.interval, same.excess_interval) == (None, None), "nothing was lost by anybody"
+
+
+def test_the_moves_of_a_spoilt_episode_enter_nothing_that_follows_from_moves(tmp_path, estimator):
+    made = freeze(tmp_path / "studies", policies=("frontier-cost",))
+    with closing(StudyRecorder(tmp_path / "play.db", made)) as recorder:
+        for number in range(2):
+            person = recorder.join(number)
+            for trial in range(3):
+                spoil = 2 if (number, trial) == (1, 0) else None
+                recorder.play(person, "ranked", trial, spoil=spoil)
+    with closing(Reader.open(tmp_path / "play.db")) as reader:
+        whole = load(reader, "dunes")
+        clean = replace(whole, trials=[t for t in whole.trials if t.attestation != "spoilt"])
+        assert len(clean.trials) == 5
+        of_moves = []
+        for data in (whole, clean):
+            cohort = people_of(data)
+            ids = sorted(members(cohort, {}))
+            regret = summarize_regret(reader, data, cohort, ids, estimator)
+            likeness = human_likeness(reader, data, cohort, ids)
+            of_moves.append((regret, summarize_groups(reader, data, False), likeness))
+    assert of_moves[0] == of_moves[1]
 
 
 def test_nothing_of_an_open_studys_ranked_terrains(reader, estimator):
