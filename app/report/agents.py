@@ -69,7 +69,7 @@ def compare_agents(
         "people": None
         if data is None
         else {**live_figure(data), "sees": protocol.rules.sees(protocol.env_config)},
-        "instances": _instances(data, tables) if data is not None and is_paired else [],
+        "instances": _instances(data) if data is not None and is_paired else [],
         "rows": rows,
     }
 
@@ -106,10 +106,15 @@ def _figures(
     return found
 
 
-def _instances(data: StudyData, tables: Mapping[str, Floats]) -> list[dict[str, Any]]:
-    """Return for each instance how many people played and completed it, their means, upper median and best number of moves."""
+def _instances(data: StudyData) -> list[dict[str, Any]]:
+    """Return for each instance how many people played and completed it, their means, upper median and best number of moves.
+
+    All of it is of everybody who ended it, and None where nobody did.
+    """
     cohort = people_of(data)
-    own = [trial for person in members(cohort, {}) for trial in cohort.ranked[person]]
+    ids = members(cohort, {})
+    own = [trial for person in ids for trial in cohort.ranked[person]]
+    tables = {name: cohort.table(ids, name) for name in METRICS}
     found = []
     for attempts in first_attempts(cohort).terrains:
         here = [each for each in own if each.terrain_index == attempts.terrain]

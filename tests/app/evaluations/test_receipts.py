@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -11,15 +12,17 @@ from app.db.store import Store
 from app.release import signing
 from app.release.receipts import OPENING_FORMAT, chained, check_opening, read_signed, sign
 from app.series import beacon
+from app.series.data import load
 from app.series.evaluation import evaluation_of_task
 from app.series.files import now_ms
 from app.series.folder import Folder
 from app.series.protocol import Agents
 from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
-from tests.support.agents import closed_evaluation, paths
+from tests.support.agents import closed_evaluation, paths, sealed
 from tests.support.beacons import OwnBeacon
 from tests.support.command import command, run
+from tests.support.stored_studies import StudyRecorder, freeze
 
 
 @pytest.fixture(scope="module")
@@ -258,6 +261,31 @@ def test_agents_policies_and_people_stand_on_one_scale(closed):
     assert 0 < both["best"] <= both["upper_median"] <= found["limit"]
     difference = mapper["score"]["mean"] - found["people"]["score"]["mean"]
     assert mapper["score"]["difference"] == pytest.approx(difference)
+
+
+@pytest.mark.parametrize("finishers", [0, 1])
+def test_the_page_tells_of_each_instance_what_came_of_everybody_who_ended_it(
+    serve, tmp_path, finishers
+):
+    study = freeze(tmp_path / "studies", close=False)
+    with closing(StudyRecorder(tmp_path / "playground.db", study)) as recorder:
+        recorder.play(recorder.join(0, stage="ranked"), "ranked", 0, "crash")
+        for number in range(1, 1 + finishers):
+            done = recorder.join(number)
+            for trial in range(3):
+                recorder.play(done, "ranked", trial)
+    Folder(tmp_path / "studies").close("dunes", seals=True)
+    sealed(tmp_path / "studies", of="dunes")
+    assert run("evaluation", "close", "agents", "--yes", "--now", *paths(tmp_path)) == 0
+    data = load(tmp_path / "playground.db", "dunes")
+    for each in comparison_of(tmp_path)["instances"]:
+        own = [t for t in data.trials if t.terrain_index == each["index"]]
+        scores = [trial.score for trial in own]
+        assert each["players"] == len(own)
+        assert each["score"] == (pytest.approx(sum(scores) / len(own)) if own else None)
+    page = serve().client().get("/evaluations/agents")
+    assert page.status_code == 200
+    assert f"{finishers} of {finishers + 1} people completed it" in page.text
 
 
 def test_a_release_of_the_study_holds_it_and_derives_it_again(closed, tmp_path, capsys):
