@@ -105,6 +105,7 @@ def new(
 @STUDIES
 def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix an evaluation's protocol for good, and print its hash and its commitment: publish them before any agent plays."""
+    studies.check_kind("evaluation", "freeze", name, folder)
     found = studies.frozen(name, beacon, folder, database)
     echo(f"The evaluation {name!r} is frozen.\n{studies.hashes(found)}")
     if (paired := found.paired) is not None:
@@ -175,10 +176,9 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     """
     from app.release.receipts import publish  # where it cannot be had nothing is closed
 
+    studies.check_kind("evaluation", "close", name, folder)
     with study_errors():
         status = folder.status(name)
-        if folder.draft(name).agents is None:
-            raise UsageError(f"{name!r} is of people: `marsexplorer study close {name}`")
     if status != "closed":
         question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
         studies.closed(name, None if yes else question, now, False, folder, database)
@@ -256,13 +256,13 @@ def show(name: str, folder: Folder) -> None:
     """Print how far an evaluation is, what was frozen, and its cards; never a secret of an open one, never a card's address."""
     from app.series.evaluation import CardList
 
+    studies.check_kind("evaluation", "show", name, folder)
     with study_errors():
         status, protocol = folder.status(name), folder.draft(name)
         found = None if status == "draft" else folder.study(name)
         cards = CardList(folder).of(name)
     agents = protocol.agents
-    if agents is None:
-        raise UsageError(f"{name!r} is a study of people: `marsexplorer study show {name}`")
+    assert agents is not None
     of = protocol.task if agents.study is None else f"the ranked terrains of {agents.study.name}"
     of = f"instances of its own: {agents.unpaired}" if agents.unpaired else of
     echo(f"{name}: {status}, {folder.path(name)}\n{protocol.ranked} instances: {of}")

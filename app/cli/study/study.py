@@ -11,7 +11,7 @@ import time
 from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click import ClickException, UsageError, argument, echo, option
@@ -202,6 +202,7 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     from app.series.files import iso
     from app.series.folder import BEGINNINGS, beginnings
 
+    check_kind("study", "freeze", name, folder)
     with study_errors():
         is_draft = folder.status(name) == "draft"
         plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
@@ -227,6 +228,17 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         echo(f"It is by invitation: `{invite}` makes the links")
     if found.protocol.panel_links == "signed":
         echo(f"Links are signed: `marsexplorer study invite {name} --ids FILE` makes them")
+
+
+def check_kind(
+    group: Literal["study", "evaluation"], command: str, name: str, folder: Folder
+) -> None:
+    """Refuse an evaluation of agents to a command of studies of people and the reverse, and name the other one's."""
+    with study_errors():
+        is_of_agents = folder.draft(name).agents is not None
+    other, of = ("evaluation", "agents") if is_of_agents else ("study", "people")
+    if other != group:
+        raise UsageError(f"{name!r} is of {of}: `marsexplorer {other} {command} {name}`")
 
 
 def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
@@ -319,10 +331,7 @@ def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, databas
     with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server
     sees it at once.
     """
-    with study_errors():
-        is_of_agents = folder.draft(name).agents is not None
-    if is_of_agents:
-        raise UsageError(f"{name!r} is of agents: `marsexplorer evaluation close {name}`")
+    check_kind("study", "close", name, folder)
     question = f"Close the study {name!r} for ever? Participants on their way cannot finish"
     found = closed(name, None if yes else question, now, sealed, folder, database)
     if found.is_open:

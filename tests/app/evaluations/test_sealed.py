@@ -10,9 +10,9 @@ import pytest
 from numpy import packbits
 
 from app.series.cards import CardError
-from app.series.evaluation import evaluation_of_study
+from app.series.evaluation import evaluation_of_study, evaluation_of_task
 from app.series.folder import Folder, StudyError
-from app.series.protocol import Agents
+from app.series.protocol import Agents, default_protocol
 from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
@@ -251,6 +251,20 @@ def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys
     assert third.seed("ranked", 0) != folder.study("dunes").seed("ranked", 0)
     assert third.protocol.env_config == study.protocol.env_config
     assert verify_database(database).findings == ()
+
+
+@pytest.mark.parametrize("verb", ["freeze", "close"])
+def test_people_and_agents_are_each_frozen_and_closed_by_their_own_command(tmp_path, capsys, verb):
+    folder, config = Folder(tmp_path / "studies"), EnvConfig("random", 7, 9)
+    folder.create(default_protocol("dunes", config, warm_up=1, ranked=1))
+    folder.create(evaluation_of_task("agents", config, "mars", 1, Agents()))
+    for asked, name, right in (
+        ("evaluation", "dunes", "of people: `marsexplorer study"),
+        ("study", "agents", "of agents: `marsexplorer evaluation"),
+    ):
+        code, _, said = command(capsys, asked, verb, name, *paths(tmp_path))
+        assert (code, f"{name!r} is {right} {verb} {name}`" in said) == (2, True)
+        assert folder.status(name) == "draft"
 
 
 def test_nothing_is_closed_where_no_receipt_could_be_signed(tmp_path):
