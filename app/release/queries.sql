@@ -91,7 +91,7 @@ SELECT
   s.participant_id AS participant,
   t.episode_id AS episode,
   t.step,
-  CASE t.action WHEN 0 THEN 'north' WHEN 1 THEN 'east' WHEN 2 THEN 'south' ELSE 'west' END AS action,
+  t.action, -- its code: the tables have the name that it has in the task
   -- an invalid move, which is always the last one, leaves the rover where it was
   e.start_row + sum(CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
     ELSE CASE t.action WHEN 0 THEN -1 WHEN 2 THEN 1 ELSE 0 END END) OVER moves AS row,

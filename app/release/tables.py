@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from itertools import islice
@@ -17,7 +17,7 @@ from app.db.database import rows, stream
 from app.db.export import csv_cell
 from app.db.trial import Trial
 from app.release.errors import library
-from app.task import Run
+from app.task import Run, rules_of
 
 QUERIES = Path(__file__).with_name("queries.sql")
 TableRow = dict[str, Any]
@@ -37,13 +37,22 @@ def queries() -> dict[str, str]:
 
 
 def select(conn: sqlite3.Connection, table: str) -> Iterator[dict[str, Any]]:
-    """Yield the rows of a table from a bundle's database, columns in their order and truth values as such."""
+    """Yield the rows of a table from a bundle's database, columns in their order, truth values as such and actions by name."""
     columns = bundle_table(table)[1]
     truths = [column.name for column in columns if column.type == "boolean"]
+    actions = _actions(conn) if table == "steps" else ()
     for row in stream(conn, queries()[table]):
         for name in truths:
             row[name] = None if row[name] is None else bool(row[name])
+        if table == "steps":
+            row["action"] = actions[row["action"]]
         yield {column.name: row[column.name] for column in columns}
+
+
+def _actions(conn: sqlite3.Connection) -> Sequence[str]:
+    """Return the names of the actions of the task that a bundle's episodes are all of, by code."""
+    found = rows(conn, "SELECT task FROM episodes LIMIT 1")
+    return rules_of(found[0]["task"]).actions if found else ()
 
 
 def released_episodes(conn: sqlite3.Connection) -> Iterator[tuple[TableRow, Run]]:

@@ -15,12 +15,13 @@ from app import ROOT
 from app.db.columns import BUNDLE_TABLES, bundle_reference, bundle_table
 from app.release.tables import PARQUET
 from app.series.data import load
+from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 from tests.support.stored_studies import CONFIG
 
 
 def queried(out):
-    """{table: rows} of the bundle's own queries.sql on its own database, with SQLite alone."""
+    """{table: rows} of the bundle's own queries.sql on its own database, with SQLite alone but for the names of actions."""
     parts = re.split(r"^-- table: (\w+)$", (out / "queries.sql").read_text(), flags=re.M)
     conn = sqlite3.connect(out / "study.sqlite")
     conn.row_factory = sqlite3.Row
@@ -29,6 +30,8 @@ def queried(out):
         for name, sql in zip(parts[1::2], parts[2::2], strict=True)
     }
     conn.close()
+    for step in found["steps"]:
+        step["action"] = ACTIONS[step["action"]]
     return found
 
 
@@ -68,7 +71,7 @@ def test_the_steps_stand_where_a_replay_stands(made):
         own = [step for step in steps if step["episode"] == line["episode"]]
         episode = Episode.begin(CONFIG, seed=line["seed"])
         for step in own:
-            episode.step(["north", "east", "south", "west"].index(step["action"]))
+            episode.step(ACTIONS.index(step["action"]))
         assert [(step["row"], step["col"]) for step in own] == episode.path[1:]
         assert [step["coverage"] for step in own] == [
             count / CONFIG.n for count in episode.discoveries[1:]

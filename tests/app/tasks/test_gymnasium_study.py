@@ -1,5 +1,6 @@
 """A study of FourRooms by its own commands: two participants, a report, a release that verifies and is derived again."""
 
+import csv
 import json
 import random
 
@@ -140,6 +141,13 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("release", "--study", "any", *studies, *database, "--out", tmp_path / "bundle") == 0
     datasheet = (tmp_path / "bundle/DATASHEET.md").read_text()
     assert (sees in datasheet) == is_rooms
+    with (tmp_path / "bundle/csv/steps.csv").open(newline="") as file:
+        told = [(each["episode"], each["action"]) for each in csv.DictReader(file)]
+    path = tmp_path / "bundle/study.sqlite"
+    (task,) = {task for (task,) in ask(path, "SELECT task FROM episodes")}
+    actions = rules_of(task).actions
+    stored = ask(path, "SELECT episode_id, action FROM steps")
+    assert sorted(told) == sorted((episode, actions[code]) for episode, code in stored)
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
