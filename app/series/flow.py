@@ -133,13 +133,13 @@ def participant_flow(data: StudyData) -> ParticipantFlow:
     early = [person for person in people if person.id not in began]
     late = [person for person in people if person.id in began]
     completed = sum(person.completed_ms is not None for person in late)
-    withdrew = sum(person.stage == "withdrawn" and person.completed_ms is None for person in late)
+    withdrew = sum(_has_withdrawn(person) and person.completed_ms is None for person in late)
     interrupted_early, interrupted = (sum(map(_is_interrupted, each)) for each in (early, late))
     stayed = [each for each in early if each.stage != "withdrawn" and not _is_interrupted(each)]
     return ParticipantFlow(
         arrivals=data.arrivals,
         agreed=len(people),
-        withdrew_early=sum(person.stage == "withdrawn" for person in early),
+        withdrew_early=sum(map(_has_withdrawn, early)),
         stayed_early=dict(Counter(person.stage for person in stayed)),
         ranked=len(late),
         withdrew=withdrew,
@@ -166,6 +166,11 @@ def repeated_reasons(
         elif kind == "joined":
             found.add(detail.get("outside_id"))
     return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
+
+
+def _has_withdrawn(person: Person) -> bool:
+    """Return whether somebody withdrew before the study ended: whoever was interrupted then left no earlier."""
+    return person.stage == "withdrawn" and not _is_interrupted(person)
 
 
 def _is_interrupted(person: Person) -> bool:

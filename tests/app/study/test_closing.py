@@ -16,6 +16,7 @@ from app.report.build import build
 from app.report.making import load_with_folder
 from app.series.closing import note_closed
 from app.series.data import load
+from app.series.flow import participant_flow
 from app.series.folder import Folder
 from app.series.protocol import StudyError
 from app.series.verification import verify_database
@@ -80,6 +81,23 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     means = [sum(own) / 3, (first + 2 * limit) / 3, limit]
     assert treated.steps.mean == pytest.approx(sum(means) / 3)
     assert treated.steps.mean > figures["protocol"].steps.mean
+
+
+def test_whoever_withdraws_after_being_interrupted_is_counted_once(study, tmp_path, capsys):
+    path = tmp_path / "play.db"
+    with closing(StudyRecorder(path, Folder(tmp_path / "studies").study("dunes"))) as recorder:
+        recorder.clock = now_ms() - 60_000
+        early = recorder.join(3, stage="warm_up")
+        recorder.play(early, "warm_up", 0, "open")
+    assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
+    with closing(Store(path)) as store:
+        known = StudyStore(store)
+        for person in (study["here"], early):
+            known.withdraw(known.participant(person), now_ms())
+    flow = participant_flow(load(path, "dunes"))
+    assert (flow.ranked, flow.completed, flow.interrupted) == (3, 1, 1)
+    assert (flow.withdrew, flow.unfinished) == (0, 1)
+    assert (flow.withdrew_early, flow.interrupted_early, flow.stayed_early) == (0, 1, {})
 
 
 @pytest.mark.parametrize("ranked", [2, 3], ids=["another protocol", "the same, frozen again"])
