@@ -54,6 +54,8 @@ EVALUATIONS = "evaluations"
 OPENING_FORMAT, RECEIPT_FORMAT = "marsexplorer-opening-1", "marsexplorer-receipt-1"
 CAME_TO = ("outcome", "steps", "score", "total", "trajectory_hash")
 """What an episode came to, as a receipt says it and as it is simulated again."""
+_DAMAGED = KeyError, TypeError, ValueError, AttributeError, OverflowError, StudyError
+"""What a file raises that lacks something or holds something else in its place."""
 NOTE = "What the author says of the agent is not checked; what it did is."
 
 
@@ -261,6 +263,18 @@ def read_signed(path: Path, form: str) -> dict[str, Any]:
         raise ReleaseError(f"{path} is no file of format {form}: {error}") from error
 
 
+def description(receipt: Mapping[str, Any]) -> str:
+    """Return whose receipt it is, and who could have seen its instances."""
+    card, seen = receipt["card"], receipt["seen_by"]
+    agent = receipt["agent"].get("agent", "an agent without a name")
+    whose = f"{agent}, card {card['id']} of {card['author']}, evaluation {receipt['evaluation']}"
+    people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
+    cards, since = seen["other_cards_before"], seen["operators_since"]
+    others = f"{cards} other cards, operators (since {since})"
+    could = f"who could have seen the instances before: {people}, {others}"
+    return "\n".join(filter(None, (whose, card["note"], could)))
+
+
 def check_receipt(
     receipt: Mapping[str, Any], card: str | None = None, of: str | None = None
 ) -> Iterator[Finding]:
@@ -285,7 +299,8 @@ def check_receipt(
             yield Finding(where, "card", own["id"], card)
         if of is not None and of not in (receipt["evaluation"], receipt["protocol_hash"]):
             yield Finding(where, "evaluation", receipt["evaluation"], of)
-    except (KeyError, TypeError) as error:
+        description(receipt)
+    except _DAMAGED as error:
         yield Finding(where, "it", "damaged", repr(error))
 
 
@@ -294,7 +309,7 @@ def check_opened(receipt: Mapping[str, Any], opening: Mapping[str, Any]) -> Iter
     yield from _check_signature(opening, "opening")
     try:
         yield from _check_opened(receipt, opening)
-    except (KeyError, TypeError, ValueError, StudyError) as error:
+    except _DAMAGED as error:
         yield Finding("opening", "it", "damaged", str(error))
 
 

@@ -85,6 +85,7 @@ class CardList(IssuedList[IssuedCard]):
 
     def revoke(self, name: str, ident: str) -> IssuedCard:
         """Revoke a card and return it: nobody can go on with it, and it counts as it stands; StudyError for an unknown id."""
+        self._folder.study(name)
         with self._changing(name) as found:
             if ident not in found:
                 there = ", ".join(found) or "none"

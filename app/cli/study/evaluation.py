@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click import UsageError, argument, echo, option
+from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import (
     default_config,
@@ -85,7 +87,7 @@ def new(
         raise UsageError("expected either --of STUDY or --task ID")
     with study_errors():
         folder.path(name)
-        agents = Agents(**given)
+        agents = Agents.model_construct(**given)  # checked with the protocol that it enters
         if of is not None:
             protocol = evaluation_of_study(folder, name, of, agents)
         else:
@@ -175,10 +177,13 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
     evaluation's folder, signed by the server's key, and are to be had on its page; called again it writes them again.
     """
     from app.release.receipts import publish  # where it cannot be had nothing is closed
+    from app.series.policy_episodes import compared_policies
 
     studies.check_kind("evaluation", "close", name, folder)
-    with study_errors():
-        status = folder.status(name)
+    with study_errors(), _policy_errors():
+        status, found = folder.status(name), folder.study(name)
+        for each in compared_policies(found.protocol):
+            found.policy_files.source(each)  # where one is lost nothing is closed either
     if status != "closed":
         question = f"Close the evaluation {name!r} for ever? What agents have not finished counts as it stands"
         studies.closed(name, None if yes else question, now, False, folder, database)
@@ -188,10 +193,21 @@ def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> No
             f"--database in which agents have played, `marsexplorer evaluation close {name}` writes them"
         )
         return
-    with failures(f"cannot sign the receipts of {name!r}"), study_errors():
+    with failures(f"cannot sign the receipts of {name!r}"), study_errors(), _policy_errors():
         cards = publish(database, folder, name, progress)
     echo(f"The evaluation {name!r} is closed: {len(cards)} receipts and the opening")
     echo(f"are in {folder.path(name)}")
+
+
+@contextmanager
+def _policy_errors() -> Iterator[None]:
+    """Turn a policy that cannot be played into its sentence."""
+    from app.task import PolicyError
+
+    try:
+        yield
+    except PolicyError as error:
+        raise ClickException(str(error)) from error
 
 
 @evaluation.command(short_help="Check a receipt, without the server.")
@@ -229,24 +245,11 @@ def verify(
     for each in found:
         echo(str(each))
     if not found:
-        _show_receipt(content, signing.SignerCheck(signer, "key" if wanted else None).sentence())
+        echo(receipts.description(content))
+        echo(signing.SignerCheck(signer, "key" if wanted else None).sentence())
     what = "every episode simulated again" if opening else "no episode simulated without --opening"
     echo(f"{len(found) or 'nothing'} wrong; {what}")
     return 1 if found else 0
-
-
-def _show_receipt(content: dict[str, Any], signer: str) -> None:
-    """Print whose receipt it is, and who could have seen its instances."""
-    card, seen = content["card"], content["seen_by"]
-    agent = content["agent"].get("agent", "an agent without a name")
-    evaluation = content["evaluation"]
-    echo(f"{agent}, card {card['id']} of {card['author']}, evaluation {evaluation}")
-    if card["note"]:
-        echo(card["note"])
-    people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
-    cards, since = seen["other_cards_before"], seen["operators_since"]
-    others = f"{cards} other cards, operators (since {since})"
-    echo(f"who could have seen the instances before: {people}, {others}\n{signer}")
 
 
 @evaluation.command(short_help="Show an evaluation and its cards.")

@@ -1,6 +1,7 @@
 """What came of a card, signed: checked by itself, and with the opening by simulating every episode again."""
 
 import json
+import math
 import shutil
 from contextlib import closing
 from dataclasses import asdict, replace
@@ -211,6 +212,15 @@ def test_a_file_that_is_no_receipt_is_refused(tmp_path, capsys, files):
         del content[lacking]
         (tmp_path / "lacking.json").write_text(json.dumps(content))
         assert verify(capsys, tmp_path / "lacking.json", "--opening", files[1])[0] == 1
+    key = signing.signing_key(tmp_path / "own.db")
+    content = json.loads(files[0].read_text())
+    del content["public_key"], content["signature"], content["seen_by"]
+    (tmp_path / "lacking.json").write_text(json.dumps(sign(content, key)))
+    code, said, _ = verify(capsys, tmp_path / "lacking.json")
+    assert (code, "KeyError('seen_by')" in said) == (1, True)
+    changed(files[0], lambda content: content["episodes"][0].update(score=math.nan))
+    code, said, _ = verify(capsys, files[0], "--opening", files[1])
+    assert (code, "its signature is invalid" in said, "damaged" in said) == (1, True, True)
     code, _, said = verify(capsys, tmp_path / "none.json")
     assert (code, "is no file of format marsexplorer-receipt-1" in said) == (1, True)
     assert verify(capsys, files[1])[0] == 1

@@ -9,6 +9,7 @@ from itertools import combinations
 import pytest
 from numpy import packbits
 
+from app.db.store import Store
 from app.series.cards import CardError
 from app.series.evaluation import evaluation_of_study, evaluation_of_task
 from app.series.folder import Folder, StudyError
@@ -18,6 +19,7 @@ from marsexplorer.config import EnvConfig
 from marsexplorer.terrain import generate
 from tests.support.agents import Agent, own, sealed, token_of
 from tests.support.command import command, run
+from tests.support.policy_files import write_onnx
 from tests.support.stored_studies import freeze, play_study
 
 PATH_ENV = "gymnasium:tests.support.environments:Path-v0"
@@ -275,6 +277,40 @@ def test_nothing_is_closed_where_no_receipt_could_be_signed(tmp_path):
     assert done.returncode
     assert "needs the extra [export]" in done.stderr
     assert Folder(tmp_path / "studies").status("agents") == "open"
+
+
+def test_nothing_is_closed_where_a_policys_file_is_lost_and_receipts_wait_for_it(tmp_path, capsys):
+    folder, file = Folder(tmp_path / "studies"), write_onnx(tmp_path / "mine.onnx", seed=1)
+    rest = {"policies": (str(file),), "debrief_policy": None}
+    config = EnvConfig("random", 6, 7, sensor_radius=3)
+    folder.create(evaluation_of_task("agents", config, "mars", 1, Agents(), **rest))
+    folder.freeze("agents")
+    kept = folder.study("agents").policy_files.place(str(file))
+    content = kept.read_bytes()
+    file.unlink(), kept.unlink()
+    Store(tmp_path / "playground.db").close()
+    close = "evaluation", "close", "agents", "--yes", *paths(tmp_path)
+    lost = "that file is not here; no other one is played in its place"
+    code, _, said = command(capsys, *close)
+    assert (code, lost in said, folder.status("agents")) == (1, True, "open")
+    folder.close("agents")
+    code, _, said = command(capsys, *close)
+    assert (code, lost in said, said.count("\n")) == (1, True, 1)
+    kept.write_bytes(content)
+    assert command(capsys, *close)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ("new x --task mars --hours 0", "hours must be more than 0, got 0.0"),
+        ("new x --task mars --calls 0", "calls must be at least 1, got 0"),
+        ("revoke nosuch 7K3M", "no study 'nosuch'"),
+    ],
+)
+def test_a_mistake_with_an_evaluation_is_one_sentence(tmp_path, capsys, words, part):
+    code, _, said = command(capsys, "evaluation", *words.split(), "--studies", tmp_path)
+    assert (code, part in said, said.count("\n")) == (2, True, 1)
 
 
 def test_agents_enter_no_figure_of_people(serve, root, capsys):
