@@ -551,22 +551,25 @@ def invite(
     base = known or f"http://{settings.host}:{settings.port}"
     invitations = Invitations(folder)
     found, rows, links = [], [], []
+    uses = _uses(database, name)
     with study_errors():
         study = folder.study(name)
         if panel is not None:
-            with failures(f"cannot read {panel}"):
-                ids = filter(None, map(str.strip, panel.read_text(encoding="utf-8").splitlines()))
+            try:
+                with failures(f"cannot read {panel}"):
+                    lines = panel.read_text(encoding="utf-8").splitlines()
+            except UnicodeDecodeError as error:
+                why = f"cannot read {panel}: it is no text in UTF-8, with an id on each line"
+                raise UsageError(why) from error
+            ids = filter(None, map(str.strip, lines))
             rows = [(value, "signed", "") for value in ids]
             links = [panel_link(study, value, base) for value, *_ in rows]
         else:
             found = list(invitations.of(name).values()) if lists else invitations.issue(name, count)
-    uses = _uses(database, name)
     for each in found:
         use = uses.get(each.id)
         rows.append((each.id, state_of(each, use), use.label if use else ""))
         links.append(link_of(study, each.id, base))
-    if table is not None:
-        _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
     if known is None and (table is not None or not lists):
         way_out = "give --url, or MARS_PUBLIC_URL as for the server, if people reach it elsewhere"
         echo(f"{base} is a guess: {way_out}", err=True)
@@ -580,6 +583,8 @@ def invite(
         printed = [(*row, day) for row, day in zip(rows, issued, strict=True)]
         heads = ("id", "state", "participant", "issued (UTC)")
         print_table(f"Invitations to {name}", heads, printed)
+    if table is not None:  # last: links that were issued are told whatever becomes of the file
+        _write_csv(table, [(*row, link) for row, link in zip(rows, links, strict=True)])
 
 
 @study.command(short_help="Take invitations back.")
@@ -641,7 +646,7 @@ def _write_csv(path: Path, rows: list[tuple[str, ...]]) -> None:
     text = io.StringIO()
     table = [("id", "state", "participant", "link"), *rows]
     csv.writer(text, lineterminator="\n").writerows(map(to_cell, row) for row in table)
-    write_file(path, text.getvalue().encode(), private=True)
+    write_file(path, text.getvalue().encode(), "--csv", private=True)
 
 
 def _day(ms: int) -> str:

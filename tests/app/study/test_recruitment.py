@@ -284,6 +284,28 @@ def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp
     assert leaver.refused("join", {"outside_ids": {PID: "invented"}}) == WRONG_PANEL_LINK
 
 
+def test_links_that_were_made_are_printed_although_their_table_cannot_be_written(tmp_path, capsys):
+    study = freeze(tmp_path / "studies", recruitment="invitation")
+    given = "study", "invite", study.name, "--studies", tmp_path / "studies"
+    assert command(capsys, *given, 2, "--database", tmp_path)[0] == 1, "a folder"
+    invitations = Invitations(Folder(tmp_path / "studies"))
+    assert invitations.of(study.name) == {}
+    where = "--database", tmp_path / "none.db", "--csv", tmp_path
+    code, out, said = command(capsys, *given, 2, *where)
+    links = [link_of(study, each, "http://127.0.0.1:8000") for each in invitations.of(study.name)]
+    assert (out.split(), len(links)) == (links, 2)
+    assert (code, "choose another --csv" in said) == (1, True)
+
+
+def test_a_list_of_ids_that_is_no_text_is_one_sentence(tmp_path, capsys):
+    study = freeze(tmp_path / "studies", recruitment="panel", panel_links="signed")
+    (tmp_path / "ids").write_bytes(b"\xff\xfe5f1")
+    given = "study", "invite", study.name, "--ids", tmp_path / "ids"
+    where = "--studies", tmp_path / "studies", "--database", tmp_path / "none.db"
+    code, _, said = command(capsys, *given, *where)
+    assert (code, "is no text in UTF-8" in said, said.count("\n")) == (2, True, 1)
+
+
 def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
     with pytest.raises(StudyError, match="needs outside_ids"):
         freeze(tmp_path / "studies", recruitment="panel", outside_ids=())
