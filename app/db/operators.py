@@ -99,9 +99,7 @@ def remove_operator(database: Path, name: str) -> None:
 
 
 def list_operators(database: Path) -> list[Operator]:
-    """Return the operators by name; none where there is no database yet."""
-    if not database.exists():
-        return []
+    """Return the operators by name; StoreError where there is no database."""
     with reading(database) as conn:
         return [Operator(**row) for row in rows(conn, "SELECT * FROM operators ORDER BY name")]
 

@@ -46,8 +46,8 @@ def request_stamp(database: Path, authority: str) -> tuple[Head, bytes]:
         raise StoreError(f"{database} has no chain to be stamped: nothing was recorded in it")
     request = TimestampRequestBuilder(found.head.encode(), HashAlgorithm.SHA256).build()
     headers = {"Content-Type": "application/timestamp-query"}
-    asked = urllib.request.Request(authority, request.as_bytes(), headers)
     try:
+        asked = urllib.request.Request(authority, request.as_bytes(), headers)
         with urllib.request.urlopen(asked, timeout=30) as answer:
             stamp: bytes = answer.read(100_000)
         made = _parse(stamp)

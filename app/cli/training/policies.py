@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click import ClickException, UsageError, argument, echo, option
 
-from app.cli.console import print_table, progress
+from app.cli.console import print_table, progress, reason
 from app.cli.options import flag, path_option
 
 TOKEN = option("--token", envvar="HF_TOKEN", help="Your own.  [default: that of `hf auth login`]")
@@ -47,8 +47,8 @@ def card(policy: str) -> None:
 
     from marsexplorer.policies.files.card import read_card
 
-    with _policy_errors():
-        echo(json.dumps(read_card(_file_of(policy)), indent=2, ensure_ascii=False))
+    with policy_errors():
+        echo(json.dumps(read_card(file_of(policy)), indent=2, ensure_ascii=False))
 
 
 @policies.command()
@@ -62,8 +62,8 @@ def measure(policy: str) -> None:
     from marsexplorer.evaluation.cards import config_of, result_for_card
     from marsexplorer.policies.files.card import read_card, write_card
 
-    with _policy_errors():
-        file = _file_of(policy)
+    with policy_errors():
+        file = file_of(policy)
         found = read_card(file)
         if not found.get("results"):
             raise UsageError(f"the card of {file} has no results; `train` writes some")
@@ -87,10 +87,10 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 
     POLICY is the name or path of a policy with a card. The repository is made when it is not there.
     """
-    with _policy_errors():
+    with policy_errors():
         from marsexplorer.policies.files import hub
 
-        file = _file_of(policy)
+        file = file_of(policy)
         with _hub_errors(hub.HubError):
             address = hub.push(file, repo, is_private=private, token=token)
         echo(f"{file.name} stands at {address}")
@@ -103,7 +103,7 @@ def push(policy: str, repo: str, private: bool, token: str | None) -> None:
 @TOKEN
 def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
     """Download the policy of a repository of the hub and check its card. Nothing in the file is run."""
-    with _policy_errors():
+    with policy_errors("; choose another --out"):
         from marsexplorer.policies.files import hub
         from marsexplorer.policies.files.card import read_card
 
@@ -113,7 +113,7 @@ def pull(repo: str, out: Path, revision: str | None, token: str | None) -> None:
         echo(f"Play beside it: marsexplorer serve --policy {file}")
 
 
-def _file_of(policy: str) -> Path:
+def file_of(policy: str) -> Path:
     """Return the file of a policy; UsageError for a rule, which is code and has none."""
     from marsexplorer.policies.loading import BUILT_IN, find_file
 
@@ -124,7 +124,7 @@ def _file_of(policy: str) -> Path:
 
 
 @contextmanager
-def _policy_errors() -> Iterator[None]:
+def policy_errors(way_out: str = "") -> Iterator[None]:
     """Turn a policy that is not there or cannot be read into a UsageError, a failing disk into a ClickException."""
     from marsexplorer.policies import PolicyFileError, PolicyNotFoundError
 
@@ -133,8 +133,8 @@ def _policy_errors() -> Iterator[None]:
     except (PolicyFileError, PolicyNotFoundError) as error:
         raise UsageError(str(error)) from error
     except OSError as error:
-        why = f"{error.strerror or error}; choose another --out"
-        raise ClickException(f"cannot write the policy: {why}") from error
+        why = f"{reason(error)}{way_out}"
+        raise ClickException(f"cannot read or write the policy: {why}") from error
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from click import UsageError, argument, echo, option
 
 from app.cli.options import COUNT, WORKERS, path_option, seed_option, several
 from app.cli.training.cards import commit, hardware, measure_policy, noted_progress, written
+from app.cli.training.policies import file_of, policy_errors
 
 if TYPE_CHECKING:
     from marsexplorer.training.refine import RefineRun, RoundMetrics
@@ -54,16 +55,13 @@ def refine(
     """
     from app.jobs import cores
     from marsexplorer.config import EnvConfig
-    from marsexplorer.policies.base import PolicyFileError
-    from marsexplorer.policies.files.card import read_card, shipped
+    from marsexplorer.policies.files.card import read_card
     from marsexplorer.training.network import load_net
     from marsexplorer.training.refine import RefineRun, config_for
 
-    path = shipped().get(policy, Path(policy))
-    try:
+    with policy_errors():
+        path = file_of(policy)
         net, card = load_net(path), read_card(path)
-    except PolicyFileError as error:
-        raise UsageError(str(error)) from error
     folder = out or Path("runs") / f"{path.stem}-refined-s{seed}"
     file = folder / f"{folder.resolve().name}.onnx"
     if file.exists():

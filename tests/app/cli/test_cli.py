@@ -25,6 +25,7 @@ from app.db.store import Store
 from app.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
 from tests.support.command import command
+from tests.support.policy_files import write_onnx
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S, eventually
 
@@ -164,6 +165,9 @@ for args in (["--help"], *([name, "--help"] for name in app.cli.main.COMMANDS)):
         ("serve nonsense", "unexpected argument 'nonsense'"),
         ("export", "--out"),
         ("export --out x --format xml", "--format"),
+        ("refine ppo-works", "paper/ppo-works.onnx is no policy: expected the 13 weights"),
+        ("refine ppo2", 'no policy "ppo2"'),
+        ("refine frontier-cost", "frontier-cost is a rule"),
         ("fly", "No such command 'fly'. (see"),
         ("sevre", "No such command 'sevre'. Did you mean 'serve'? (see"),
         ("study freze", "No such command 'freze'. Did you mean 'freeze'? (see"),
@@ -303,6 +307,15 @@ def test_without_ray_a_sentence_says_how_to_get_it(run, tmp_path, monkeypatch, c
     assert (code, out) == (1, "")
     assert is_one_sentence(err)
     assert "pip install 'marsexplorer-playground[ray]'" in err
+
+
+def test_measuring_names_no_option_that_it_lacks_where_the_disk_refuses(run, tmp_path):
+    result = {"terrains": 2, "first_seed": 1, "steps": 0}
+    card = {"summary": "One.", "results": {"random 6x7": result}}
+    file = write_onnx(tmp_path / f"{'m' * 245}.onnx", card=card)  # too long for one beside it
+    code, _, err = run("policies", "measure", file)
+    assert (code, is_one_sentence(err), "file name too long" in err) == (1, True, True)
+    assert "--out" not in err
 
 
 def test_serve_refuses_a_taken_port_and_a_file_that_is_none(run, tmp_path):

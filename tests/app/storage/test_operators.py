@@ -268,6 +268,8 @@ def test_what_cannot_be_added_is_said(database, name, password, said):
 
 def test_the_command_adds_lists_logs_and_removes(tmp_path):
     database = tmp_path / "lab.db"
+    missing = marsexplorer("operator", "list", "--database", database)
+    assert (missing.exit_code, f"no database at {database}" in missing.output) == (1, True)
     added = marsexplorer("operator", "add", "bob", "--database", database, given=f"{BOB}\n")
     assert added.exit_code == 0, added.output
     assert BOB not in added.output

@@ -226,6 +226,7 @@ def test_an_authority_that_gives_no_stamp_leaves_no_file(capsys, tmp_path, autho
         assert run(capsys, *given, authority.url)[0] == 1
     finally:
         authority.answers = True
-    code, said = run(capsys, *given, "http://127.0.0.1:9")
-    assert (code, "try again, or another --authority" in said) == (1, True)
+    for none in ("http://127.0.0.1:9", "no address"):
+        code, said = run(capsys, *given, none)
+        assert (code, "try again, or another --authority" in said) == (1, True)
     assert not (tmp_path / "a.tsr").exists()
