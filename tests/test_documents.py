@@ -3,13 +3,17 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import click
 import grimp
 import pytest
+
+from app.cli.main import cli
 
 ROOT = Path(__file__).parents[1]
 HEADINGS = [
@@ -36,6 +40,31 @@ def test_every_block_of_python_runs(path, tmp_path, monkeypatch):
     for number, code in enumerate(blocks(path)):
         exec(compile(code, f"{path}, block {number + 1}", "exec"), names)
     assert names
+
+
+def lacking(words):
+    """Return what a command of `marsexplorer` cannot do without and was not given; None for nothing."""
+    command = cli
+    while isinstance(command, click.Group):
+        name, *words = words
+        command = command.get_command(click.Context(command), name)
+    try:
+        command.make_context(name, list(words))
+    except click.MissingParameter as error:
+        return error.format_message() if isinstance(error.param, click.Option) else None
+    except click.UsageError:  # LEVEL or [--json FILE] stands for something
+        return None
+
+
+def test_no_command_that_is_shown_with_options_lacks_one():
+    shown = []
+    for path in (ROOT / "docs").glob("*.md"):
+        text = path.read_text().replace("\\\n", " ")
+        shown += re.findall(r"^marsexplorer ([^#\n]* --[^#\n]*)", text, re.M)
+        shown += re.findall(r"`marsexplorer ([^`]*\s--[^`]*)`", text)
+    assert len(shown) > 50
+    found = {words: lacking(shlex.split(words)) for words in shown}
+    assert {words: what for words, what in found.items() if what} == {}
 
 
 def test_the_environments_page_has_gymnasiums_headings_in_their_order():

@@ -90,7 +90,7 @@ def verify(
       marsexplorer verify --database lab.db
       marsexplorer verify --head 9c0d1ab2...
       marsexplorer verify --head dunes-1
-      marsexplorer verify --stamp marsexplorer.db-1284.tsr --certificate authority.pem
+      marsexplorer verify --stamp playground.db-1284.tsr --certificate authority.pem
       marsexplorer verify --dataset dunes-1 --key 15f592c2...
     """
     if database is not None and dataset is not None:
