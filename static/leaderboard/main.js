@@ -14,7 +14,7 @@ const SOON_MS = 1500;
 const LATER_MS = 20000;
 
 /** @type {Leaderboard.State} */
-let state = { view: location.hash ? "policies" : "people", boards: [], board: "", measure: "steps", detail: null, evaluates: false };
+let state = { view: location.hash ? "policies" : "people", boards: [], ...fromAddress(), detail: null, evaluates: false };
 let timer = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
@@ -50,12 +50,12 @@ async function loadPeople() {
 async function load() {
   clearTimeout(timer);
   if (state.view === "people") return loadPeople().catch((error) => { by("own").textContent = `${error.message} Trying again.`; schedule(2 * SOON_MS); });
-  const wanted = state.board;
   try {
     if (state.boards.length === 0) await loadBoards();
+    const wanted = state.board;
     /** @type {Leaderboard.Detail} */
     const detail = await request(`leaderboard/${encodeURIComponent(state.board)}${state.evaluates ? "?evaluate=true" : ""}`, undefined, 60000);
-    if (wanted && wanted !== state.board) return;
+    if (wanted !== state.board) return;
     set({ detail });
     schedule(standing.working(detail.policies) ? SOON_MS : LATER_MS);
   } catch (error) {
@@ -67,8 +67,7 @@ async function load() {
 async function loadBoards() {
   /** @type {Leaderboard.BoardListing[]} */
   const boards = await request("leaderboard");
-  const { board, measure } = fromAddress();
-  state = { ...state, boards, measure, board: boards.some((each) => each.id === board) ? board : boards[0].id };
+  state = { ...state, boards, board: boards.some(({ id }) => id === state.board) ? state.board : boards[0].id };
   const [studies, rest] = [boards.filter((each) => each.study), boards.filter((each) => !each.study)];
   /** @type {[string, Leaderboard.BoardListing[]][]} */
   const parts = [["Studies", studies], ["Played by people", rest.filter((each) => each.players)],

@@ -163,6 +163,23 @@ def test_a_console_whose_server_is_gone_says_so(serve, player):
     until(page, "document.getElementById('link').dataset.link === 'lost'")
 
 
+def test_a_link_to_a_board_of_the_leaderboard_opens_it_at_every_load(serve, player):
+    me = player(serve(policies=QuickPolicies()), NO_3D)
+    page = me.page
+    page.goto(f"{me.url}/leaderboard#random-84x84&score")
+    for _ in range(2):
+        until(page, "window.mars?.state.detail")
+        assert page.evaluate("mars.state.detail.board.id") == "random-84x84"
+        assert page.get_by_test_id("by-score").get_attribute("aria-pressed") == "true"
+        assert page.url.endswith("/leaderboard#random-84x84&score")
+        page.reload()
+    page.goto("about:blank")
+    page.goto(f"{me.url}/leaderboard#gone")
+    until(page, "window.mars?.state.detail")
+    assert page.url.endswith(f"#{page.evaluate('mars.state.boards[0].id')}")
+    assert me.errors == []
+
+
 def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, player, quick):
     server = serve(policies=QuickPolicies())
     me = player(server, NO_3D)
