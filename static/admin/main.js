@@ -15,6 +15,8 @@ const live = createLive(by("boards"));
 /** @type {{chosen: string, overview: Admin.Overview | null, study: Admin.Study | null, task: Task}} */
 let state = { chosen: decodeURIComponent(location.hash.slice(1)), overview: null, study: null, task: await loadTask(null) };
 let timer = 0;
+/** The newest question of `load`: an answer to an earlier one changes nothing. */
+let asked = 0;
 Object.defineProperty(window, "mars", { value: Object.freeze({ get state() { return state; } }) });
 
 /** @param {boolean} isIn */
@@ -29,6 +31,7 @@ function enter(isIn) {
 
 async function load() {
   clearTimeout(timer);
+  const mine = ++asked;
   try {
     /** @type {Admin.Overview} */
     const overview = await request("admin/overview");
@@ -37,11 +40,14 @@ async function load() {
     const chosen = usable.some(({ name }) => name === state.chosen) ? state.chosen : (usable.find(({ status }) => status === "open") ?? usable[0])?.name ?? "";
     /** @type {Admin.Study | null} */
     const study = chosen ? await request(`admin/studies/${encodeURIComponent(chosen)}`, undefined, 60000) : null;
-    state = { chosen, overview, study, task: await loadTask(study?.task) };
+    const task = await loadTask(study?.task);
+    if (mine !== asked) return;
+    state = { chosen, overview, study, task };
     enter(true);
     paint();
     showLink("open");
   } catch (error) {
+    if (mine !== asked) return;
     if (error instanceof ApiError && error.status === 401) return enter(false);
     showLink("lost", /** @type {Error} */ (error).message);
   }

@@ -39,7 +39,9 @@ function paint() {
 /** Show an episode on one of the sides, from its start.
  * @param {Side} side */
 async function show(side) {
-  const { task, frames } = await api.watched(side.choice.value);
+  const episode = side.choice.value;
+  const { task, frames } = await api.watched(episode);
+  if (episode !== side.choice.value) return; // another one was chosen meanwhile
   Object.assign(side, { task, frames: frames ?? [], course: task.courseOf(side.choice.selectedOptions[0].text, frames ?? []) });
   player?.goTo(0); // the clock of the one before stops
   const last = Math.max(...sides.map((each) => Math.max(0, each.frames.at(-1)?.step ?? 0)));
@@ -49,9 +51,12 @@ async function show(side) {
 
 /** Offer the episodes on an instance: an agent's first, and a person's beside it where there is one. */
 async function load() {
+  const instance = by("index", HTMLSelectElement);
+  const index = instance.value;
   /** @type {Played[]} */
-  const played = await request(`evaluations/${encodeURIComponent(pair.dataset.name ?? "")}/episodes?index=${by("index", HTMLSelectElement).value}`);
-  put(by("notice"), by("index", HTMLSelectElement).selectedOptions[0].dataset.said ?? (played.length ? "" : "Nobody has played this instance."));
+  const played = await request(`evaluations/${encodeURIComponent(pair.dataset.name ?? "")}/episodes?index=${index}`);
+  if (index !== instance.value) return;
+  put(by("notice"), instance.selectedOptions[0].dataset.said ?? (played.length ? "" : "Nobody has played this instance."));
   pair.hidden = !played.length;
   if (!played.length) return;
   for (const { choice } of sides) choice.replaceChildren(...played.map(({ episode, name }) => new Option(name, episode)));

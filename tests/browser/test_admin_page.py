@@ -163,6 +163,29 @@ def test_a_console_whose_server_is_gone_says_so(serve, player):
     until(page, "document.getElementById('link').dataset.link === 'lost'")
 
 
+def test_a_late_answer_about_a_study_is_not_shown_in_place_of_the_one_chosen_since(
+    serve, player, tmp_path
+):
+    for name in ("dunes", "rocks"):
+        freeze(tmp_path / "studies", name, title=f"The {name}")
+    me = player(serve(admin_password=PASSWORD), NO_3D)
+    page, late = me.page, []
+    page.goto(f"{me.url}/admin#dunes")
+    page.get_by_test_id("password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    until(page, "document.body.dataset.in === 'yes'")
+    page.route("**/api/admin/studies/dunes", lambda route: late.append(route))
+    eventually(lambda: page.wait_for_timeout(50) or late)
+    page.get_by_test_id("study").select_option("rocks")
+    page.get_by_role("heading", name="The rocks").wait_for()
+    with page.expect_response("**/api/admin/studies/dunes"):
+        late[0].continue_()
+    page.wait_for_timeout(300)
+    assert page.get_by_test_id("title").inner_text() == "The rocks"
+    assert page.evaluate("mars.state.chosen") == "rocks"
+    assert me.errors == []
+
+
 def test_a_link_to_a_board_of_the_leaderboard_opens_it_at_every_load(serve, player):
     me = player(serve(policies=QuickPolicies()), NO_3D)
     page = me.page
