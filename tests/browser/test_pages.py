@@ -155,3 +155,21 @@ def test_the_page_of_a_closed_evaluation_has_people_and_agents_on_one_scale(
         late[0].continue_()
     page.wait_for_timeout(300)
     assert label.get_attribute("aria-label") == drawn, "a late answer changes nothing"
+
+
+def test_the_bars_of_a_replay_and_of_a_live_board_fit_a_screen_320_pixels_wide(site, player):
+    server, pages = site
+    me = player(server, NO_3D, 320, 640)
+    replay = next(path for path in pages if path.startswith("replay/"))
+    watch = me.open_session()["watch"]
+    for path in (replay, f"watch/{watch}"):
+        me.page.goto(f"{server.url}/{path}")
+        me.page.get_by_test_id("theme").wait_for()
+        assert me.page.evaluate("document.documentElement.scrollWidth") == 320, path
+        if path == replay:
+            me.page.get_by_test_id("downloads").click()
+            assert me.page.locator("#downloads ul").bounding_box()["x"] >= 0
+    me.page.get_by_text("connected").wait_for()
+    server.stop()
+    me.page.get_by_text("connection lost").wait_for()
+    assert me.page.evaluate("document.documentElement.scrollWidth") == 320
