@@ -169,6 +169,10 @@ for (const what of ["theme", "resize"]) window.addEventListener(what, () => repa
 
 document.body.dataset.tab = "run";
 const wanted = moveInHash(location.hash);
+if (wanted !== null) player.goTo(wanted); // as far as the run itself goes, until the policy's has come
+const { at } = player.playback;
 await choose(chosen);
-if (wanted !== null) player.goTo(wanted);
-else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.press(" ");
+if (player.playback.at === at && !player.playback.isPlaying) { // else somebody drives it already
+  if (wanted !== null) player.goTo(wanted);
+  else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.press(" ");
+}

@@ -10,6 +10,7 @@ from app.web.replays.files import file_of
 from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, violations
 from tests.support.recorded import play
+from tests.support.servers import eventually
 
 CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
 
@@ -117,6 +118,30 @@ def test_a_replay_is_driven_by_keys_and_by_its_curve_and_has_files(serve, player
     assert me.page.get_by_test_id("board-run").is_hidden()
     assert me.page.evaluate("document.documentElement.scrollWidth") == 390
     assert not me.errors
+
+
+def test_whoever_drives_a_replay_before_the_policy_has_come_goes_on_driving(serve, player, ended):
+    episode, record = ended
+    me, late = player(serve(), NO_3D), []
+    me.page.route("**/ghost?*", lambda route: late.append(route))
+    for move, key, stands in (
+        ("#move=3", None, 3),
+        ("#move=3", "ArrowLeft", 2),
+        ("", "End", len(record.actions)),
+    ):
+        me.page.goto("about:blank")
+        me.page.goto(f"{me.url}/replay/{episode}{move}")
+        me.wait("window.replay")
+        eventually(lambda: me.page.wait_for_timeout(20) or late)
+        if key:
+            me.page.keyboard.press(key)
+        assert me.page.evaluate("window.replay.step") == stands
+        late.pop().continue_()
+        me.wait("window.replay.ghost")
+        me.page.wait_for_timeout(300)
+        playback = me.page.evaluate("window.replay.playback")
+        assert (playback["at"], playback["isPlaying"]) == (stands, False)
+    assert me.errors == []
 
 
 def test_a_replay_in_one_file_runs_from_a_disk_without_a_network_and_asks_for_nothing(
