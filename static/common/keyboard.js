@@ -149,7 +149,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
       press("touch", action, event, at_ms, holder);
       onLetGo?.(holder);
     } else if (type === "pointerdown") {
-      if (!event.isPrimary || event.button !== 0) return;
+      if (event.button !== 0) return;
       event.preventDefault();
       button.classList.add("is-down");
       press("touch", action, event, at_ms, holder);

@@ -289,7 +289,7 @@ function goNext() {
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
 function onEnter() {
   const focused = document.activeElement;
-  if (!state.player?.frame.outcome || (focused?.matches("button, a") && focused !== part.next)) return false;
+  if (!state.player?.frame.outcome || (focused?.matches("button, a, summary") && focused !== part.next)) return false;
   goNext();
   return true;
 }

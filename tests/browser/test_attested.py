@@ -106,6 +106,15 @@ def test_taps_and_swipes_on_a_phone(serve, player, tmp_path):
     there, back = there_and_back(me)
     click(me, there, lambda arrow: arrow.tap())
     click(me, back, lambda arrow: arrow.tap())
+    thumbs, points = me.page.context.new_cdp_session(me.page), []
+    step = me.state()["step"]
+    for action in (there, back):  # the second comes down before the first is up
+        box = me.page.get_by_test_id(f"pad-{action}").bounding_box()
+        points.append({"x": box["x"] + 20, "y": box["y"] + 20, "id": len(points)})
+        me.page.wait_for_timeout(150)
+        thumbs.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": points})
+    thumbs.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    me.wait(f"window.mars.state.player.frame.step === {step + 2}")
     me.page.evaluate("() => { document.body.style.minHeight = '3000px'; }")
     for action in (there, back, there, back):
         step = me.state()["step"]

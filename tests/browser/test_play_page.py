@@ -241,6 +241,29 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     again.kill()
 
 
+def test_a_size_that_is_not_asked_for_any_more_holds_nothing_up(serve, player):
+    me = player(serve(), NO_3D).goto()
+    me.page.get_by_test_id("open-settings").click()
+    me.page.get_by_test_id("size-custom").check()
+    me.page.get_by_test_id("rows").fill("3")
+    me.page.get_by_role("radio", name="42").check()
+    me.page.get_by_test_id("start").click()
+    me.wait("window.mars.state.player.frame.rows === 42")
+    assert me.errors == []
+
+
+def test_enter_at_the_end_opens_what_has_the_focus(serve, player):
+    me = player(serve(), NO_3D)
+    me.begin(size=[9, 12])
+    me.press("north")
+    episode = me.state()["episode"]
+    me.page.get_by_test_id("end-card").wait_for(state="visible")
+    me.page.get_by_label("Reward and return").first.focus()
+    me.page.keyboard.press("Enter")
+    me.page.get_by_text("Return so far").first.wait_for()
+    assert me.state()["episode"] == episode
+
+
 def test_a_second_tab_is_harmless(serve, player):
     server = serve()
     me = player(server, NO_3D)

@@ -82,7 +82,7 @@ export function createTerrainDialog(dialog, handlers) {
     for (const each of drawn) each.hidden = value.startsWith(MAP);
     /** @type {HTMLFieldSetElement} */ (form.querySelector("fieldset")).disabled = value.startsWith(MAP);
     input("seed").disabled = value.startsWith(MAP);
-    custom.hidden = side.value !== "custom";
+    custom.hidden = input("rows").disabled = input("cols").disabled = side.value !== "custom";
     hint.textContent = (levels.find(({ name }) => name === value) ?? maps.find(({ name }) => MAP + name === value))?.summary?.replace(" (section 3.2)", "") ?? "";
   }
   form.addEventListener("change", follow);
