@@ -1,6 +1,6 @@
 // Every message in both directions: the twin of app/board/messages.py (a test compares them). Types: types.d.ts.
 
-export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "clock", "kept"];
+export const FROM_SERVER = ["frame", "history", "refused", "error", "pace", "clock", "remade", "kept"];
 
 /** Return the act message. `step` is the number of moves made when it is due; `action` is the move's name.
  * @param {string} episode @param {number} step @param {Action} action @param {Timing} timing */

@@ -173,7 +173,10 @@ export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, on
       dispatch({ kind: "link", link: "lost" });
     },
   });
-  addEventListener("offline", () => dispatch({ kind: "link", link: "lost" }));
+  addEventListener("offline", () => {
+    dispatch({ kind: "link", link: "lost" });
+    open.forEach(({ follower }) => follower.check()); // one on this machine or near it may answer all the same
+  });
   addEventListener("online", restart);
   return {
     /** Follow the sessions of the boards, and ask for the history wherever steps are missing.

@@ -11,6 +11,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from app.board.messages import Remade
 from marsexplorer import policies
 from tests.browser.test_attested import click_into_the_view, there_and_back
 from tests.support.browser import AS_A_PERSON, KEY_OF, NO_3D, keep_picture
@@ -239,6 +240,34 @@ def test_a_lost_server_is_shown_within_two_seconds_and_heals_by_itself(spawn, pl
     # a server that was only slow keeps its connection
     assert not [url for url in sockets if "/ws/sessions/" in url]
     again.kill()
+
+
+def test_a_server_that_answers_while_the_browser_is_offline_is_not_lost(serve, player):
+    me = player(serve(), NO_3D)
+    me.begin(size=[9, 12], seed=3)
+    went = "dispatchEvent(new Event('offline')), window.mars.state.link"
+    assert me.page.evaluate(went) == "lost"
+    me.wait("window.mars.state.link === 'open'")
+    me.shows("link", "live")
+    me.press("east")
+    assert me.state()["step"] == 1
+
+
+def test_a_page_says_how_far_an_environment_that_was_lost_is_made_again(serve, player):
+    server = serve()
+    me = player(server, NO_3D)
+    about = me.begin(size=[9, 12], seed=3)
+    session = server.services.lobby.in_memory(about["session"])
+
+    async def tell():
+        session.remade = Remade(episode=about["frame"]["episode"], done=2, of=5)
+        session.channel.notify()
+
+    server.on_loop(tell())
+    said = "The environment was lost. It is made again: move 2 of 5."
+    me.page.get_by_test_id("clock").get_by_text(said).wait_for()
+    me.press("east")
+    me.page.get_by_test_id("clock").wait_for(state="hidden")
 
 
 def test_a_size_that_is_not_asked_for_any_more_holds_nothing_up(serve, player):

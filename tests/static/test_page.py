@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from pydantic import BaseModel
 
 from app.board import messages
 from app.tasks.mars import messages as mars
@@ -273,7 +274,12 @@ def test_the_page_and_the_server_name_the_same_messages():
         types = "common" if model is messages.Kept else "task/mars"
         named = [field.alias or name for name, field in model.model_fields.items()]
         assert fields(model.__name__, types) == named
-    assert listed("FROM_SERVER")[-1:] == list(kinds(messages.Kept))
+    answers = [each for each in BaseModel.__subclasses__() if each.__module__ == messages.__name__]
+    answers.remove(messages.Message)
+    texts = messages.encode_refused("", "null"), messages.encode_error("")
+    named = {json.loads(text)["kind"] for text in texts}
+    named.update(kind for each in (mars.Frame, mars.History, *answers) for kind in kinds(each))
+    assert sorted(listed("FROM_SERVER")) == sorted(named)
     world = (STATIC / "task/mars/index.js").read_text()
     assert re.findall(r'"(\w+)"', part(r"actions: \[(.*?)\]", world)) == list(ACTIONS)
     types = (STATIC / "task/mars/types.d.ts").read_text()

@@ -10,4 +10,5 @@ test("an act carries episode, step, action and times", () => {
 test("what is none of ours parses to null", () => {
   for (const text of ["", "{", "3", "null", '{"kind":"launch"}']) assert.equal(parse(text), null);
   assert.equal(parse('{"kind":"error","detail":"x"}').detail, "x");
+  assert.equal(parse('{"kind":"remade","episode":"e1","done":1,"of":3}').of, 3);
 });
