@@ -93,8 +93,8 @@ export function paintKeys(order, keys, layout) {
 const AGAIN = "Not this one. The rules below say it: have another look, then choose again.";
 const answer = (/** @type {number[]} */ answers) => go(() => study.answers(answers), "questions");
 const form = by("quiz", HTMLFormElement);
-/** @type {{question: string, choices: string[]}[]} */
-let asked = [];
+/** @type {{question: string, choices: string[]}[] | null} */
+let asked = null;
 /** @type {boolean[] | null} */
 let judged = null;
 
@@ -110,7 +110,7 @@ const chosen = (number) => Number(/** @type {HTMLInputElement | null} */ (form.q
 
 form.addEventListener("submit", (event) => {
   event.preventDefault();
-  const answers = asked.map((_, number) => chosen(number));
+  const answers = (asked ?? []).map((_, number) => chosen(number));
   const open = answers.indexOf(-1);
   if (open < 0) return answer(answers);
   by("quiz-status").textContent = `Please choose an answer to question ${open + 1} as well.`;

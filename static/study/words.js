@@ -72,7 +72,8 @@ function endNote({ score: scored }, advice, { phase, stage, rules, task }) {
 
 /** @param {Study.Participant} participant @param {Study.Participant["phase"]} phase */
 function endGo(participant, phase) {
-  if (phase === "tutorial") return `Go on to ${questionsTitle(participant.questions.length).toLowerCase()}`;
+  const { length } = participant.questions;
+  if (phase === "tutorial") return length ? `Go on to ${questionsTitle(length).toLowerCase()}` : "Go on";
   return participant.stage === participant.phase && !participant.break_due ? `Next ${participant.task.round}` : "Go on";
 }
 

@@ -401,6 +401,21 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
     assert me.errors == []
 
 
+def test_a_study_without_questions_goes_on_to_its_warm_up(serve, studies, participant):
+    me = participant(serve(studies=studies(questions=())))
+    me.choose("agree")
+    me.stands("instructions")
+    me.choose("to-tutorial")
+    me.driving()
+    me.press("north")  # over the edge
+    me.page.get_by_test_id("next").get_by_text("Go on", exact=True).wait_for()
+    me.wait("window.marsStudy.state.participant.about.frame.outcome")
+    me.page.keyboard.press("Enter")
+    me.stands("ready")
+    assert me.state("participant.stage") == "warm_up"
+    assert me.errors == []
+
+
 def chosen(tmp_path):
     """The palette and the keys to the east that the server keeps."""
     (settings,) = rows(tmp_path, "select settings from participants")[0]

@@ -39,4 +39,5 @@ test("the page's own sentences name the numbers of the protocol", () => {
   const two = { questions: [{ question: "?", choices: [] }, { question: "?", choices: [] }] };
   assert.equal(words.progress(participant({ stage: "questions", ...two }), false), "Two questions");
   assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial", ...two })).go, "Go on to two questions");
+  assert.equal(words.endCard(frame({ outcome: "explored" }), participant({ phase: "tutorial", stage: "tutorial" })).go, "Go on");
 });
