@@ -8,7 +8,8 @@ import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
 import { beatenText, bestText, lostText, standingText, summary, terrainText } from "./words.js";
 
-const task = await loadTask(await request("task"));
+/** @type {Task} */
+let task;
 const PAGE = 50;
 let shown = 0;
 let last = "";
@@ -48,23 +49,33 @@ function episodeRow(episode) {
 }
 
 async function load() {
+  const more = by("more", HTMLButtonElement);
+  more.disabled = true;
   try {
+    task ??= await loadTask(await request("task"));
     const history = /** @type {Me.History} */ (await request(`me/history?limit=${PAGE}${last && `&after=${last}`}`));
     put(by("sentence"), summary(task, history));
-    if (!shown) by("bests").replaceChildren(...history.bests.map(bestPanel));
+    if (!shown) {
+      by("bests").replaceChildren(...history.bests.map(bestPanel));
+      if (history.total && task.play) loadStanding();
+    }
     by("rows").append(...history.episodes.map(episodeRow));
     shown += history.episodes.length;
     last = history.episodes.at(-1)?.episode ?? last;
-    by("more").hidden = shown >= history.total;
+    more.hidden = shown >= history.total;
+    more.disabled = false;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
     by("lost").hidden = history.total === 0 || !task.play;
-    if (history.total && task.play && by("name-part").hidden) showStanding((await request("people")).you);
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
     setTimeout(load, 2000);
   }
+}
+/** Show the place among people, as soon as the server says it. */
+function loadStanding() {
+  request("people").then(({ you }) => showStanding(you), () => setTimeout(loadStanding, 2000));
 }
 /** @param {Me.Standing} standing */
 function showStanding(standing) {
@@ -89,25 +100,26 @@ async function setName(body) {
 
 /** How many of the newest episodes the curve has. */
 const CURVE = 20;
+/** How many moves each of them lost, the oldest first.
+ * @type {number[]} */
+const lost = [];
 
 /** Work out how many moves each of the newest episodes lost, the oldest first, and draw the curve as it comes. */
 async function workOut() {
   by("work-out").hidden = true;
   const { episodes } = /** @type {Me.History} */ (await request(`me/history?limit=${CURVE}`));
-  /** @type {number[]} */
-  const lost = [];
   for (const [index, { episode }] of episodes.reverse().entries()) {
     put(by("lost-note"), `Episode ${index + 1} of ${episodes.length}`);
     const found = /** @type {{total: number} | null} */ (await request(`episodes/${encodeURIComponent(episode)}/regret`, undefined, 120_000).catch(() => null));
     if (!found) continue; // too large a board, or today's terrain
     lost.push(found.total);
-    paintLost(lost);
+    paintLost();
   }
   put(by("lost-note"), lostText(lost));
 }
 
-/** @param {number[]} lost moves, the oldest episode first */
-function paintLost(lost) {
+function paintLost() {
+  if (!lost.length) return;
   const chart = by("lost-chart");
   chart.hidden = false;
   const { inks, you, font } = chartColours(chart);
@@ -123,5 +135,10 @@ by("name-form").addEventListener("submit", (event) => {
   setName({ name: by("name", HTMLInputElement).value });
 });
 by("remove-name").addEventListener("click", () => setName(undefined));
-by("more").addEventListener("click", load);
+by("more").addEventListener("click", async () => {
+  await load();
+  by("more").focus({ preventScroll: true }); // which a disabled button has lost
+});
+addEventListener("theme", paintLost);
+new ResizeObserver(paintLost).observe(by("lost-chart"));
 load();

@@ -1,11 +1,16 @@
 """The daily page and the page of one's own episodes in a real browser: one story, from nothing to the result."""
 
+from contextlib import closing
+
 import pytest
 
+from app.db.store import Store
 from app.tasks.mars.task import Mars
+from app.web.access import PLAYER_COOKIE
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies import load
 from tests.support.browser import AS_A_PERSON, NO_3D, keep_picture, violations
+from tests.support.recorded import play
 from tests.support.servers import eventually
 
 SIZES = {"1440": (1440, 900), "820": (820, 1180), "390": (390, 844)}
@@ -97,4 +102,52 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.get_by_test_id("history").get_by_role("link").last.click()
     page.get_by_role("heading", name=f"in {moves} moves").wait_for()
     assert wrong == []
+    assert me.errors == []
+
+
+CURVE = """() => {
+  const place = document.getElementById("lost-chart");
+  const canvas = place.querySelector("canvas");
+  return { fits: canvas.clientWidth <= place.clientWidth, drawn: canvas.toDataURL() };
+}"""
+
+
+def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for seed in range(5):
+            play(store, seed, explore=True)
+    server = serve()
+    me = player(server, NO_3D)
+    page, failed = me.page, set()
+    token = server.services.player_tokens.sign("ada")
+    page.context.add_cookies([{"name": PLAYER_COOKIE, "value": token, "url": server.url}])
+
+    def fail_once(route):
+        url = route.request.url
+        if url in failed or "after" in url:
+            return route.continue_(url=url.replace("limit=50", "limit=2"))
+        failed.add(url)
+        return route.abort()
+
+    for path in ("task", "people", "me/history?limit=50*"):
+        page.route(f"**/api/{path}", fail_once)
+    page.goto(f"{server.url}/me")
+    page.get_by_text("You have driven 5 episodes").wait_for()
+    page.get_by_test_id("name").wait_for()
+    rows = page.get_by_test_id("history").locator("tbody tr")
+    assert rows.count() == 2
+    page.get_by_test_id("more").dblclick()
+    me.wait("document.activeElement.dataset.testid === 'more'")
+    page.wait_for_timeout(300)
+    assert rows.count() == 4
+    page.keyboard.press("Enter")
+    page.get_by_test_id("more").wait_for(state="hidden")
+    assert rows.count() == 5
+    page.get_by_test_id("work-out").click()
+    page.get_by_text("moves lost an episode on average, over 5 episodes").wait_for()
+    page.set_viewport_size({"width": 390, "height": 844})
+    eventually(lambda: page.evaluate(CURVE)["fits"])
+    before = page.evaluate(CURVE)
+    page.get_by_test_id("theme").click()
+    eventually(lambda: page.evaluate(CURVE)["drawn"] != before["drawn"])
     assert me.errors == []
