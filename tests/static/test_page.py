@@ -158,6 +158,14 @@ def test_every_id_the_page_looks_up_is_there():
         assert asked <= ids, f"{path.name} looks for {asked - ids}"
 
 
+def test_the_document_names_all_that_a_browser_keeps():
+    written = "".join(path.read_text() for path in MODULES)
+    keys = set(re.findall(r'"(mars\.[\w.-]+)"', written)) - {"mars.first-frame"}  # a mark in time
+    assert {"mars.theme", "mars.played"} <= keys
+    document = (ROOT / "docs/protocol.md").read_text()
+    assert [key for key in sorted(keys) if f"`{key}`" not in document] == []
+
+
 def luminance(colour):
     """The relative luminance of "#rrggbb" (WCAG 2)."""
     shares = [int(colour[start : start + 2], 16) / 255 for start in (1, 3, 5)]
