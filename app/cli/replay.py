@@ -42,6 +42,12 @@ def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: fl
     from app.web.replays.files import VideoMissingError, file_of
 
     form = _format_of(out)
+    if form == "png":
+        if ghost not in (None, NO_GHOST):
+            raise UsageError(
+                "a picture shows no policy: leave --ghost out, or let --out end with .html"
+            )
+        ghost = NO_GHOST
     shown = _find(database, episode)
     try:
         courses = _courses(shown, ghost)

@@ -100,6 +100,8 @@ def merge_rows(target: sqlite3.Connection, source: sqlite3.Connection, where: st
     counts.forgotten = len(hidden["participants"])
     for table in MERGED:
         wanted = _visible(table, stream(source, f"SELECT * FROM {table}"), hidden)
+        if table == "releases":
+            wanted = _as_outdated(target, wanted)
         counts.added[table], counts.equal[table] = _merge_table(target, table, wanted, where)
     known_here = chain.things(source)
     found = {each for each in known_here if each.id not in hidden.get(f"{each.kind}s", ())}
@@ -181,6 +183,21 @@ def _visible(
     for row in found:
         if not any(row[name] in hidden.get(of, ()) for name, of in names.items()):
             yield row
+
+
+def _as_outdated(
+    target: sqlite3.Connection, found: Iterator[dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """Yield releases, those that the target has too outdated since the earlier of both times, there as well."""
+    match = "study = ? AND version = ? AND manifest_hash = ? AND released_ms = ?"
+    for row in found:
+        key = row["study"], row["version"], row["manifest_hash"], row["released_ms"]
+        for known in rows(target, f"SELECT outdated_ms FROM releases WHERE {match}", *key):
+            times = {known["outdated_ms"], row["outdated_ms"]} - {None}
+            row["outdated_ms"] = min(times, default=None)
+            sql = f"UPDATE releases SET outdated_ms = ? WHERE {match}"
+            target.execute(sql, (row["outdated_ms"], *key))
+        yield row
 
 
 def _merge_table(

@@ -92,11 +92,13 @@ SELECT
   t.episode_id AS episode,
   t.step,
   t.action, -- its code: the tables have the name that it has in the task
-  -- an invalid move, which is always the last one, leaves the rover where it was
-  e.start_row + sum(CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
-    ELSE CASE t.action WHEN 0 THEN -1 WHEN 2 THEN 1 ELSE 0 END END) OVER moves AS row,
-  e.start_col + sum(CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
-    ELSE CASE t.action WHEN 1 THEN 1 WHEN 3 THEN -1 ELSE 0 END END) OVER moves AS col,
+  -- an invalid move, which is always the last one, leaves the rover where it was; other tasks have no rover
+  CASE WHEN e.task = 'mars' THEN e.start_row + sum(
+    CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
+    ELSE CASE t.action WHEN 0 THEN -1 WHEN 2 THEN 1 ELSE 0 END END) OVER moves END AS row,
+  CASE WHEN e.task = 'mars' THEN e.start_col + sum(
+    CASE WHEN t.step = e.steps - 1 AND e.outcome IN ('collided', 'out_of_bounds') THEN 0
+    ELSE CASE t.action WHEN 1 THEN 1 WHEN 3 THEN -1 ELSE 0 END END) OVER moves END AS col,
   t.discovered,
   1.0 * t.discovered / (json_extract(e.config, '$.rows') * json_extract(e.config, '$.cols')) AS coverage,
   t.reward,

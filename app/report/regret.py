@@ -32,7 +32,7 @@ from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData, trial_records
 from app.series.policy_files import REGRET_POLICY
 from app.series.protocol import Protocol, StudyError
-from app.task import Record
+from app.task import MARS, Record
 from marsexplorer.intervals import Floats
 
 POLICY = REGRET_POLICY
@@ -176,8 +176,13 @@ def regret_of_study(
 ) -> tuple[RegretSummary, list[dict[str, Any]]]:
     """Return the summary over everybody who played, under pseudonyms, and every move of theirs as a dictionary.
 
-    ValueError where the boards are too large, and where nobody's finished episode can be shown yet.
+    ValueError for another task than MarsExplorer, where the boards are too large, and where nobody's finished episode can be
+    shown yet.
     """
+    if data.protocol.task != MARS:
+        raise ValueError(
+            f"the study {data.protocol.name!r} is of another environment, whose moves have no regret"
+        )
     _players(data).check_size(data.protocol.env_config)
     cohort, estimator = people_of(data), study_estimator(data, regret_cache(reader.path))
     is_closed = data.closed_ms is not None

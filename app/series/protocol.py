@@ -322,8 +322,10 @@ def parse_protocol(data: Mapping[str, Any]) -> Protocol:
     try:
         return Protocol.model_validate(data)
     except ValidationError as error:
-        what = describe_errors(error.errors(include_url=False))
-        raise StudyError(f"the protocol does not hold: {what}") from error
+        found = error.errors(include_url=False)
+        # said of a default that follows from a field which is wrong, and said itself
+        found = [each for each in found if each["type"] != "default_factory_not_called"]
+        raise StudyError(f"the protocol does not hold: {describe_errors(found)}") from error
 
 
 def canonical_json(value: Any) -> bytes:

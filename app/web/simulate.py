@@ -25,6 +25,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from app.task import MARS
 from app.tasks.mars.players import NoisyPolicy
 from app.tasks.mars.players import occupancy_codes as occupancy_codes
 
@@ -296,11 +297,14 @@ def open_client(plan: Plan) -> httpx.Client:
 
 
 def fetch_study(plan: Plan) -> dict[str, Any]:
-    """Return what the server says of the study; RefusedError when nobody can take part in it."""
+    """Return what the server says of the study; RefusedError when nobody can take part in it, or no policy plays it."""
     with open_client(plan) as client:
         found = _content(client.get(f"/api/studies/{quote(plan.study, safe='')}"))
     if found["status"] == "closed":
         raise RefusedError(409, f"the study {plan.study!r} is closed: nobody can take part in it")
+    if found["task"]["name"] != MARS:
+        only = "synthetic participants follow policies of MarsExplorer"
+        raise RefusedError(409, f"the study {plan.study!r} is of another environment: {only}")
     return found
 
 

@@ -225,7 +225,8 @@ def preview(course: Course) -> bytes:
     draw.text((left, 92), "MarsExplorer", MUTED, font(30), anchor="ls")
     lines = textwrap.wrap(course.headline.replace(" %", "\u00a0%"), 22)[:5]
     for number, line in enumerate(lines):
-        draw.text((left, 185 + 62 * number), line, TEXT, font(50), anchor="ls")
+        whole = line.replace("\u00a0", " ")  # for which the font has no glyph
+        draw.text((left, 185 + 62 * number), whole, TEXT, font(50), anchor="ls")
     _bar(draw, (left, 470, right, 486), course.coverage(course.moves), AMBER)
     draw.text((left, 535), "Watch every move, and a policy", MUTED, font(30), anchor="ls")
     draw.text((left, 575), "on the same ground.", MUTED, font(30), anchor="ls")

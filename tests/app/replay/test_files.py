@@ -9,7 +9,7 @@ from dataclasses import replace
 import av
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from app.tasks.mars.course import course_of, play_ghost
 from app.tasks.mars.pictures import AMBER, NIGHT, PREVIEW, ROCK, SOIL, board_picture
@@ -108,9 +108,19 @@ def test_a_gif_of_a_large_board_has_fewer_pictures_in_the_same_time():
     assert 14 < len(large.steps) / large.rate < 16
 
 
-def test_the_preview_has_the_size_that_sites_show(courses):
+def test_the_preview_has_the_size_that_sites_show(courses, monkeypatch):
+    drawn, draw = [], ImageDraw.ImageDraw.text
+    monkeypatch.setattr(
+        ImageDraw.ImageDraw,
+        "text",
+        lambda self, at, text, *rest, **more: (
+            drawn.append(text),
+            draw(self, at, text, *rest, **more),
+        ),
+    )
     with Image.open(io.BytesIO(file_of("png", "e", courses))) as picture:
         assert (picture.size, picture.format) == (PREVIEW, "PNG")
+    assert " ".join(drawn).isascii(), "the font has glyphs for these"
 
 
 def test_a_page_in_one_file_holds_every_module_and_asks_for_nothing(courses):

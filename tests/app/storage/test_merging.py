@@ -112,6 +112,19 @@ def test_a_copy_with_fewer_rows_of_somebody_is_refused_on_either_side(
         merge([tmp_path / first, tmp_path / ({"a.db", "b.db"} - {first}).pop()], tmp_path / "c.db")
 
 
+def test_a_release_is_outdated_since_anyone_knew(servers, tmp_path):
+    times = {"a.db": None, "b.db": 30, "c.db": 20}
+    for name, outdated_ms in times.items():
+        shutil.copy(servers[0] / "a.db", tmp_path / name)
+        with closing(sqlite3.connect(tmp_path / name)) as conn, conn:
+            conn.execute(
+                "INSERT INTO releases SELECT name, 1, 'abc', 10, ? FROM series", [outdated_ms]
+            )
+    for order in ("abc", "cba"):
+        merge([tmp_path / f"{name}.db" for name in order], tmp_path / f"{order}.db")
+        assert ask(tmp_path / f"{order}.db", "SELECT outdated_ms FROM releases") == [(20,)]
+
+
 def test_a_study_closed_in_one_is_closed_in_all(tmp_path):
     study = freeze(tmp_path / "studies", close=False)
     play_study(tmp_path / "a.db", study, ("human",))

@@ -142,7 +142,9 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     datasheet = (tmp_path / "bundle/DATASHEET.md").read_text()
     assert (sees in datasheet) == is_rooms
     with (tmp_path / "bundle/csv/steps.csv").open(newline="") as file:
-        told = [(each["episode"], each["action"]) for each in csv.DictReader(file)]
+        steps = list(csv.DictReader(file))
+    told = [(each["episode"], each["action"]) for each in steps]
+    assert {(each["row"], each["col"]) for each in steps} == {("", "")}, "no rover stands anywhere"
     path = tmp_path / "bundle/study.sqlite"
     (task,) = {task for (task,) in ask(path, "SELECT task FROM episodes")}
     actions = rules_of(task).actions
@@ -151,6 +153,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
+    assert run("regret", "--study", "any", *database, *studies) == 1
+    assert "of another environment, whose moves have no regret" in capsys.readouterr().err
 
 
 @pytest.mark.long

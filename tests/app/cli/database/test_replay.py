@@ -42,6 +42,7 @@ def test_an_episode_is_found_by_the_beginning_of_its_id_and_written_as_its_endin
         (ended.id, "c.txt", (), 2, "expected --out to end with one of .html, .gif, .mp4, .png"),
         (ended.id, "c.gif", ("--ghost", "nobody"), 2, 'no policy "nobody"'),
         (ended.id, "none/c.png", ("--ghost", "none"), 1, "choose another --out"),
+        (ended.id, "c.png", ("--ghost", "random"), 2, "a picture shows no policy"),
     ]:
         code, _, err = replay(episode, name, *rest)
         assert (code, words in err, err.count("\n")) == (status, True, 1), err
