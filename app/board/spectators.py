@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from app.board.lobby import Lobby
+from app.board.ranked import Locks
 from app.board.session import Session
 from app.db.playground import newest_episode, watchable_session
 from app.db.store import Resumable
@@ -22,6 +24,24 @@ from app.task import Run, describe, on_threads
 
 LOOK_S = 2.0
 """Seconds between two looks for a board that is not in memory."""
+T = TypeVar("T")
+
+
+class Replayer:
+    """Plays stored episodes again on a thread of its own, so that no board waits for it; owners take turns."""
+
+    def __init__(self) -> None:
+        self._turns, self._thread = Locks(), ThreadPoolExecutor(1, "replays")
+
+    async def run(self, owner: str, function: Callable[..., T], *arguments: Any) -> T:
+        """Return what a function comes to, once nothing else of the owner's runs or waits and its turn has come."""
+        async with self._turns.of(owner):
+            loop = asyncio.get_running_loop()
+            return await loop.run_in_executor(self._thread, function, *arguments)
+
+    def close(self) -> None:
+        """Begin nothing more."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
 
 
 class UnwatchableError(LookupError):
@@ -42,8 +62,8 @@ class Shown(NamedTuple):
 class Spectators:
     """What spectators are shown of the boards of a lobby."""
 
-    def __init__(self, lobby: Lobby) -> None:
-        self._lobby = lobby
+    def __init__(self, lobby: Lobby, replayer: Replayer) -> None:
+        self._lobby, self._replayer = lobby, replayer
 
     async def shown(self, link: str, viewer: str | None = None) -> Shown:
         """Return what a link shows: the newest episode of the board whose id for watching it is, or the episode of that id.
@@ -65,18 +85,18 @@ class Spectators:
 
         return await store.read(read)
 
-    async def describe(self, link: str, viewer: str | None = None) -> dict[str, Any]:
+    async def describe(self, link: str, owner: str, viewer: str | None = None) -> dict[str, Any]:
         """Return the episode that a link shows as it stands, with every frame once it has ended.
 
-        UnwatchableError and `viewer` as for `shown`.
+        `owner` is whose turn it is where moves are made again; UnwatchableError and `viewer` as for `shown`.
         """
         episode_id = (await self.shown(link, viewer)).episode_id
-        found, run = await self._stored(episode_id, link)
+        found, run = await self._stored(episode_id, link, owner)
         task, shown = self._lobby.task, run.view()
         about = task.describe(found.episode)
         whole = None
         if found.ended:
-            whole = await on_threads(task, task.frames, run.record(), episode_id)
+            whole = await self._again(owner, task.frames, run.record(), episode_id)
         return {
             "episode": episode_id,
             "player": self._who_drives(found, viewer),
@@ -87,11 +107,13 @@ class Spectators:
             "frames": whole,
         }
 
-    async def messages(self, link: str, viewer: str | None = None) -> AsyncGenerator[str, None]:
+    async def messages(
+        self, link: str, owner: str, viewer: str | None = None
+    ) -> AsyncGenerator[str, None]:
         """Yield the newest frame whenever it changes, and the history wherever frames were missed.
 
         It ends with the episode where the link names one, and never where it names a board: the next episode follows there.
-        UnwatchableError and `viewer` as for `shown`.
+        UnwatchableError, `owner` and `viewer` as for `describe`.
         """
         newest, steps, woken, last_id = "", -2, asyncio.Event(), ""
         board: Session | None = None
@@ -106,7 +128,8 @@ class Spectators:
                     board = now
                     if board is not None:
                         listening.callback(board.channel.add_listener(woken.set))
-                shown = board.shown if board else (await self._stored(episode_id, link))[1].view()
+                asked = episode_id, link, owner
+                shown = board.shown if board else (await self._stored(*asked))[1].view()
                 frame = shown.frame(episode_id) if board is None else board.frame
                 has_ended, is_behind = shown.ended, shown.steps > steps + 1
                 if frame != newest:
@@ -134,7 +157,7 @@ class Spectators:
         board = self._lobby.in_memory(session_id)
         return board if board is not None and board.current.id == episode_id else None
 
-    async def _stored(self, episode_id: str, link: str) -> tuple[Resumable, Run]:
+    async def _stored(self, episode_id: str, link: str, owner: str) -> tuple[Resumable, Run]:
         """Return the episode that a link shows as the store holds it; UnwatchableError where the rules have changed."""
         store, task = self._lobby.store, self._lobby.task
         found = await store.read(lambda: store.find_episode(episode_id))
@@ -143,7 +166,14 @@ class Spectators:
         try:
             if found.ended:
                 record = await store.read(lambda: store.load_record(episode_id))
-                return found, await on_threads(task, task.replay_record, record)
-            return found, await on_threads(task, task.replay, found.episode, found.actions)
+                return found, await self._again(owner, task.replay_record, record)
+            return found, await self._again(owner, task.replay, found.episode, found.actions)
         except ValueError as error:
             raise UnwatchableError(link) from error
+
+    async def _again(self, owner: str, function: Callable[..., T], *arguments: Any) -> T:
+        """Return what comes of moves that are made again: on the threads of a task that has some for waiting."""
+        task = self._lobby.task
+        if task.steps_on is not None:
+            return await on_threads(task, function, *arguments)
+        return await self._replayer.run(owner, function, *arguments)

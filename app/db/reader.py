@@ -171,14 +171,18 @@ class Reader:
         sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"
         return self.query(sql, [episode_id])
 
+    def trial(self, episode_id: str) -> Trial | None:
+        """Return one finished episode without its moves, or None."""
+        found = self.query(f"{self._select} AND e.id = ?", [episode_id])
+        return Trial.of(found[0]) if found else None
+
     def episode(self, episode_id: str) -> dict[str, Any] | None:
         """Return one finished episode as `episodes` does, with the times of every move under `moves`, or None."""
-        for row in list(self._db.query(f"{self._select} AND e.id = ?", [episode_id])):
-            steps = self.steps(episode_id)
-            trial = Trial.of(row)
-            moves = [_move(step, trial.rules.actions) for step in steps]
-            return {**_described(trial, steps), "moves": moves}
-        return None
+        if (trial := self.trial(episode_id)) is None:
+            return None
+        steps = self.steps(episode_id)
+        moves = [_move(step, trial.rules.actions) for step in steps]
+        return {**_described(trial, steps), "moves": moves}
 
     def who_drove(self, episode_id: str, viewer: str | None = None) -> str:
         """Return who drove an episode: "you" (the viewer), "synthetic" (a synthetic participant), else its driver."""

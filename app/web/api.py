@@ -1,6 +1,5 @@
 """The HTTP API for playing: the page uses it, and so may any script. `/docs` describes it."""
 
-import asyncio
 import json
 from functools import lru_cache
 from typing import Annotated, Any
@@ -102,7 +101,7 @@ async def readyz(request: Request) -> dict[str, str]:
     """
     services_of(request).store.check_recording()
     services_of(request).health.check_whole()
-    await asyncio.to_thread(services_of(request).health.try_write)
+    await services_of(request).health.try_write()
     return {"status": "ok"}
 
 

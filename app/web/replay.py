@@ -31,7 +31,8 @@ NO_GHOST = "none"
 async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
     """Return where the rover was after each move and since when each cell was known, for a replay; 404 as for the episode."""
     with bad_input():
-        return (await services_of(request).replays.replay(episode_id, asker_of(request))).document()
+        replays, owner = services_of(request).replays, owner_of(request)
+        return (await replays.replay(episode_id, asker_of(request), owner)).document()
 
 
 @router.get("/api/replay-of-the-week", tags=["results"], summary="The best replay of the week")
@@ -50,13 +51,13 @@ async def get_ghost(
     request: Request, episode_id: str, policy: PolicyName | None = None
 ) -> dict[str, Any]:
     """Return the course of a policy, the usual one by default, from the same start on the same terrain; 404 as before."""
-    asker, replays = asker_of(request), services_of(request).replays
+    asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
     with bad_input():
-        chosen = policy or (await replays.replay(episode_id, asker)).preferred
+        chosen = policy or (await replays.replay(episode_id, asker, owner)).preferred
         if chosen is None:
             why = "no policy on offer plays boards of this size; GET /api/policies lists them"
             raise HTTPException(404, why)
-        course = await replays.ghost(episode_id, chosen, asker, owner_of(request))
+        course = await replays.ghost(episode_id, chosen, asker, owner)
         return cast(dict[str, Any], course.to_dict())
 
 
@@ -73,11 +74,11 @@ async def replay_file(
     The page holds everything that it needs and opens from a disk without a network. The picture shows the end, and no policy.
     404 as for the episode, and for an MP4 where the server cannot make one.
     """
-    asker, replays = asker_of(request), services_of(request).replays
+    asker, owner, replays = asker_of(request), owner_of(request), services_of(request).replays
     with bad_input():
-        chosen = ghost or (await replays.replay(episode_id, asker)).preferred
+        chosen = ghost or (await replays.replay(episode_id, asker, owner)).preferred
         beside = None if chosen == NO_GHOST or form == "png" else chosen
-        content = await replays.file(episode_id, form, beside, asker, owner_of(request))
+        content = await replays.file(episode_id, form, beside, asker, owner)
     # the page would not run here: the server's own policy for scripts forbids those inside a page
     kind = "attachment" if form == "html" else "inline"
     name = f"marsexplorer-{quote(episode_id)}.{form}"
@@ -91,7 +92,8 @@ async def replay_page(request: Request, episode_id: str) -> Response:
     asker = asker_of(request)
     try:
         with bad_input():
-            replay = await services_of(request).replays.replay(episode_id, asker)
+            replays, owner = services_of(request).replays, owner_of(request)
+            replay = await replays.replay(episode_id, asker, owner)
     except UnknownReplayError:
         services = services_of(request)
         store, now = services.store, services.lobby.sources.clock_ms()

@@ -145,7 +145,7 @@ async def regret_of(request: Request, record: Record) -> dict[str, Any]:
 def _public_record(request: Request, episode_id: str) -> Record:
     """Return the cause of a finished episode that the asker may see; HTTPException 404 otherwise."""
     with _reader(request) as reader:
-        if reader.episode(episode_id) is None:
+        if reader.trial(episode_id) is None:
             raise HTTPException(404, UNKNOWN.format(episode_id))
         return reader.load_record(episode_id)
 

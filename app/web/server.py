@@ -31,7 +31,7 @@ from app.board.lobby import Lobby
 from app.board.messages import MAX_MESSAGE_BYTES
 from app.board.ranked import PageBoards
 from app.board.sources import PlayerTokens, Sources
-from app.board.spectators import Spectators
+from app.board.spectators import Replayer, Spectators
 from app.db.backup import Backups
 from app.db.checks import quick_check
 from app.db.database import StoreError, damaged
@@ -247,7 +247,7 @@ def _services(
     lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
-    downloads = Downloads(store.path, jobs)
+    downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)
     what = "Jobs that wait: ghosts, regrets, exports, evaluations."
     store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
@@ -257,7 +257,8 @@ def _services(
         downloads=downloads,
         lobby=lobby,
         page_boards=PageBoards(lobby, settings.abandon_after_s, settings.limits.unplayed_h),
-        spectators=Spectators(lobby),
+        replayer=replayer,
+        spectators=Spectators(lobby, replayer),
         daily_boards=DailyBoards(lobby),
         daily_policies=DailyPolicies(
             store.path.with_name(store.path.name + "-daily.json"), offers, jobs
@@ -268,7 +269,7 @@ def _services(
         cards=Cards(progress),
         debriefs=Debriefs(store),
         leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
-        replays=Replays(store.path, offers, jobs, task),
+        replays=Replays(store.path, offers, jobs, task, replayer),
         ratings=Ratings(lobby, jobs),
         health=health,
         admin=None

@@ -9,7 +9,7 @@ from typing import Any
 from app.board.lobby import Lobby
 from app.board.ranked import PageBoards
 from app.board.sources import PlayerTokens
-from app.board.spectators import Spectators
+from app.board.spectators import Replayer, Spectators
 from app.db.store import Store
 from app.jobs import Jobs
 from app.series.cards import Cards
@@ -34,6 +34,7 @@ class Services:
     downloads      the files that are made for somebody and sent
     lobby          the sessions
     page_boards    begins the boards of the page's players, and ends the ranked ones that are left
+    replayer       plays stored episodes again
     spectators     what anybody may watch
     daily_boards   today's terrain, and the boards on which players attempt it
     daily_policies the shipped policies on daily terrains
@@ -54,6 +55,7 @@ class Services:
     downloads: Downloads
     lobby: Lobby
     page_boards: PageBoards
+    replayer: Replayer
     spectators: Spectators
     daily_boards: DailyBoards
     daily_policies: DailyPolicies
@@ -74,6 +76,7 @@ class Services:
         await asyncio.to_thread(self.health.stop)
         await asyncio.to_thread(self.jobs.close)
         await asyncio.to_thread(self.downloads.close)
+        self.replayer.close()
         self.lobby.close()
         if self.viewer is not None:
             self.viewer.close()

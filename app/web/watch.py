@@ -11,7 +11,7 @@ from fastapi.responses import RedirectResponse, Response
 
 from app.board.messages import encode_error
 from app.board.spectators import UnwatchableError
-from app.web.access import asker_of, close, player_of, services_of
+from app.web.access import asker_of, close, owner_of, player_of, services_of
 from app.web.pages import page
 from app.web.sockets import UNKNOWN_SESSION, ignore_all, send_while
 
@@ -27,7 +27,8 @@ async def get_watched(request: Request, watch_id: str) -> dict[str, Any]:
     `player` is "you", "human", "script" or a policy's name. Episodes of studies cannot be watched, and one of a daily terrain
     only by its own player before the day is over.
     """
-    return await services_of(request).spectators.describe(watch_id, player_of(request))
+    asked = watch_id, owner_of(request), player_of(request)
+    return await services_of(request).spectators.describe(*asked)
 
 
 @router.get("/watch/{watch_id}", include_in_schema=False)
@@ -47,7 +48,8 @@ async def watch_page(request: Request, watch_id: str) -> Response:
 async def watch_socket(websocket: WebSocket, watch_id: str) -> None:
     """Send a board's frames as they come, or an episode's until it has ended; what the spectator sends is ignored."""
     await websocket.accept()
-    messages = services_of(websocket).spectators.messages(watch_id, player_of(websocket))
+    asked = watch_id, owner_of(websocket), player_of(websocket)
+    messages = services_of(websocket).spectators.messages(*asked)
     await send_while(ignore_all(websocket), _send(websocket, messages))
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import shutil
 import sqlite3
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ class Health:
         self._check: dict[str, Any] | None = None
         self._checking, self._is_ending = threading.Lock(), False
         self._conn: sqlite3.Connection | None = None
+        self._trying = ThreadPoolExecutor(1, "readyz")  # others' work keeps no probe waiting
 
     def check(self) -> None:
         """Check the database, and log what is damaged; it takes milliseconds to minutes, so call it in a thread."""
@@ -62,9 +65,10 @@ class Health:
             what = f"the database {self._database.name} is damaged"
             raise StoreError(f"{what}: the server's log says what to do")
 
-    def try_write(self) -> None:
-        """Write a row and commit it; StoreError with the reason when that fails. Call it in a thread."""
-        try_write(self._database)
+    async def try_write(self) -> None:
+        """Write a row and commit it; StoreError with the reason when that fails."""
+        loop = asyncio.get_running_loop()
+        await loop.run_in_executor(self._trying, try_write, self._database)
 
     def free_bytes(self) -> int:
         """Return the free space of the disk that the database is on."""

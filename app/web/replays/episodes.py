@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from app.db.reader import Reader
+from app.db.trial import Trial
 from app.task import Record, Rules, rules_of
 from app.web.replays.frames import FrameCourses
 
@@ -38,23 +40,33 @@ STRANGER = Asker()
 
 @dataclass(frozen=True)
 class ShownEpisode:
-    """An ended episode that the asker may see: its id, its cause, and who drove in words.
+    """An ended episode that the asker may see: where it is stored, and who drove in words.
 
-    task        what was played
     name        for everybody
     asker_name  for the asker: "You" where it was they
     """
 
-    id: str
-    task: str
-    record: Record
+    database: Path
+    trial: Trial
     name: str
     asker_name: str
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+        return self.trial.id
+
+    @cached_property
+    def record(self) -> Record:
+        """Its cause: all of its moves are read when it is first asked for, so ask on a thread."""
+        with closing(Reader.open(self.database)) as reader:
+            return reader.load_record(self.id)
 
 
 def courses_of(episode: ShownEpisode, served: Rules | None = None) -> Any:
     """Return what makes courses of an episode's task; `served` is that of a server, whose runs are guarded."""
-    rules = served if served and served.name == episode.task else rules_of(episode.task)
+    task = episode.trial.task
+    rules = served if served and served.name == task else rules_of(task)
     return rules.courses or FrameCourses(rules)
 
 
@@ -66,13 +78,13 @@ def shown_episode(database: Path, episode_id: str, asker: Asker = STRANGER) -> S
     """
     opened = Reader.open(database, public=True, at_ms=asker.at_ms)
     with closing(opened) as reader, reader.snapshot():
-        found = reader.episode(episode_id)
-        if found is None:
+        trial = reader.trial(episode_id)
+        if trial is None:
             what = f"no finished episode {episode_id!r} that can be replayed"
             raise UnknownReplayError(f"{what}: check the link")
         drivers = [reader.who_drove(episode_id, viewer) for viewer in (None, asker.player_id)]
         names = [NAMES.get(each) or each.removeprefix("policy:") for each in drivers]
-        return ShownEpisode(episode_id, found["task"], reader.load_record(episode_id), *names)
+        return ShownEpisode(database, trial, *names)
 
 
 def find_episode(database: Path, prefix: str) -> ShownEpisode:

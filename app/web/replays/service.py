@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from app.board.spectators import Replayer
 from app.db.reader import Reader
 from app.db.store import DAY_MS
 from app.jobs import Jobs
-from app.task import MARS, Course, GhostError, PolicyOffer, Record, RunEndedError, Task, on_threads
+from app.task import MARS, Course, GhostError, PolicyOffer, RunEndedError, Task
 from app.web.replays.episodes import (
     STRANGER,
     Asker,
@@ -28,7 +29,7 @@ from app.web.replays.files import Format, file_of
 from app.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
-"""Courses of policies, and files, that are kept."""
+"""Courses of policies, and files and replays, that are kept."""
 BEST_FOR_MS, MOST_CELLS = 600_000, 1764
 """How long the best replay of the week stays it, and how many cells it has at most."""
 LONGEST_S = 30.0
@@ -54,17 +55,25 @@ class Replay:
 
 
 class Replays:
-    """Replays of one server; every call asks the database again whether the episode may be seen."""
+    """Replays of one server; every call asks the database again whether the episode may be seen.
+
+    `owner` is whose turn it is where something takes long.
+    """
 
     def __init__(
-        self, database: Path, offers: Sequence[PolicyOffer], jobs: Jobs, task: Task
+        self,
+        database: Path,
+        offers: Sequence[PolicyOffer],
+        jobs: Jobs,
+        task: Task,
+        replayer: Replayer,
     ) -> None:
-        self._database, self._jobs, self._task = database, jobs, task
+        self._database, self._jobs, self._task, self._replayer = database, jobs, task, replayer
         self._offers = {offer.name: offer for offer in offers}
         self._courses: dict[Hashable, Course] = {}
         self._files: dict[Hashable, bytes] = {}
         self._best: tuple[int, dict[str, Any] | None] = (0, None)
-        self._looking, self._playing = asyncio.Lock(), asyncio.Lock()
+        self._looking = asyncio.Lock()
         self._replays: dict[Hashable, Replay] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
@@ -73,32 +82,22 @@ class Replays:
             found = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         except UnknownReplayError:
             return False
-        return found.task in (MARS, self._task.name)
+        return found.trial.task in (MARS, self._task.name)
 
-    async def replay(self, episode_id: str, asker: Asker) -> Replay:
+    async def replay(self, episode_id: str, asker: Asker, owner: str) -> Replay:
         """Return the replay of an episode.
 
         UnknownReplayError where the asker may see none, ValueError where the rules that it was played by are gone.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
-        if episode.task == MARS:
-            return await asyncio.to_thread(self._replay, episode)
-        if episode.task != self._task.name:
-            raise UnknownReplayError(f"this server plays no episodes of {episode.task}")
-        key = ("frames", episode_id, episode.record.trajectory_hash, episode.asker_name)
-        async with self._playing:  # one at a time: it plays all of its moves again
-            if (kept := self._replays.get(key)) is not None:
-                return kept
-            try:
-                found = await on_threads(self._task, self._replay, episode)
-            except RunEndedError as error:
-                raise ValueError(str(error)) from error
-            return _keep(self._replays, MAX_FILES, key, found)
+        if (task := episode.trial.task) not in (MARS, self._task.name):
+            raise UnknownReplayError(f"this server plays no episodes of {task}")
+        return await self._replayer.run(owner, self._replay, episode)
 
     async def ghost(self, episode_id: str, name: str, asker: Asker, owner: str) -> Course:
         """Return the course of a policy on the terrain of an episode.
 
-        GhostError, JobError and JobsFullError as well, see `replay`. `owner` is whose turn the job has.
+        GhostError, JobError and JobsFullError as well, see `replay`.
         """
         episode = await asyncio.to_thread(shown_episode, self._database, episode_id, asker)
         return await self._ghost(episode, name, owner)
@@ -107,9 +106,8 @@ class Replays:
         self, episode_id: str, form: Format, ghost: str | None, asker: Asker, owner: str
     ) -> bytes:
         """Return a replay as a file, with a policy on the same terrain unless `ghost` is None; see `ghost`."""
-        shown = await self.replay(episode_id, asker)
-        record = shown.episode.record
-        key = ("replay", episode_id, record.trajectory_hash, form, ghost)
+        shown = await self.replay(episode_id, asker, owner)
+        key = ("replay", episode_id, shown.episode.trial.trajectory_hash, form, ghost)
         if (kept := self._files.get(key)) is not None:
             return kept
         courses = [replace(shown.course, name=shown.episode.name)]  # a file is for everybody
@@ -127,7 +125,7 @@ class Replays:
         async with self._looking:
             at_ms, found = self._best
             if now_ms - at_ms >= BEST_FOR_MS:
-                found = await asyncio.to_thread(self._best_since, now_ms)
+                found = await self._replayer.run("", self._best_since, now_ms)
                 self._best = now_ms, found
         return found
 
@@ -142,18 +140,27 @@ class Replays:
             return None  # it was erased meanwhile, or by rules that are gone
 
     def _replay(self, episode: ShownEpisode) -> Replay:
+        """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""
+        key = episode.id, episode.trial.trajectory_hash, episode.asker_name
+        if (kept := self._replays.get(key)) is not None:
+            return kept
         courses = courses_of(episode, self._task)
-        course = courses.course_of(episode.asker_name, episode.record)
-        ghosts = courses.choices(list(self._offers.values()), episode.record.config)
-        return Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
+        try:
+            course = courses.course_of(episode.asker_name, episode.record)
+        except RunEndedError as error:
+            raise ValueError(str(error)) from error
+        ghosts = courses.choices(list(self._offers.values()), episode.trial.config)
+        found = Replay(episode, course, tuple(ghosts), courses.preferred(episode.name, ghosts))
+        return _keep(self._replays, MAX_FILES, key, found)
 
     async def _ghost(self, episode: ShownEpisode, name: str, owner: str) -> Course:
         if name not in self._offers:
             raise GhostError(f"no policy {name!r}; choose one of: {', '.join(self._offers)}")
-        record: Record = episode.record
-        key = ("ghost", name, record.config.hash, record.terrain, record.start)
+        trial = episode.trial
+        key = ("ghost", name, trial.config.hash, trial.terrain, trial.start)
         if (kept := self._courses.get(key)) is not None:
             return kept
+        record = await self._replayer.run(owner, lambda: episode.record)
         play, source = courses_of(episode).play_ghost, self._offers[name].source
         course = await self._jobs.run(play, source, record, owner=owner, key=key, limit_s=LONGEST_S)
         return _keep(self._courses, MAX_COURSES, key, course)

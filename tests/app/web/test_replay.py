@@ -3,13 +3,16 @@
 import json
 import re
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from html.parser import HTMLParser
 
 import httpx
 import pytest
 
 from app.db.store import Store
+from app.web.replays import service
 from tests.support import job_functions
 from tests.support.recorded import add_session, open_episode, play
 from tests.support.servers import eventually
@@ -90,6 +93,39 @@ def test_an_address_with_34_questions_has_two_that_wait_and_keeps_no_ghost_from_
     assert {(each.status_code, each.headers["Retry-After"]) for each in refused} == {(503, "5")}
     assert min(each.elapsed.total_seconds() for each in refused) >= 1, "no faster than that"
     assert other.get(ghost).status_code == 200
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one machine has many addresses there alone")
+def test_replays_are_kept_and_those_of_one_address_delay_neither_boards_nor_probes_nor_anothers_twice(
+    serve, tmp_path, monkeypatch
+):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        replays = [f"/api/episodes/{play(store, seed).id}/replay" for seed in range(13)]
+    begun, goes_on, make = [], threading.Semaphore(0), service.courses_of
+
+    def wait_and_make(episode, served):
+        begun.append(f"/api/episodes/{episode.id}/replay")
+        assert goes_on.acquire(timeout=20)
+        return make(episode, served)
+
+    monkeypatch.setattr(service, "courses_of", wait_and_make)
+    server = serve()
+    greedy, other = (
+        server.client(transport=httpx.HTTPTransport(local_address=f"127.0.0.{number}"))
+        for number in (2, 3)
+    )
+    with ThreadPoolExecutor(13) as connections:
+        asked = [connections.submit(greedy.get, each) for each in replays[:12]]
+        eventually(lambda: begun)
+        assert other.post("/api/sessions", json={}, timeout=5).status_code == 201
+        assert other.get("/readyz", timeout=5).status_code == 200
+        asked.append(connections.submit(other.get, replays[12]))
+        eventually(lambda: server.services.replayer._thread._work_queue.qsize())
+        goes_on.release(13)
+        assert {each.result().status_code for each in asked} == {200}
+    assert begun.index(replays[12]) == 1
+    assert other.get(replays[12]).json() == asked[12].result().json()
+    assert len(begun) == 13
 
 
 def test_a_ghost_that_takes_too_long_is_ended_and_not_tried_again(serve, tmp_path, monkeypatch):
