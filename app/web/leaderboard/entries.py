@@ -6,6 +6,7 @@ episode would reveal hidden scores to its players. `make_board` makes the figure
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -107,9 +108,14 @@ class ClosedStudies:
         self._known: dict[tuple[str, int | None, int], tuple[StudyData, dict[str, Any] | None]] = {}
 
     def closed(self, reader: Reader) -> list[tuple[StudyData, dict[str, Any] | None]]:
-        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time."""
+        """Return each closed study with its people's figure and pictures, None for nobody; seconds the first time.
+
+        One of another task is left out: it has no boards to compare by.
+        """
         found = []
         for study in closed_studies(reader):
+            if json.loads(study.protocol).get("task", MARS) != MARS:
+                continue
             # one who is forgotten afterwards is gone from here as well
             key = (study.name, study.closed_ms, count_participants(reader, study.name))
             if key not in self._known:
@@ -178,7 +184,7 @@ def list_entries(
 ) -> list[LeaderboardEntry]:
     """Return every entry: closed studies, then what people have played to the end, the most played first, then the rest.
 
-    So nobody puts a board first by leaving it. Boards other than studies are MarsExplorer's, where that is the server's `task`.
+    So nobody puts a board first by leaving it. All are MarsExplorer's, and only studies where that is not the server's `task`.
     """
     found = [_of_study(data, human) for data, human in studies.closed(reader)]
     if task != MARS:

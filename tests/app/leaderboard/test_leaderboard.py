@@ -2,19 +2,25 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import numpy as np
 import pytest
 
+from app.db.series import add_series
 from app.db.store import Store
+from app.db.study_rows import SeriesRow
 from app.report.statistics import human_level
 from app.report.statistics.human_level import VolunteerFigures
 from app.series.folder import Folder
+from app.series.protocol import canonical, default_protocol, protocol_hash
+from app.task import rules_of
 from app.web.leaderboard import entries
 from app.web.leaderboard.entries import ClosedStudies
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
 from marsexplorer.training.envs import EVALUATION_SEEDS
+from tests.support.declared import DECLARATIONS
 from tests.support.recorded import SMALL, add_session, open_episode, play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -218,3 +224,17 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     own = [evaluate(["frontier-cost"], config, 2, seed) for seed in seeds]
     mean = np.mean([table.results[0].steps_to_99 for table in own])
     assert found["policies"][0]["figure"]["steps"]["mean"] == pytest.approx(mean)
+
+
+def test_a_closed_study_of_another_environment_has_no_board_and_hides_no_others(serve, tmp_path):
+    lake = rules_of("gymnasium:FrozenLake-v1")
+    played = default_protocol("lake", lake.default, lake.name, declarations=DECLARATIONS)
+    hashes = protocol_hash(played), "c" * 64
+    row = SeriesRow("lake", canonical(played).decode(), *hashes, 1, closed_ms=2, secret="5" * 64)
+    with closing(Store(tmp_path / "playground.db")) as store:
+        add_series(store, row)
+    client = serve().client()
+    boards = client.get("/api/leaderboard").json()
+    assert len(boards) == len(entries.offered())
+    assert client.get("/api/leaderboard/study-lake").status_code == 404
+    assert client.get(f"/api/leaderboard/{boards[0]['id']}").status_code == 200
