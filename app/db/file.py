@@ -25,6 +25,7 @@ import contextlib
 import fcntl
 import os
 import sys
+import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -39,6 +40,8 @@ _ENDED, _RUNS = "-", "runs"
 Identity = tuple[int, int]
 """Device and inode."""
 
+_counting = threading.Lock()
+"""A reader on a thread of its own must not be lost from the count: the file would be taken for unused."""
 _in_use: Counter[Identity] = Counter()
 _to_close: dict[Identity, list[int]] = {}
 _locked: set[Identity] = set()
@@ -67,21 +70,24 @@ def is_in_use(path: Path) -> bool:
 def hold(path: Path) -> Callable[[], None]:
     """Count the file as in use by this process, and return the function to call when the connection to it is closed."""
     held = [identity_of(path)]
-    _in_use.update(held)
+    with _counting:
+        _in_use.update(held)
 
     def release() -> None:
-        _in_use.subtract(held)
-        for identity in held:
-            _close_unused(identity)
-        held.clear()
+        with _counting:
+            _in_use.subtract(held)
+            for identity in held:
+                _close_unused(identity)
+            held.clear()
 
     return release
 
 
 def close_when_unused(handle: int, identity: Identity) -> None:
     """Close a handle of our own on a database: now, or once no connection of this process has the file open."""
-    _to_close.setdefault(identity, []).append(handle)
-    _close_unused(identity)
+    with _counting:
+        _to_close.setdefault(identity, []).append(handle)
+        _close_unused(identity)
 
 
 def _close_unused(identity: Identity) -> None:

@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from app.db import file
 from app.db.file import StoreError
 from app.db.reader import Reader
 from app.db.store import Store
@@ -63,6 +66,31 @@ def test_refusing_a_second_server_keeps_the_locks_of_the_first(path, tmp_path):
     subprocess.run([sys.executable, "-c", code, str(path)], check=True)
     assert path.with_name("play.db-wal").exists(), "the reader still has the log"
     reader.close()
+
+
+def test_readers_on_many_threads_are_counted_one_by_one(path, monkeypatch):
+    path.touch()
+    identity, interval = file.identity_of(path), sys.getswitchinterval()
+    monkeypatch.setattr(
+        file, "identity_of", lambda _: identity
+    )  # the system's calls take most of the time
+    held, until = file.hold(path), time.monotonic() + 1
+
+    def come_and_go():
+        while time.monotonic() < until:
+            for release in [file.hold(path) for _ in range(20)]:
+                release()
+
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(6) as readers:
+            for each in [readers.submit(come_and_go) for _ in range(6)]:
+                each.result()
+    finally:
+        sys.setswitchinterval(interval)
+    assert file.is_in_use(path)
+    held()
+    assert not file.is_in_use(path)
 
 
 def test_a_handle_of_the_lock_is_closed_with_the_last_connection(path):
