@@ -95,7 +95,7 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
         with reading(database) as conn, closing(sqlite3.connect(target)) as copy:
             # from here on `conn` sees one moment
             conn.execute("SELECT count(*) FROM meta").fetchone()
-            _check_room(conn, target)
+            check_room(conn, target.parent, "make room there, or give another place")
             conn.backup(copy, pages=PAGES, progress=progress)
             # one file, which can be read where nothing can be written
             copy.execute("PRAGMA journal_mode = DELETE")
@@ -103,15 +103,14 @@ def _copy(database: Path, target: Path, advance: Advance | None) -> None:
         raise StoreError(f"cannot copy {database} to {target}: {error}") from error
 
 
-def _check_room(conn: sqlite3.Connection, target: Path) -> None:
-    """Check that the disk has room for a copy of a database; StoreError otherwise."""
+def check_room(conn: sqlite3.Connection, folder: Path, way_out: str) -> None:
+    """Check that a folder's disk has room for a copy of a database; StoreError, with the way out, otherwise."""
     names = ("page_count", "page_size")
     pages, page = (conn.execute(f"PRAGMA {each}").fetchone()[0] for each in names)
-    needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(target.parent).free
+    needed, free = pages * page + SPARE_BYTES, shutil.disk_usage(folder).free
     if free < needed:
         raise StoreError(
-            f"a copy in {target.parent} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: "
-            "make room there, or give another place"
+            f"a copy in {folder} needs {needed:,} bytes ({SPARE_BYTES:,} of them stay free), {free:,} are available: {way_out}"
         )
 
 

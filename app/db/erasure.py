@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from app.db import chain, ratings, volunteers
+from app.db.backup import check_room
 from app.db.chain import Thing
 from app.db.database import StoreError, open_database, reading, rows, transaction
 from app.db.file import DatabaseLock
@@ -78,7 +79,10 @@ def forget(database: Path, name: str, study: str | None = None) -> Erasure:
 
 @contextmanager
 def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
-    """Let the block delete rows, and write the file anew, so that nothing of them is left; StoreError while it is in use."""
+    """Let the block delete rows, and write the file anew, so that nothing of them is left.
+
+    StoreError while the database is in use, and where its disk has too little room for a copy of it.
+    """
     if not database.exists():
         raise StoreError(f"no database at {database}: give its path with --database")
     lock = DatabaseLock(database)
@@ -86,11 +90,17 @@ def _rewritten(database: Path) -> Iterator[sqlite3.Connection]:
         conn: sqlite3.Connection = open_database(database).conn
         try:
             _take_exclusively(conn, database)
+            check_room(conn, database.parent, "make room there; nothing was erased")
             with transaction(conn):
                 conn.execute("PRAGMA defer_foreign_keys = ON")
                 yield conn
-            conn.execute("VACUUM")
             lock.clear_step()  # it may be one of those that were erased
+            try:
+                conn.execute("VACUUM")
+            except sqlite3.Error as error:
+                said = f"erased the rows, but could not be written anew: {error}"
+                way_out = f"make room, also where temporary files are, and run `sqlite3 {database} VACUUM`"
+                raise StoreError(f"the database {database} {said}; {way_out}") from error
             conn.execute("PRAGMA locking_mode = NORMAL")
             conn.execute("PRAGMA journal_mode = WAL")
         finally:

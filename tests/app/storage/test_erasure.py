@@ -7,10 +7,11 @@ import sqlite3
 
 import pytest
 
+from app.db import backup
 from app.db.database import open_read_only
 from app.db.erasure import ParticipantLookupError, find_participant, forget
 from app.db.merging import merge
-from app.db.store import StoreError
+from app.db.store import Store, StoreError
 from app.db.study_rows import participant_label
 from app.release.build import ReleaseRequest, build_release
 from app.release.bundle import import_release
@@ -124,6 +125,35 @@ def test_a_server_or_another_program_keeps_it_from_beginning(copy):
     other.close()
     assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
     forget(path, people[0])
+
+
+def test_a_disk_without_room_for_a_copy_erases_nobody(copy, monkeypatch):
+    path, _, people = copy
+    monkeypatch.setattr(backup, "SPARE_BYTES", 2**60)
+    with pytest.raises(StoreError, match="make room there; nothing was erased"):
+        forget(path, people[0])
+    monkeypatch.undo()
+    assert ask(path, "SELECT count(*) FROM participants") == [(3,)]
+    forget(path, people[0])
+
+
+def test_a_disk_that_fills_up_after_the_erasure_leaves_it_done_and_says_what_is_left_to_do(copy):
+    """No file may become longer than the part of the database that the deletion changes."""
+    resource = pytest.importorskip("resource")
+    path, _, people = copy
+    length = path.stat().st_size
+    alter(path, "INSERT INTO meta VALUES ('others', hex(zeroblob(1000000)))")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (length, hard))
+    try:
+        with pytest.raises(StoreError, match=r"erased the rows, but .*VACUUM`"):
+            forget(path, people[0])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert ask(path, "SELECT count(*) FROM participants") == [(2,)]
+    ask(path, "VACUUM")
+    assert verify_database(path).findings == ()
+    Store(path).close()
 
 
 def test_nobody_is_erased_by_a_word_that_many_share(copy):
