@@ -241,9 +241,12 @@ class Jobs(Executor):
         with self._changed:
             self._idle += 1
             try:
-                while not self._is_closed and (left := deadline - time.monotonic()) > 0:
+                while not self._is_closed:
+                    # first, since what came at the deadline has started no thread
                     if (job := self._next()) is not None:
                         return job
+                    if (left := deadline - time.monotonic()) <= 0:
+                        break
                     self._changed.wait(left)
             finally:
                 self._idle -= 1

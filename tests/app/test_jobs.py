@@ -164,6 +164,12 @@ def test_ctrl_c_and_a_kill_of_the_runner_end_its_workers(ends):
     assert said.count("Traceback") == (ends == signal.SIGINT), "the worker says nothing"
 
 
+def test_a_job_that_comes_as_its_worker_stops_waiting_is_done(monkeypatch):
+    monkeypatch.setattr("app.jobs.IDLE_S", 0)
+    with Jobs(1) as jobs:
+        assert jobs.submit(functions.add, 1, 2).result(timeout=30) == 3
+
+
 def test_idle_workers_end(monkeypatch):
     monkeypatch.setattr("app.jobs.IDLE_S", 0.2)
     with Jobs(1) as jobs:
