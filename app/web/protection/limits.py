@@ -216,7 +216,8 @@ class StoredBytes:
 
     def taken(self) -> Counter[tuple[str, str]]:
         """Return the bytes by (kind, name) that were stored today or are kept free for open episodes."""
-        return self.today() + self._kept_free
+        # copies, since metrics are read on another thread, while bytes are counted
+        return Counter(dict(self.today())) + Counter(dict(self._kept_free))
 
     def largest(self, count: int = 3) -> list[dict[str, str | int]]:
         """Return `kind`, `bytes` and `budget` of those with the most bytes taken, and a study's `name`; of nobody else."""

@@ -3,13 +3,18 @@
 A board keeps free what it can store, so that whatever is open never comes to more than the budget.
 """
 
+import itertools
 import shutil
+import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
 from app.board.session import EVENT_BYTES, LEAST_EVENTS
+from app.web.protection.limits import ASKER, Asker, StoredBytes
 from app.web.settings import Limits
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
@@ -87,6 +92,36 @@ def test_a_full_budget_refuses_what_begins_and_no_move_or_key_event_of_what_is_o
         socket.act(frame, "south", input="key")
         assert socket.frame_after(0)["step"] == 1
     assert server.protection.refusals["stored"] == 4
+
+
+def test_metrics_are_read_on_their_own_thread_while_bytes_are_counted(tmp_path):
+    stored, until, asked = StoredBytes(Limits(), tmp_path / "play.db"), time.monotonic() + 1, []
+    app = SimpleNamespace(state=SimpleNamespace(cookies=""))
+
+    def read():
+        while time.monotonic() < until:
+            asked.append(stored.most("address"))
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(1) as metrics:
+            reading = metrics.submit(read)
+            for number in itertools.takewhile(
+                lambda _: time.monotonic() < until, itertools.count()
+            ):
+                client = f"10.0.{number // 250 % 250}.{number % 250}", 1
+                scope = {"type": "http", "headers": [], "client": client, "app": app}
+                ASKER.set(Asker(scope, True))
+                stored.reserve(str(number), "", 9)
+                stored.count(str(number), "", 5)
+                if number >= 300:
+                    stored.release([str(number - 300)])
+            reading.result()
+    finally:
+        sys.setswitchinterval(interval)
+        ASKER.set(None)
+    assert max(asked) >= 9
 
 
 def test_a_player_has_a_budget_of_their_own(serve):
