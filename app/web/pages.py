@@ -19,6 +19,7 @@ from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
 from app import STATIC
+from app.series.participation import StageError
 from app.series.protocol import StudyError
 from app.web import api_docs
 from app.web.access import services_of
@@ -176,7 +177,7 @@ async def offer_page(request: Request, name: str) -> Response:
 async def study_page(request: Request, name: str) -> Response:
     """Serve the page of a study; lead to its environment where that is another one that is played here."""
     services, offers = services_of(request), request.app.state.offers
-    with suppress(StudyError):
+    with suppress(StudyError, StageError):  # the page shows what the API says of it
         task = services.progress.study(name).protocol.task
         for number, (offer, rules) in enumerate(offers.items()):
             if rules.name == task != services.lobby.task.name:

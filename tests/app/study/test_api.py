@@ -289,6 +289,8 @@ def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tm
         socket.act(socket.receive("frame"), "south", input="key")
         assert "cannot go on now" in socket.receive("refused")["reason"]
     assert client.get("/api/studies").json() == []
+    assert "its files have changed" in client.get("/api/studies/small").json()["detail"]
+    assert client.get("/study/small").status_code == 200
     path.write_text(was)
     assert person.me()["stage"] == "warm_up"
 
