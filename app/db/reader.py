@@ -47,6 +47,12 @@ JOINED = """JOIN sessions s ON s.id = e.session_id LEFT JOIN series_episodes x O
 _SELECT = f"""SELECT {TRIAL}, {HUMAN_SCORE_CONDITION} AS counts FROM episodes e {JOINED}
     WHERE {FINISHED_CONDITION}"""
 _DRIVEN_BY_PLAYER = " AND s.owner_id = ? AND e.driver NOT LIKE 'policy:%'"
+# SQLite takes `id` and `is_fresh` from the row with the least: the fewest moves, and of these the first.
+_BESTS = """SELECT id, is_fresh, min(iif(is_fresh, steps, 1000000) * 10000000000000 + ended_ms),
+        count(*) AS episodes, sum(outcome = 'explored') AS explored
+    FROM (SELECT *, outcome = 'explored' AND driver = 'human' AND NOT seed_chosen AND NOT terrain_met_before AS is_fresh
+        FROM ({}))
+    GROUP BY config_hash ORDER BY episodes DESC, config_hash"""
 _FILTER = {"all": "", "human": f" AND {HUMAN_SCORE_CONDITION}"}
 
 
@@ -135,13 +141,25 @@ class Reader:
         )
         return str(found[0]["id"]) if found else None
 
-    def played_by(self, player: str) -> list[Trial]:
+    def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
         """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
 
-        That of today's terrain is among them: whoever shows it tells no seed, no terrain and no moves.
+        That of today's terrain is among them: whoever shows it tells no seed, no terrain, no moves. `after` as for `episodes`.
         """
-        sql = f"{self._select_played}{_DRIVEN_BY_PLAYER} ORDER BY e.ended_ms DESC, e.id"
-        return list(map(Trial.of, self._db.query(sql, [player])))
+        return self._page(self._select_played + _DRIVEN_BY_PLAYER, "", limit, after, player)
+
+    def bests_of(self, player: str) -> list[dict[str, Any]]:
+        """Return the `config` of the episodes of `played_by`, the most played first, how many `episodes`, and `explored` ones.
+
+        `best` is the explored one with the fewest moves on a terrain that was new to the player, by their own hand, or None.
+        """
+        found = []
+        for row in self.query(_BESTS.format(self._select_played + _DRIVEN_BY_PLAYER), [player]):
+            (shown,) = self.query(f"{self._select_played} AND e.id = ?", [row["id"]])
+            counts, trial = {each: row[each] for each in ("episodes", "explored")}, Trial.of(shown)
+            best = trial if row["is_fresh"] else None
+            found.append({"config": trial.config, **counts, "best": best})
+        return found
 
     def steps(self, episode_id: str) -> list[dict[str, Any]]:
         """Return an episode's step rows in order."""
@@ -156,16 +174,23 @@ class Reader:
 
         after  id of the last one of the page before; LookupError where no finished episode has it
         """
-        following, given = "", list[Any]()
+        found = self._page(self._select, _FILTER[who], limit, after)
+        return [_described(trial, self._actions(trial.id)) for trial in found]
+
+    def _page(
+        self, select: str, which: str, limit: int, after: str | None, *given: str
+    ) -> list[Trial]:
+        """Return the newest episodes of a query that an SQL condition names, after one that need not be among these."""
+        following, values = "", list(given)
         if after is not None:
-            last = self.query(f"SELECT ended_ms FROM ({self._select} AND e.id = ?)", [after])
+            values.append(after)
+            last = self.query(f"SELECT ended_ms FROM ({select} AND e.id = ?)", values)
             if not last:
                 raise LookupError(f"no finished episode {after!r} to go on after; begin without")
-            following = " AND e.ended_ms <= ?1 AND (e.ended_ms < ?1 OR e.id > ?2)"
-            given = [last[0]["ended_ms"], after]
-        sql = f"{self._select}{_FILTER[who]}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
-        found = self.query(sql, given)
-        return [_described(Trial.of(row), self._actions(row["id"])) for row in found]
+            at = last[0]["ended_ms"]
+            following = f" AND e.ended_ms <= {at:d} AND (e.ended_ms < {at:d} OR e.id > ?)"
+        sql = f"{select}{which}{following} ORDER BY e.ended_ms DESC, e.id LIMIT {limit:d}"
+        return list(map(Trial.of, self.query(sql, values)))
 
     def _actions(self, episode_id: str) -> list[dict[str, Any]]:
         sql = "SELECT action FROM steps WHERE episode_id = ? ORDER BY step"

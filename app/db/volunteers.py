@@ -56,6 +56,7 @@ _CHANGE = """INSERT INTO volunteer_figures VALUES (?, ?, ?, lower(hex(randomblob
     ON CONFLICT (config_hash) DO UPDATE SET state = excluded.state"""
 _SUMS = ", ".join(Sums._fields)
 _PLAYERS = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? ORDER BY player_id"
+_PLAYER = f"SELECT {_SUMS} FROM volunteers WHERE config_hash = ? AND player_id = ?"
 
 
 def add_episode(conn: sqlite3.Connection, episode_id: str) -> None:
@@ -83,6 +84,12 @@ def played_configs(reader: Reader) -> list[tuple[str, str, str, str]]:
 def players_of(reader: Reader, config_hash: str) -> list[Sums]:
     """Return the sums of everybody who has counted episodes of a configuration, in an order that stays."""
     return [Sums(**row) for row in reader.query(_PLAYERS, [config_hash])]
+
+
+def player_sums(reader: Reader, config_hash: str, player: str) -> Sums | None:
+    """Return a player's sums for a configuration; None without counted episodes."""
+    found = reader.query(_PLAYER, [config_hash, player])
+    return Sums(**found[0]) if found else None
 
 
 def differences(conn: sqlite3.Connection) -> Iterator[Finding]:

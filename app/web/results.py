@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,7 +15,7 @@ from app.db.export import ExportTable, write_human_scores, write_table
 from app.db.reader import Reader
 from app.db.series import count_finished
 from app.db.trial import Trial
-from app.db.volunteers import players_of
+from app.db.volunteers import player_sums, players_of
 from app.report.regret import POLICY, regret_cache
 from app.series.protocol import StudyError
 from app.series.texts import PAPER_PLAYERS, PAPER_STUDY
@@ -187,43 +186,35 @@ def describe_own(trial: Trial) -> dict[str, Any]:
     }
 
 
-def personal_bests(reader: Reader, trials: Sequence[Trial]) -> list[dict[str, Any]]:
-    """Return a figure for each configuration among a player's episodes, the most played first.
+def personal_bests(reader: Reader, player: str) -> list[dict[str, Any]]:
+    """Return a figure for each configuration of a player's episodes, the most played first.
 
     `best` is the explored episode with the fewest moves on a terrain that was new to the player, by their own hand; None
     without one. `people` places their ranked episodes among the volunteers'.
     """
-    by_config: dict[Configuration, list[Trial]] = {}
-    for trial in trials:
-        by_config.setdefault(trial.config, []).append(trial)
-    found = [_figure(reader, config, own) for config, own in by_config.items()]
-    return sorted(found, key=lambda figure: -figure["episodes"])
+    return [_figure(reader, player, **each) for each in reader.bests_of(player)]
 
 
-def _figure(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict[str, Any]:
-    explored = [trial for trial in own if trial.outcome == "explored"]
-    unchosen = [trial for trial in explored if trial.driver == "human" and not trial.seed_chosen]
-    fresh = [trial for trial in unchosen if not trial.terrain_met_before]
-    best = min(fresh, key=lambda trial: (trial.steps or 0, trial.ended_ms or 0), default=None)
+def _figure(
+    reader: Reader, player: str, config: Configuration, best: Trial | None, **counts: int
+) -> dict[str, Any]:
     return {
         "level": config.level,
         "rows": getattr(config, "rows", None),
         "cols": getattr(config, "cols", None),
         "max_steps": config.limit,
-        "episodes": len(own),
-        "explored": len(explored),
+        **counts,
         "best": None if best is None else describe_own(best),
-        "people": _standing(reader, config, own),
+        "people": _standing(reader, config, player),
     }
 
 
-def _standing(reader: Reader, config: Configuration, own: Sequence[Trial]) -> dict[str, Any]:
+def _standing(reader: Reader, config: Configuration, player: str) -> dict[str, Any]:
     """Return each volunteer's mean moves to 99 %, sorted and without names, and the player's own: None without ranked ones."""
-    volunteers = players_of(reader, config.hash)
-    ranked = [trial.steps_to_target or 0 for trial in own if trial.counts]
+    own, volunteers = player_sums(reader, config.hash, player), players_of(reader, config.hash)
     means = sorted(round(each.steps / each.episodes, 1) for each in volunteers)
-    yours = round(math.fsum(ranked) / len(ranked), 1) if ranked else None
-    return {"means": means, "you": yours, "ranked": len(ranked)}
+    yours = None if own is None else round(own.steps / own.episodes, 1)
+    return {"means": means, "you": yours, "ranked": 0 if own is None else own.episodes}
 
 
 @mine.get("/history", summary="My own episodes and bests")
@@ -241,13 +232,14 @@ def get_history(
     if player_id is None:
         return {"total": 0, "episodes": [], "bests": []}
     with closing(Reader.open(services_of(request).store.path, public=True)) as reader:
-        rows = reader.played_by(player_id)
-        bests = personal_bests(reader, rows)
-    first = next((at for at, row in enumerate(rows, 1) if row.id == after), None if after else 0)
-    if first is None:
-        raise HTTPException(404, f"no episode {after!r} of yours to go on after; begin without one")
-    shown = [describe_own(row) for row in rows[first : first + limit]]
-    return {"total": len(rows), "episodes": shown, "bests": bests}
+        try:
+            shown = reader.played_by(player_id, limit, after)
+        except LookupError as error:
+            why = f"no episode {after!r} of yours to go on after; begin without one"
+            raise HTTPException(404, why) from error
+        bests = personal_bests(reader, player_id)
+    total = sum(each["episodes"] for each in bests)
+    return {"total": total, "episodes": list(map(describe_own, shown)), "bests": bests}
 
 
 @mine.get("/export/{table}.csv", summary="My own episodes, as CSV")

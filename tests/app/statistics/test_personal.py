@@ -2,14 +2,30 @@
 
 from contextlib import closing
 
+import pytest
+
 from app.db.export import export_table
 from app.db.reader import Reader
+from app.db.trial import Trial
 from app.web.results import describe_own, personal_bests
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import play
 from tests.support.recorded_daily import DAY, play_daily
 
 CONFIG = EnvConfig("random", 9, 13, sensor_radius=3)
+
+
+def read(store, player, limit, after):
+    """Return a page of a player's episodes, and how many rows were made for it and the bests."""
+    made, of = [], Trial.of
+    with (
+        closing(Reader.open(store.path, public=True)) as reader,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr(Trial, "of", lambda row: made.append(row) or of(row))
+        page = reader.played_by(player, limit, after)
+        personal_bests(reader, player)
+    return page, len(made)
 
 
 def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is_among_peoples_means(
@@ -24,8 +40,8 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     daily = play_daily(store, "ada")
     with closing(Reader.open(store.path, public=True)) as reader:
         rows, others = reader.played_by("ada"), reader.played_by("bob")
-        (best,) = personal_bests(reader, rows)
-        (bobs,) = personal_bests(reader, others)
+        (best,) = personal_bests(reader, "ada")
+        (bobs,) = personal_bests(reader, "bob")
         counted = {row["id"]: row["steps"] for row in reader.finished("human")}
     assert {row.id for row in rows} > {row.id for row in mine}
     assert [describe_own(row)["kind"] for row in rows if row.id == daily.id] == ["daily"]
@@ -42,6 +58,9 @@ def test_bests_are_of_terrains_that_were_new_and_driven_by_hand_and_the_place_is
     assert best["people"]["means"] == sorted(
         [best["people"]["you"], bobs["people"]["you"], float(CONFIG.limit)]
     )
+    pages = [read(store, "ada", 4, after) for after in (None, rows[3].id)]
+    assert [each.id for page, _ in pages for each in page] == [each.id for each in rows]
+    assert [made for _, made in pages] == [4 + 1, 3 + 1], "a page, and the best"
     text = b"".join(export_table(store, "episodes", public=True, player="ada")).decode()
     assert all(row.id in text for row in rows)
     assert not any(row.id in text for row in others)
