@@ -89,7 +89,7 @@ class ReleaseOptions(Message):
     )
 
 
-def check_page(request: Request) -> None:
+async def check_page(request: Request) -> None:
     """Raise HTTPException 403 unless our own page asks, or a reading request comes without an Origin."""
     own = has_own_origin(request)
     if own is False or (own is None and request.method not in ("GET", "HEAD")):
@@ -100,7 +100,7 @@ def check_page(request: Request) -> None:
 async def check_operator(request: Request, response: Response) -> AdminServices:
     """Return the operator's services; HTTPException 401 or 403 unless the operator asks from our page."""
     response.headers["Cache-Control"] = "no-store"
-    check_page(request)
+    await check_page(request)
     if not await is_operator(request):
         raise HTTPException(401, "log in at /admin first: this is the operator's alone")
     return _admin_of(request)

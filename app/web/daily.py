@@ -19,7 +19,7 @@ from app.web.protection import has_own_origin
 from app.web.services import Services
 
 
-def _is_offered(request: Request) -> None:
+async def _is_offered(request: Request) -> None:
     """Check that the server plays MarsExplorer, whose the daily terrain is; HTTPException 404 otherwise."""
     if (task := services_of(request).lobby.task).name != MARS:
         why = f"the daily terrain is MarsExplorer's, and this server plays {task.title}"

@@ -101,11 +101,11 @@ def answer(
     return HTMLResponse(shown, status, headers)
 
 
-def _answer_error(request: Request, error: Exception) -> Response:
+async def _answer_error(request: Request, error: Exception) -> Response:
     return answer(request, status_of(error), str(error))
 
 
-def _answer_card_error(request: Request, error: Exception) -> Response:
+async def _answer_card_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, CardError)
     return answer(request, error.status, str(error))
 
@@ -117,24 +117,24 @@ async def _answer_undone(request: Request, error: Exception) -> Response:
     return answer(request, 503, str(error), {"Retry-After": f"{wait_s:.0f}"})
 
 
-def _answer_bad_input(request: Request, error: Exception) -> Response:
+async def _answer_bad_input(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     return answer(request, 422, describe_errors(error.errors()))
 
 
-def _answer_database_error(request: Request, error: Exception) -> Response:
+async def _answer_database_error(request: Request, error: Exception) -> Response:
     """Answer a query that SQLite could not make: of a damaged page, say, or of a disk that cannot be read."""
     _log.error("the database cannot be read: %s", error)
     return answer(request, 503, UNREADABLE)
 
 
-def _answer_failure(request: Request, _: Exception) -> Response:
+async def _answer_failure(request: Request, _: Exception) -> Response:
     """Answer what nobody foresaw; it stands outside the middleware, so it sets the headers itself."""
     headers = {**headers_of(request), "X-Request-ID": request.scope.get("request_id", "")}
     return answer(request, 500, FAILED, headers)
 
 
-def _answer_http_error(request: Request, error: Exception) -> Response:
+async def _answer_http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 400:  # what FastAPI raises for a body that is not even text
         return answer(request, 422, f"{NO_BODY}, in UTF-8")

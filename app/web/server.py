@@ -108,7 +108,10 @@ MOST_WAITING_JOBS = 2
 
 
 READERS = 1
-"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for its turn."""
+"""Threads for lists and volunteers' figures: each keeps the event loop, hence moves, waiting for its turn.
+
+FastAPI takes them for everything of a request that is no coroutine, so nothing else may be a plain function.
+"""
 
 
 @dataclass(frozen=True)

@@ -126,12 +126,17 @@ def answering_study_errors() -> Iterator[None]:
         raise HTTPException(422, str(error)) from error
 
 
-def _progress(request: Request) -> ParticipantProgress:
+# Coroutines, since FastAPI calls what is none on the one thread of the lists (`app.web.server.READERS`).
+async def _progress(request: Request) -> ParticipantProgress:
     return services_of(request).progress
 
 
+async def _player(request: Request) -> str | None:
+    return participant_of(request)
+
+
 ProgressOf = Annotated[ParticipantProgress, Depends(_progress)]
-Player = Annotated[str | None, Depends(participant_of)]
+Player = Annotated[str | None, Depends(_player)]
 
 
 @dataclass(frozen=True)
@@ -178,7 +183,7 @@ class Asking:
             return await progress.lobby.store.read(read)
 
 
-def _asking(request: Request, progress: ProgressOf, player: Player, name: Name) -> Asking:
+async def _asking(request: Request, progress: ProgressOf, player: Player, name: Name) -> Asking:
     return Asking(request, progress, player, name)
 
 
@@ -187,7 +192,7 @@ AskingOf = Annotated[Asking, Depends(_asking)]
 
 async def participant_state(request: Request, study: Study, participant: Participant) -> State:
     """Return where a participant stands: all that the page needs."""
-    progress, protocol = _progress(request), study.protocol
+    progress, protocol = services_of(request).progress, study.protocol
 
     def read() -> tuple[list[Trial], str | None]:
         return progress.study_store.trials(participant.id), _note(progress, study, participant)

@@ -12,6 +12,8 @@ from app.db.reader import Reader
 from app.db.store import READ_CACHE_KB
 from tests.support.servers import eventually
 
+PASSWORD = "an operator's password"
+
 
 def test_all_that_the_store_reads_goes_over_the_connections_that_were_opened_at_the_start(serve):
     server = serve(idle_s=0.2)
@@ -52,6 +54,25 @@ def test_one_list_is_read_at_a_time_whoever_asks(serve, monkeypatch):
         answers = list(people.map(client.get, ["/api/episodes"] * 20))
     assert {each.status_code for each in answers} == {200}
     assert max(most) == 1
+
+
+def test_whoever_asks_for_no_list_waits_for_none(serve, monkeypatch):
+    goes_on = threading.Event()
+    monkeypatch.setattr(Reader, "episodes", lambda *_: goes_on.wait(30) and [])
+    server = serve(admin_password=PASSWORD)
+    client, page = server.client(), server.page()
+    with ThreadPoolExecutor(2) as people:
+        lists = [people.submit(client.get, "/api/episodes") for _ in range(2)]
+        try:
+            for url, status in (("/api/daily", 200), ("/api/studies", 200), ("/api/studies/none/me", 404),
+                                ("/nowhere", 404), ("/api/admin/overview", 401)):  # fmt: skip
+                assert page.get(url, timeout=5).status_code == status, url
+            login = {"password": PASSWORD}
+            assert page.post("/api/admin/login", json=login, timeout=5).status_code == 200
+            assert not any(each.done() for each in lists)
+        finally:
+            goes_on.set()
+        assert {each.result().status_code for each in lists} == {200}
 
 
 def test_each_thread_that_reads_has_one_of_the_connections_that_were_opened_at_the_start():
