@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -107,11 +108,11 @@ class ParticipantProgress:
         """Note in the database what was closed by the command, which leaves that to a server, until cancelled."""
         while True:
             await asyncio.sleep(every_s)
-            for name in await self.lobby.store.read(self.study_store.open_names):
-                # one that cannot be read is named at its next use; a refused write is tried again
-                with suppress(StudyError, StoreError):
-                    if self.folder.status(name) in ("closed", "sealed"):
-                        await self.note_if_closed(self.folder.study(name))
+            with suppress(StoreError, sqlite3.Error):  # it is tried again
+                for name in await self.lobby.store.read(self.study_store.open_names):
+                    with suppress(StudyError):  # it is named at its next use
+                        if self.folder.status(name) in ("closed", "sealed"):
+                            await self.note_if_closed(self.folder.study(name))
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""

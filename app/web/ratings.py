@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sqlite3
 from collections.abc import Mapping
 from typing import Any
 
@@ -42,7 +43,7 @@ class Ratings:
             try:
                 while await self.rate_next():
                     pass
-            except StoreError as error:
+            except (StoreError, sqlite3.Error) as error:
                 _log.warning("no game was rated: %s", error)
             await asyncio.sleep(LOOK_S)
 
@@ -67,10 +68,10 @@ class Ratings:
             found = store.find_episode(episode_id)
             return None if found is None else (found.episode.task, store.load_record(episode_id))
 
-        if (found := await store.read(read)) is None or rules_of(found[0]).courses is None:
-            return None
         sources = {each: each for each in ratings.MEASURED}
         try:
+            if (found := await store.read(read)) is None or rules_of(found[0]).courses is None:
+                return None
             asked: Any = {"owner": "ratings", "limit_s": LONGEST_S}
             return await self._jobs.run(play_policies, sources, *found, **asked)
         except (JobError, GhostError, ValueError) as error:

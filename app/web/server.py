@@ -22,6 +22,7 @@ from contextlib import (
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from anyio.to_thread import current_default_thread_limiter
 from fastapi import FastAPI
@@ -100,6 +101,7 @@ from marsexplorer.intervals import t_quantile
 
 __all__ = ["ServerError", "create_app", "run"]
 
+_log = logging.getLogger(__name__)
 
 WORKERS = 3
 """Processes for what takes long, at most: one owner has one of them."""
@@ -156,6 +158,8 @@ def _app_of(
                 if store.ended_well:
                     running.append(asyncio.to_thread(services.health.check))
                 sweepers = [asyncio.create_task(each, name="sweep") for each in running]
+                for sweeper in sweepers:
+                    sweeper.add_done_callback(_log_failure)
                 current_default_thread_limiter().total_tokens = READERS
                 # scipy loads its parts when they are needed: now, and not while somebody plays
                 t_quantile(1)
@@ -184,6 +188,13 @@ def _app_of(
     if password is not None:
         app.router.routes.extend([*admin.router.routes, *pages.admin_router.routes])
     return app
+
+
+def _log_failure(sweeper: asyncio.Task[Any]) -> None:
+    """Log the error that has ended something beside play, since nobody waits for it."""
+    if not sweeper.cancelled() and (error := sweeper.exception()) is not None:
+        what = "a task beside play has failed, and begins again when the server is started again"
+        _log.error(what, exc_info=error)
 
 
 def _add_protection(

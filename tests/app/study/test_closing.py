@@ -2,6 +2,7 @@
 
 import io
 import json
+import sqlite3
 from contextlib import closing
 
 import pytest
@@ -21,6 +22,7 @@ from app.series.folder import Folder
 from app.series.protocol import StudyError
 from app.series.verification import verify_database
 from tests.support.command import command
+from tests.support.servers import eventually
 from tests.support.stored_studies import StudyRecorder, freeze
 
 
@@ -188,8 +190,14 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     assert any("erased after closing" in each for each in group["cautions"])
 
 
+def raised(errors):
+    """Raise the next error, if one is left."""
+    if errors:
+        raise errors.pop()
+
+
 def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_database(
-    server, tmp_path, capsys
+    server, tmp_path, capsys, monkeypatch
 ):
     """Nobody asks the server for the study: whoever has closed the tab counts as soon as the command has ended."""
     from tests.support.study import Person
@@ -199,7 +207,10 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     person = Person(server)
     person.to_warm_up()
     person.call("next")
-    path = server.services.store.path
+    path, fails = server.services.store.path, [sqlite3.OperationalError("disk I/O error")]
+    read = StudyStore.open_names
+    monkeypatch.setattr(StudyStore, "open_names", lambda own: raised(fails) or read(own))
+    eventually(lambda: not fails)
     where = ["--studies", tmp_path / "studies", "--database", path]
     code, out, _ = command(capsys, "study", "close", "small", "--yes", "--now", *where)
     assert (code, "has not taken note" in out) == (0, False)

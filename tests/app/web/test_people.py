@@ -1,5 +1,6 @@
 """Names and ratings: chosen by oneself, following from what was played, and no part of a study or a human figure."""
 
+import asyncio
 import io
 import sqlite3
 import zipfile
@@ -92,6 +93,35 @@ def test_people_are_rated_by_what_policies_and_others_need_on_the_same_terrains(
         conn.execute("UPDATE ratings SET mu = mu + 1 WHERE player_id = 'bob'")
         conn.execute("UPDATE ratings SET before = before + 1 WHERE player_id = 'ada'")
     assert [each.where for each in verify_database(played).findings] == ["ratings"] * 2
+
+
+def test_rating_goes_on_after_errors_and_one_that_nobody_foresaw_is_logged(
+    serve, played, monkeypatch, caplog
+):
+    fails, next_game = [RuntimeError("unforeseen")], ratings.next_game
+
+    def read_or_fail(*given):
+        if fails:
+            raise fails.pop()
+        return next_game(*given)
+
+    def unknown(task):
+        raise ValueError(f"no task {task}")
+
+    async def begin_again():
+        return asyncio.create_task(server.services.ratings.keep())
+
+    monkeypatch.setattr(ratings, "next_game", read_or_fail)
+    server = serve()
+    eventually(lambda: "a task beside play has failed" in caplog.text, 5)
+    monkeypatch.setattr("app.web.ratings.LOOK_S", 0.01)
+    monkeypatch.setattr("app.web.ratings.rules_of", unknown)
+    fails.append(sqlite3.OperationalError("disk I/O error"))
+    task = server.on_loop(begin_again())
+    all_rated(server)
+    assert not task.done()
+    assert "no game was rated: disk I/O error" in caplog.text
+    assert "no task mars" in caplog.text
 
 
 def test_a_name_is_changed_hidden_and_removed_and_no_two_look_alike(serve, played):
