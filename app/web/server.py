@@ -19,7 +19,7 @@ from contextlib import (
     closing,
     contextmanager,
 )
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -120,13 +120,16 @@ FastAPI takes them for everything of a request that is no coroutine, so nothing 
 class Prepared:
     """What exists before the app starts; what is None is made then, from the settings.
 
-    A store that is given stays open when the app has ended: whoever opened it closes it.
+    A store that is given stays open when the app has ended: whoever opened it closes it. Several apps behind one address share
+    what limits their clients, and the jobs, which end with the first of them.
     """
 
     sources: Sources | None = None
     policies: Policies | None = None
     task: Task | None = None
     store: Store | None = None
+    protection: Protection | None = None
+    jobs: Jobs | None = None
 
 
 def create_app(settings: Settings, prepared: Prepared | None = None) -> FastAPI:
@@ -138,7 +141,7 @@ def _app_of(
     settings: Settings, prepared: Prepared, password: AdminPassword | None, name: str = ""
 ) -> FastAPI:
     metrics = Metrics() if prepared.store is None else prepared.store.metrics
-    protection = Protection(settings.limits, settings.database, metrics.count_refusal)
+    protection = prepared.protection or _protection(settings, metrics)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -147,7 +150,8 @@ def _app_of(
             task = await asyncio.to_thread(_task, settings, prepared.policies)
         with _opened(settings, prepared.store, metrics) as store:
             sources, stored = prepared.sources or Sources(), protection.stored
-            made = _services(settings, store, task, sources, stored, password)
+            jobs = prepared.jobs or _jobs()
+            made = _services(settings, store, task, sources, stored, jobs, password)
             async with _threads_of(store), aclosing(made) as services:
                 app.state.services = services
                 lobby, page_boards = services.lobby, services.page_boards
@@ -249,6 +253,7 @@ def _services(
     task: Task,
     sources: Sources,
     stored: StoredBytes,
+    jobs: Jobs,
     password: AdminPassword | None,
 ) -> Services:
     """Return the services of an app; call it on the running loop."""
@@ -260,7 +265,6 @@ def _services(
     limits = settings.limits
     lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
-    jobs = Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
     downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)
     what = "Jobs that wait: ghosts, regrets, exports, evaluations."
@@ -290,6 +294,14 @@ def _services(
         if password is None
         else AdminServices(password, progress, settings.studies, health, jobs, downloads),
     )
+
+
+def _protection(settings: Settings, metrics: Metrics) -> Protection:
+    return Protection(settings.limits, settings.database, metrics.count_refusal)
+
+
+def _jobs() -> Jobs:
+    return Jobs(WORKERS, per_owner=1, most_waiting=MOST_WAITING_JOBS, nice=19)
 
 
 class Offered:
@@ -448,6 +460,7 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                     print(guards, flush=True)
             stack.pop_all()  # each app closes its own
         with ExitStack() as stack:
+            shared = Prepared(protection=_protection(settings, metrics), jobs=_jobs())
             apps = []
             for each, name, task in zip(served, ["", *names[1:]], tasks, strict=True):
                 counted = Metrics() if name else metrics
@@ -460,7 +473,8 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
                 if store.notice is not None:
                     why = "a power cut can do this, which --durable prevents"
                     print(f"{store.notice}; {why}", flush=True)
-                apps.append(_app_of(each, Prepared(task=task, store=store), password, name))
+                prepared = replace(shared, task=task, store=store)
+                apps.append(_app_of(each, prepared, password, name))
             if password is not None and password.drawn:
                 what = "the operator's page is /admin, its password until the server stops"
                 print(f"{what}: {password.drawn}", flush=True)

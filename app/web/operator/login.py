@@ -84,13 +84,17 @@ class Attempts:
 
 
 class AdminPassword:
-    """The server's one password, or (None) none; `is_drawn` says that the server drew it itself, to be printed once."""
+    """The server's one password, or (None) none, and how often it is guessed, whichever of its environments is asked.
+
+    `is_drawn` says that the server drew it itself, to be printed once.
+    """
 
     def __init__(self, password: str | None, is_drawn: bool = False) -> None:
         if password is not None:
             check_password(password)
         self.drawn = password if is_drawn else None
         self._digest = None if password is None else _digest(password)
+        self.attempts = Attempts()
 
     @classmethod
     def of(cls, settings: Settings) -> AdminPassword | None:
@@ -115,11 +119,10 @@ class AdminPassword:
 
 
 class AdminLogin:
-    """The login of one server, with what it logs and how often may be guessed."""
+    """The login of one server, with what it logs."""
 
     def __init__(self, password: AdminPassword, store: Store, log: ActionLog) -> None:
         self._password, self._store, self._log = password, store, log
-        self._attempts = Attempts()
         self._signer = TimestampSigner(secrets.token_bytes(32), salt="mars-admin")
         self._revoked: set[str] = set()
         self._checking = asyncio.Lock()  # a hash takes 64 MiB: one at a time
@@ -134,14 +137,14 @@ class AdminLogin:
         """
         if name and self._checked >= MOST_CHECKED:  # such an attempt does not count
             raise TooManyAttemptsError("too many people log in at this moment", BUSY_S)
-        self._attempts.begin(address)
+        self._password.attempts.begin(address)
         who = await self._with_password(name, password) if name else None
         if who is None and (name or not self._password.is_right(password)):
             await self._note_refused(name)
             what = "no operator's name and password" if name else "not the operator's password"
             raise WrongPasswordError(f"this is {what}")
         await self._log.begin(name or PASSWORD_ALONE, "log_in", status=200)
-        self._attempts.forgive(address)
+        self._password.attempts.forgive(address)
         since = who.created_ms if who else 0
         return self._signer.sign(f"{secrets.token_hex(16)}:{name}:{since}").decode()
 

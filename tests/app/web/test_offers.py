@@ -3,6 +3,17 @@
 from app.series.verification import verify_database
 
 LAKE, CLIFF = "gymnasium:FrozenLake-v1", "gymnasium:CliffWalking-v1"
+CLIFFS, PASSWORD = "/play/cliffwalking-v1", "correct horse battery"
+
+
+def check_that_limits_are_shared(server):
+    """Two boards may begin, whichever environment they are of, and five wrong passwords be tried."""
+    page = server.page()
+    begun = [page.post(f"{at}/api/sessions", json={}) for at in ("", CLIFFS, "", CLIFFS)]
+    assert [each.status_code for each in begun] == [201, 201, 429, 429]
+    login = {"password": "none of theirs"}
+    tried = [page.post(f"{at}/api/admin/login", json=login) for at in (*5 * (CLIFFS,), "")]
+    assert [each.status_code for each in tried] == [*5 * (401,), 429]
 
 
 def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, tmp_path):
@@ -41,10 +52,11 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
     assert "/play lists them" in person.get("/play/nowhere").text
     assert "../../" in person.get("/play/marsexplorer/play").text
     server.kill()
-    again = spawn(task=LAKE, more=(CLIFF,))
-    at = "/play/cliffwalking-v1"
+    few = {"sessions_per_address": "2+0.001/s"}
+    again = spawn(task=LAKE, more=(CLIFF,), limits=few, admin_password=PASSWORD)
     person = again.page(cookies=person.cookies)
-    assert person.get(f"{at}/api/me/session").json()["frame"] == frame
+    assert person.get(f"{CLIFFS}/api/me/session").json()["frame"] == frame
+    check_that_limits_are_shared(again)
     again.kill()
     for name in ("playground.db", "playground-cliffwalking-v1.db", "playground-marsexplorer.db"):
         assert verify_database(tmp_path / name).findings == (), name
