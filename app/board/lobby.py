@@ -298,14 +298,19 @@ class Lobby:
             ]
             held.enter_context(self._reserving(boards, rows))
             running = [each for each in (*boards, *left) if each.number and not each.shown.ended]
-            abandoned = [(board, board.current, await board.take_abandoned()) for board in running]
+            abandoned = [
+                (board, board.current, await board.take_abandoned(), board.now_ms())
+                for board in running
+            ]
             endings = [await board.prepare_end(board.current) for board in running]
 
             def record() -> tuple[list[Attested | None], list[bool]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     found = [
-                        board.closing(current, run, now, ending)
-                        for (board, current, run), ending in zip(abandoned, endings, strict=True)
+                        board.closing(current, run, at_ms, ending)
+                        for (board, current, run, at_ms), ending in zip(
+                            abandoned, endings, strict=True
+                        )
                     ]
                     self.store.next_episode([closing for closing, _ in found], rows)
                 hidden = [each.hides_scores(row.id) for each, row in zip(boards, rows, strict=True)]
@@ -313,10 +318,10 @@ class Lobby:
 
             def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
                 levels, hidden = found
-                self._storage.release(current.id for _, current, _ in abandoned)
+                self._storage.release(current.id for _, current, *_ in abandoned)
                 for board, row, run, hides in zip(boards, rows, runs, hidden, strict=True):
                     board.begin(row, run, hides)
-                for (board, current, run), level in zip(abandoned, levels, strict=True):
+                for (board, current, run, _), level in zip(abandoned, levels, strict=True):
                     if board not in boards:
                         # a board that is left is no study's
                         board.go_on(current, run, run.view(), level, hides_scores=False)
@@ -393,7 +398,7 @@ class Lobby:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
         run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
         session = self._session(row.session, participation)
-        session.begin(row.episode, run, hides_scores)
+        session.begin(row.episode, run, hides_scores, row.newest_ms)
         return session
 
     def _unload_idle(self, horizon: float) -> None:

@@ -329,8 +329,9 @@ class Session:
         """Whether input events could not be written: a move without its press would be held against the person."""
         frames = task.clock if self.is_human else None
         self.clock = None if frames is None else BoardClock(self, frames)
-        self._event_ms = self._tick_ms = 0
-        """Times of the newest input event and the newest tick: an event is no earlier than a tick before it, a tick later."""
+        self._event_ms = self._newest_ms = self._read_ms = self._ahead_ms = 0
+        """Times of the newest input event and of the newest of all, what the server's clock said then, and how far it was set
+        back since: an event is no earlier than a tick before it, a tick later."""
 
     @property
     def is_human(self) -> bool:
@@ -391,7 +392,7 @@ class Session:
                 )
             if self.clock is not None and move.driver == HUMAN:
                 raise RefusedError(TAKES_KEYS)
-            await self._make(move, self._clock(), notice)
+            await self._make(move, self.now_ms(), notice)
 
     async def seen(self, picture: bool, observation: bool) -> tuple[View, dict[str, Any]]:
         """Return the newest frame's view, and what an agent may see of it (`app.task.Run.seen`)."""
@@ -412,8 +413,8 @@ class Session:
                 action, input = self._controls.action(held.down, before)
                 driver = self.driver if held.is_trusted else SCRIPT
                 move = Move(self.current.id, self.shown.steps, action, driver, input)
-                self._tick_ms = max(self._clock(), self._event_ms + 1)
-                await self._make(move, self._tick_ms, waits=not self.clock.shares_commits)
+                self._newest_ms = max(self._newest_ms, self._event_ms + 1)
+                await self._make(move, self.now_ms(), waits=not self.clock.shares_commits)
             except RefusedError as refusal:
                 self.clock.stand(str(refusal))
 
@@ -430,14 +431,13 @@ class Session:
         self._controls, held = controls_of(self.task, settings)[-1], Held()
         for event in events:
             held.take(event)
-        self._event_ms = max([self._event_ms, *(event["server_ms"] for event in events[-1:])])
         return held
 
     async def end_if_left(self) -> None:
         """End the episode as left where its board has stood still more often or for longer than is allowed."""
         async with self.changing:
             allowed = Allowed() if self.participation is None else self.participation.allowed
-            until_ms = self._clock() + PAUSE_MS
+            until_ms = self.now_ms() + PAUSE_MS
             read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
             number, paused_ms = await self._store.read(read)
             if number > allowed.pauses or paused_ms > allowed.paused_s * 1000:
@@ -520,7 +520,7 @@ class Session:
 
     async def _end_here(self, run: Run, note: Callable[[], None] | None = None) -> None:
         """End the episode for good by a run that ended without a move, and publish its last frame; hold `changing`."""
-        current, at_ms = self.current, self._clock()
+        current, at_ms = self.current, self.now_ms()
         ending = await self.prepare_end(current)
 
         def record() -> tuple[Attested | None, bool]:
@@ -534,8 +534,21 @@ class Session:
             record, then=lambda found: self.go_on(current, run, run.view(), *found)
         )
 
-    def begin(self, row: Trial, run: Run, hides_scores: bool) -> None:
-        """Put an episode that the store holds on the board and publish its frame."""
+    def now_ms(self) -> int:
+        """Return the time in the current episode, which goes on where the server's clock is set back."""
+        read_ms = self._clock()
+        self._ahead_ms += max(0, self._read_ms - read_ms)
+        self._read_ms = read_ms
+        self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
+        return self._newest_ms
+
+    def begin(self, row: Trial, run: Run, hides_scores: bool, newest_ms: int = 0) -> None:
+        """Put an episode that the store holds on the board and publish its frame.
+
+        newest_ms  time of its newest move or input event
+        """
+        self._event_ms = self._newest_ms = self._read_ms = max(row.started_ms, newest_ms)
+        self._ahead_ms = 0
         self.number, self.fault = row.number, None
         self._uncounted, self._is_reserved = 0, False
         self.go_on(row, run, run.view(), None, hides_scores)
@@ -633,7 +646,7 @@ class Session:
                     raise RefusedError(TOO_MANY_EVENTS)
                 self._storage.count(events.episode, self.study, size)
             self._lacks_events = True
-            self._event_ms = max(self._clock(), self._tick_ms)
+            self._event_ms = self.now_ms()
             keep = partial(self._keep_events, events, self._event_ms)
             self._keeping = keeping = self._store.put_write(keep)
             is_current = events.episode == self.current.id and not self.shown.ended

@@ -126,11 +126,12 @@ class StepRow:
 
 @dataclass(frozen=True)
 class Resumable:
-    """A session's latest episode as a restarted server finds it."""
+    """A session's latest episode as a restarted server finds it; `newest_ms` is the time of its newest move or input event."""
 
     session: SessionRow
     episode: Trial
     actions: bytes
+    newest_ms: int = 0
 
     @property
     def ended(self) -> bool:
@@ -175,6 +176,10 @@ _LATEST = f"""SELECT {TRIAL} FROM sessions s
     LEFT JOIN series_episodes x ON x.episode_id = e.id
     WHERE s.id = ?1 AND (e.ended_ms IS NULL OR max(s.created_ms, e.ended_ms) > ?2
         OR EXISTS (SELECT 1 FROM participants p WHERE p.session_id = s.id))"""
+
+_NEWEST_EVENT = (
+    "SELECT server_ms FROM input_events WHERE episode_id = ? ORDER BY number DESC LIMIT 1"
+)
 
 
 @dataclass(eq=False, slots=True)
@@ -761,8 +766,11 @@ class Store(Reader):
     def _resumable(self, row: dict[str, Any]) -> Resumable:
         (session,) = self.query("SELECT * FROM sessions WHERE id = ?", [row["session_id"]])
         del session["owner_id"]
-        actions = bytes(step["action"] for step in self.steps(row["id"]))
-        return Resumable(SessionRow(**session), Trial.of(row), actions)
+        steps = self.steps(row["id"])
+        newest = self.query(_NEWEST_EVENT, [row["id"]]) + steps[-1:]
+        newest_ms = max((each["server_ms"] for each in newest), default=0)
+        actions = bytes(step["action"] for step in steps)
+        return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms)
 
     def _has_met(self, row: Trial) -> bool:
         return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])

@@ -45,10 +45,11 @@ class MovableClock(Clock):
 
     def __init__(self):
         super().__init__()
-        self.skipped_ms = 0
+        self.skipped_ms = self.set_back_ms = 0
 
     def now_ms(self):
-        return time.time_ns() // 1_000_000 + self.skipped_ms
+        """What the server's clock says, which alone is set back."""
+        return time.time_ns() // 1_000_000 + self.skipped_ms - self.set_back_ms
 
     def page_ms(self):
         """What performance.now() would return in a page that was loaded when this machine was started."""

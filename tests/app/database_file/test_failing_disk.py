@@ -94,3 +94,16 @@ def test_a_clock_that_is_set_back_loses_no_move(server, tmp_path):
     }
     result = verify_database(tmp_path / "playground.db")
     assert (result.episodes, result.findings) == (1, ())
+
+
+def test_a_clock_that_is_set_back_spoils_no_persons_episode(server, tmp_path):
+    client = server.page()
+    begun = client.post("/api/sessions", json={"size": [9, 12]}).json()
+
+    def set_back(socket, frame, action):
+        server.clock.set_back_ms += 2 * HOUR_MS * (frame["step"] == 4)
+
+    frame = server.explore(client, begun["session"], set_back)
+    kept = client.get(f"/api/episodes/{frame['episode']}").json()
+    assert (kept["driver"], kept["attestation"], kept["attestation_reason"]) == ("human", "attested", None)  # fmt: skip
+    assert verify_database(tmp_path / "playground.db").findings == ()

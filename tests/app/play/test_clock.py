@@ -155,6 +155,21 @@ def test_ticks_follow_from_held_keys_are_attested_and_whatever_is_changed_is_fou
         assert any(what in each for each in found), (change, found)
 
 
+def test_a_server_s_clock_that_is_set_back_spoils_nothing(ticking, tmp_path):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.go_on()
+        for _ in range(3):
+            me.pass_ticks(5)
+            ticking.clock.set_back_ms += 100
+            me.pass_ticks(1)
+            me.hold("KeyD", 5)
+    assert client.post(f"/api/sessions/{board}/episodes", json={}).status_code == 201
+    assert levels(tmp_path)[0] == ("human", "attested", None)
+    assert verify_database(tmp_path / "playground.db").findings == ()
+
+
 def test_no_tick_comes_while_the_board_stands_still(ticking, tmp_path):
     client, board = begin(ticking)
     with ticking.socket(board, client) as socket:

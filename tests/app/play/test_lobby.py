@@ -6,7 +6,7 @@ import itertools
 import pytest
 
 from app.board.lobby import Lobby, UnknownSessionError
-from app.board.messages import ChangePace
+from app.board.messages import ChangePace, Events
 from app.board.session import Move
 from app.board.sources import Sources
 from app.db.store import Store
@@ -51,6 +51,27 @@ async def until(claim):
     async with asyncio.timeout(20):
         while not claim():
             await asyncio.sleep(0.005)
+
+
+def test_no_move_after_a_restart_is_earlier_than_what_was_stored_before(run_in_lobby):
+    async def begin(lobby):
+        session = await lobby.create(NewSession(seed=5), "me", "cookie")
+        await session.act(move(session))
+        press = {"kind": "keydown", "code": "KeyS", "client_ms": 1.0, "trusted": True}
+        event_ms[0] += 5
+        await session.keep_events(
+            Events.model_validate({"kind": "events", "episode": session.current.id, "batch": "b" * 16, "events": [press]})
+        )  # fmt: skip
+        return session.id
+
+    async def go_on(lobby):
+        session = await lobby.get(ident)
+        await session.act(move(session))
+        return [step["server_ms"] for step in lobby.store.steps(session.current.id)]
+
+    event_ms = [DAY_MS]
+    ident = run_in_lobby(begin, clock_ms=lambda: event_ms[0])
+    assert run_in_lobby(go_on, clock_ms=lambda: DAY_MS - 600) == [DAY_MS, DAY_MS + 5]
 
 
 def test_a_session_without_subscribers_is_unloaded_and_resumed_where_it_stood(run_in_lobby):
