@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from app.board.attestation import Conditions, attest_stored, key_map_of
 from app.board.clock import controls_of
 from app.db.reader import Reader
 from app.db.series import StudyStore, find_study, participants, study_trials, trial_activity
-from app.db.store import Closing, Store
-from app.db.study_rows import is_same_study
+from app.db.store import Closing, Store, StoreError
+from app.db.study_rows import SeriesRow, is_same_study
 from app.db.trial import Trial
 from app.series.flow import INTERRUPTED
 from app.series.folder import Folder, Study
 from app.series.protocol import StudyError
+from app.task import Record, Rules
 
+_log = logging.getLogger(__name__)
 UNNOTED = (
     "the study {!r} is closed, but {} has not taken note, and holds episodes of it that are open: they count as abandoned "
     "then. Wait until its server has, or start one on it"
@@ -41,27 +47,64 @@ def close_study(
     return folder.close(name, seals)
 
 
-def note_closed(store: Store, study: Study) -> list[str]:
+def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = None) -> list[str]:
     """Write the end of a closed or sealed study into the database, if anybody had joined it, and abandon what is open in it.
 
     Return the sessions whose episodes were abandoned. A running study, or one whose end is written already, changes nothing.
+
+    left  `left_record` of each of `left_open`; None: they are replayed here, where an environment is not guarded
     """
     known, row = StudyStore(store), find_study(store, study.name)
-    ended_ms = study.closed_ms if study.sealed_ms is None else study.sealed_ms
-    if ended_ms is None or row is None or row.closed_ms is not None:
-        return []
-    if study.is_open and row.sealed_ms is not None:
-        return []
-    if not is_same_study(row, study):
+    ended_ms = _unnoted_ms(study, row)
+    if ended_ms is None or row is None:
         return []
     with store.transaction():
         for participant_id in _active(store, study.name, ended_ms) if row.sealed_ms is None else ():
             known.add_stage_event(participant_id, ended_ms, INTERRUPTED, {})
-        running = [trial for trial in study_trials(store, study.name) if trial.ended_ms is None]
-        for trial in running:
-            store.next_episode([_abandoned(store, known, trial, ended_ms)], ())
+        opened = left_open(store, study)
+        for trial, steps in opened:
+            record = left_record(trial, steps, trial.rules) if left is None else left.get(trial.id)
+            if record is None:
+                raise StoreError(f"an episode of {study.name!r} has begun just now: try again")
+            store.next_episode([_abandoned(store, known, trial, steps, record, ended_ms)], ())
         known.note_closed(study.row())
-    return [trial.session_id for trial in running]
+    return [trial.session_id for trial, _ in opened]
+
+
+def _unnoted_ms(study: Study, row: SeriesRow | None) -> int | None:
+    """Return when a study ended whose end is still to be written; None where nothing is."""
+    ended_ms = study.closed_ms if study.sealed_ms is None else study.sealed_ms
+    if row is None or row.closed_ms is not None or not is_same_study(row, study):
+        return None
+    return None if study.is_open and row.sealed_ms is not None else ended_ms
+
+
+def left_open(reader: Reader, study: Study) -> list[tuple[Trial, list[dict[str, Any]]]]:
+    """Return the open episodes, with their moves, of a study whose end is still to be written; else nothing."""
+    if _unnoted_ms(study, find_study(reader, study.name)) is None:
+        return []
+    running = [trial for trial in study_trials(reader, study.name) if trial.ended_ms is None]
+    return [(trial, reader.steps(trial.id)) for trial in running]
+
+
+def left_record(trial: Trial, steps: Sequence[Mapping[str, Any]], rules: Rules) -> Record:
+    """Return what an open episode comes to, given up after its moves: by these alone where it cannot be replayed."""
+    actions = bytes(step["action"] for step in steps)
+    try:
+        return rules.replay(trial, actions, True).record()
+    except Exception as error:  # an environment may raise anything
+        _log.warning("episode %s cannot be replayed and is closed as stored: %r", trial.id, error)
+    total = sum(step["reward"] for step in steps)
+    came_to = {
+        "outcome": "abandoned",
+        "total": total,
+        "score": trial.rules.forfeited_score(trial, "abandoned", total, total),
+        "steps": len(steps),
+        "discovered": steps[-1]["discovered"] if steps else 0,
+        "trajectory_hash": "",
+        "core_version": trial.core_version,
+    }
+    return trial.rules.record(trial, actions, came_to)
 
 
 def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
@@ -78,11 +121,16 @@ def _active(reader: Reader, name: str, now_ms: int) -> list[str]:
     return sorted(unfinished & moved)
 
 
-def _abandoned(store: Store, known: StudyStore, trial: Trial, at_ms: int) -> Closing:
+def _abandoned(
+    store: Store,
+    known: StudyStore,
+    trial: Trial,
+    steps: Sequence[Mapping[str, Any]],
+    record: Record,
+    at_ms: int,
+) -> Closing:
     """Return what closes a running episode: given up where it stands."""
-    actions = bytes(step["action"] for step in store.steps(trial.id))
-    record = trial.rules.replay(trial, actions, True).record()
-    at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in store.steps(trial.id)))
+    at_ms = max(at_ms, trial.started_ms, *(step["server_ms"] for step in steps))
     if trial.kind != "human":
         return Closing(trial.id, record, at_ms)
     settings = known.settings(trial.participant)

@@ -16,7 +16,7 @@ from app.db.study_rows import Participant
 from app.db.trial import Trial
 from app.series.folder import SEALED, Study
 from app.series.progress import StageError
-from app.task import PolicyError, Record
+from app.task import PolicyError, Record, RunEndedError, Task, on_threads
 
 _log = logging.getLogger(__name__)
 Shown = Literal["warm_up", "ranked"]
@@ -30,8 +30,8 @@ class NoTerrainError(LookupError):
 class Debriefs:
     """Debriefs of one server; a study's debrief policy plays the terrains of a phase once, in a thread."""
 
-    def __init__(self, store: Store) -> None:
-        self._store = store
+    def __init__(self, store: Store, task: Task) -> None:
+        self._store, self._task = store, task
         self._runs: dict[tuple[str, Shown], list[Record]] = {}
         self._working = asyncio.Lock()
 
@@ -81,10 +81,13 @@ class Debriefs:
                 f"the policy {study.protocol.debrief_policy!r} is not there any more, so no run of its can be shown"
             )
         record = await self._store.read(lambda: self._store.load_record(own.id))
-        frames = study.protocol.rules.frames
-        mine = await asyncio.to_thread(frames, record, own.id)
+        rules = self._task if study.protocol.task == self._task.name else study.protocol.rules
         index = own.terrain_index
-        its = await asyncio.to_thread(frames, runs[index], f"policy-{index}")
+        try:
+            mine = await on_threads(self._task, rules.frames, record, own.id)
+            its = await on_threads(self._task, rules.frames, runs[index], f"policy-{index}")
+        except RunEndedError as error:
+            raise NoTerrainError(str(error)) from error
         return {"own": mine, "policy": {"name": study.protocol.debrief_policy, "frames": its}}
 
     async def _policy_runs(self, study: Study, phase: Shown) -> list[Record]:

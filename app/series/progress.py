@@ -23,12 +23,13 @@ from app.db.file import StoreError
 from app.db.series import StudyStore, add_series
 from app.db.study_rows import Participant, Stage, is_same_study
 from app.db.trial import Phase, Trial
-from app.series.closing import note_closed
+from app.series.closing import left_open, left_record, note_closed
 from app.series.folder import Folder, Study
 from app.series.participation import CLOSED_MESSAGE, Participations, StageError
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.series.recruitment import Arrival, Recruitment, supervise
 from app.series.seeds import TUTORIAL_SEED
+from app.task import on_threads
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
@@ -58,19 +59,11 @@ class ParticipantProgress:
         self._participations = Participations(folder, study_store, lobby.sources)
         self._locks = Locks()
         self._note_freezings()
-        self._note_closed()
 
     def _note_freezings(self) -> None:
         for name in self.folder.names():
             with suppress(StudyError):  # a draft, or `study show` says what is wrong with it
                 self.study_store.note_freezing(self.folder.study(name).row())
-
-    def _note_closed(self) -> None:
-        for name in self.study_store.open_names():
-            try:
-                note_closed(self.lobby.store, self.folder.study(name))
-            except StudyError as error:
-                _log.warning("%s", error)
 
     def study(self, name: str) -> Study:
         """Return a frozen study as the public may see it; or UnknownStudyError, DraftStudyError, StageError."""
@@ -94,7 +87,11 @@ class ParticipantProgress:
             return
         is_sealed = (await store.read(self.study_store.open_names)).get(study.name)
         if is_sealed is not None and not (study.is_open and is_sealed):
-            await store.write(partial(note_closed, store, study), then=self.lobby.forget)
+            task, left = self.lobby.task, {}
+            for trial, steps in await store.read(partial(left_open, store, study)):
+                rules = task if trial.task == task.name else trial.rules
+                left[trial.id] = await on_threads(task, left_record, trial, steps, rules)
+            await store.write(partial(note_closed, store, study, left), then=self.lobby.forget)
 
     async def note_all_closed(self) -> None:
         """Note in the database every study that was closed since."""
@@ -103,6 +100,8 @@ class ParticipantProgress:
                 await self.note_if_closed(self.folder.study(name))
             except StudyError as error:
                 _log.warning("%s", error)
+            except Exception:
+                _log.exception("the end of the study %s could not be noted", name)
 
     async def watch_closing(self, every_s: float = 2.0) -> None:
         """Note in the database what was closed by the command, which leaves that to a server, until cancelled."""
@@ -110,9 +109,13 @@ class ParticipantProgress:
             await asyncio.sleep(every_s)
             with suppress(StoreError, sqlite3.Error):  # it is tried again
                 for name in await self.lobby.store.read(self.study_store.open_names):
-                    with suppress(StudyError):  # it is named at its next use
+                    try:
                         if self.folder.status(name) in ("closed", "sealed"):
                             await self.note_if_closed(self.folder.study(name))
+                    except (StudyError, StoreError, sqlite3.Error):
+                        pass  # it is named at its next use, or tried again
+                    except Exception:
+                        _log.exception("the end of the study %s could not be noted", name)
 
     def open_study(self, name: str) -> Study:
         """Return a study that people may take part in; StageError when it is closed or made for other rules."""
@@ -121,7 +124,6 @@ class ParticipantProgress:
     def check_open(self, study: Study) -> Study:
         """Return a study, or an evaluation of agents, that can be played; StageError when it is not open or of other rules."""
         name = study.name
-        note_closed(self.lobby.store, study)
         if not study.is_running or self.study_store.is_closed(name):
             raise StageError(CLOSED_MESSAGE.format(name))
         if study.waits_for_beacon:

@@ -285,7 +285,7 @@ def _services(
         player_tokens=PlayerTokens(store.secret()),
         progress=progress,
         cards=Cards(progress),
-        debriefs=Debriefs(store),
+        debriefs=Debriefs(store, task),
         leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
         replays=Replays(store.path, offers, jobs, task, replayer),
         ratings=Ratings(lobby, jobs),

@@ -3,6 +3,7 @@
 import io
 import json
 import sqlite3
+import threading
 from contextlib import closing
 
 import pytest
@@ -21,6 +22,7 @@ from app.series.flow import participant_flow
 from app.series.folder import Folder
 from app.series.protocol import StudyError
 from app.series.verification import verify_database
+from app.tasks.mars.rules import MarsRules
 from tests.support.command import command
 from tests.support.servers import eventually
 from tests.support.stored_studies import StudyRecorder, freeze
@@ -216,6 +218,38 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     assert (code, "has not taken note" in out) == (0, False)
     assert None not in outcomes_of(server)
     assert load(path, "small").closed_ms is not None
+
+
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_an_open_episode_that_cannot_be_replayed_is_closed_by_its_stored_moves(
+    serve, tmp_path, monkeypatch, is_restarted
+):
+    from tests.support.study import Person
+    from tests.support.study import freeze as freeze_small
+
+    replaying = []
+
+    def fail(rules, *_):
+        replaying.append((type(rules).__name__, threading.current_thread().name == "writes"))
+        raise RuntimeError("the episode has ended")
+
+    freeze_small(tmp_path / "studies")
+    server = serve()
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    person.play(moves=1)
+    if is_restarted:
+        server.stop()
+    monkeypatch.setattr(MarsRules, "replay", fail)
+    Folder(tmp_path / "studies").close("small")
+    server = serve() if is_restarted else server
+    eventually(lambda: None not in outcomes_of(server))
+    (row,) = server.services.store.query("SELECT * FROM episodes WHERE steps = 1")
+    (step,) = server.services.store.steps(row["id"])
+    assert (row["outcome"], row["total"]) == ("abandoned", step["reward"])
+    assert {*replaying} == {("Mars", False)}, "by the server's task, away from the writes"
+    assert load(server.services.store.path, "small").closed_ms is not None
 
 
 def test_no_report_and_no_release_is_made_while_the_end_is_not_noted(study, tmp_path):
