@@ -26,7 +26,7 @@ import numpy as np
 
 from app.task import rules_of
 from app.tasks.gymnasium.description import Description
-from app.tasks.gymnasium.rules import GymnasiumRules, bytes_of
+from app.tasks.gymnasium.rules import GymnasiumRules, bytes_of, finite
 
 Progress = Callable[[int, int], None]
 
@@ -222,12 +222,13 @@ def _child(request: Mapping[str, Any]) -> None:
     """Play a request's seeds and print each episode."""
     rules, variant = rules_of(request["task"]), request["variant"]
     config = rules.configuration(request["config"])
+    score: str = config.description.score
     make, seeds = config.make, list(range(request["seeds"]))
     used = make(0) if variant == TOLERATED else None
     if variant == "after other episodes" or used is not None:
         for seed in (10**8, 10**8 + 1):
             env = used or make(seed)
-            _episode(env, seed, _chooser("uniform", request["actions"], seed), 50, True)
+            _episode(env, seed, _chooser("uniform", request["actions"], seed), 50, True, score)
             if used is None:
                 env.close()
         seeds.reverse()
@@ -238,7 +239,7 @@ def _child(request: Mapping[str, Any]) -> None:
             begun = 10_000 * seed + episode
             env = used or make(begun)
             chooser = _chooser(choosers[seed % len(choosers)], request["actions"], begun)
-            played = _episode(env, begun, chooser, left, variant != "without rendering")
+            played = _episode(env, begun, chooser, left, variant != "without rendering", score)
             if used is None:
                 env.close()
             print(MARK + json.dumps({"seed": seed, "episode": episode, **played}), flush=True)
@@ -262,9 +263,12 @@ def _chooser(name: str, actions: int, seed: int) -> Callable[[Any], int]:
 
 
 def _episode(
-    env: Any, seed: int, choose: Callable[[Any], int], steps: int, renders: bool
+    env: Any, seed: int, choose: Callable[[Any], int], steps: int, renders: bool, score: str
 ) -> dict[str, Any]:
-    """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size."""
+    """Return an episode of at most so many steps: the hashes of PARTS at each, what they cost, and the picture's size.
+
+    ValueError where a reward, or the score that `info` tells, is not finite.
+    """
     costs: dict[str, list[float]] = {"step": [], "picture": [], "bytes": []}
     hashes: list[list[str | None]] = []
     shape: Sequence[int] = ()
@@ -283,14 +287,19 @@ def _episode(
                 if len(hashes) % 100 == 0:
                     costs["bytes"].append(_png_size(drawn))
         end = _digest(repr(ends).encode())
-        seen, paid = _digest(bytes_of(observation)), _digest(repr(float(reward)).encode())
+        seen, paid = (
+            _digest(bytes_of(observation)),
+            _digest(repr(finite("reward", reward)).encode()),
+        )
         hashes.append([str(action), seen, paid, end, picture])
         if any(ends) or len(hashes) > steps:
             return {"hashes": hashes, "costs": costs, "picture": shape}
         action = int(choose(observation))
         begun = time.process_time()
-        observation, reward, terminated, truncated, _ = env.step(action)
+        observation, reward, terminated, truncated, info = env.step(action)
         costs["step"].append(1000 * (time.process_time() - begun))
+        if score != "return":
+            finite(score, info.get(score[5:], 0.0))
         ends = bool(terminated), bool(truncated)
 
 

@@ -126,16 +126,19 @@ class GymnasiumRun:
         self._scores.append(self._score(0.0))
 
     def step(self, action: int) -> float:
-        """Make one move and return its reward; RuntimeError once the episode has ended, ValueError for no action."""
+        """Make one move and return its reward; RuntimeError once the episode has ended.
+
+        ValueError for no action, and where the environment tells a reward or a score that is not finite.
+        """
         if self.outcome != "running":
             raise RuntimeError(f"the episode has ended ({self.outcome}); begin another one")
         if not self._env.action_space.contains(np.int64(action)):
             raise ValueError(f"expected an action of {self._env.action_space}, got {action}")
         self._observation, given, terminated, truncated, self._info = self._env.step(action)
         reward = float(given)
+        self.total = finite("return", self.total + reward)
         self.actions.append(action)
         self._rewards.append(reward)
-        self.total += reward
         self._scores.append(self._score(self._scores[-1]))
         if terminated or truncated or len(self.actions) >= self.config.limit:
             self.outcome = self._ending(bool(terminated))
@@ -159,7 +162,7 @@ class GymnasiumRun:
     def _score(self, before: float) -> float:
         """Return the headline so far: of a value in `info` the last that was told, 0 before the first."""
         name = self._described.score
-        return self.total if name == "return" else float(self._info.get(name[5:], before))
+        return self.total if name == "return" else finite(name, self._info.get(name[5:], before))
 
     def scores(self) -> Sequence[float]:
         """Return the headline metric after 0, 1, 2, ... moves."""
@@ -601,6 +604,13 @@ class GymnasiumRules:
 def rules(told: str) -> GymnasiumRules:
     """Return the rules of an environment by what describes it; ValueError where there is none."""
     return GymnasiumRules(told)
+
+
+def finite(name: str, given: Any) -> float:
+    """Return what an environment told as a number; ValueError for one that neither database nor JSON holds."""
+    if not math.isfinite(value := float(given)):
+        raise ValueError(f"its {name} is {value}, which is no finite number")
+    return value
 
 
 def bytes_of(observation: Any) -> bytes:

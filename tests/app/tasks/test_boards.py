@@ -28,6 +28,8 @@ WAYS = {
     "raise": "KeyError: 'no such room'",
     "sleep": "it gave no answer in 1 s",
     "memory": "MB of memory, of at most",
+    "nan": "its return is nan, which is no finite number",
+    "-inf": "its return is -inf, which is no finite number",
 }
 BACK, FORWARD, WAVE = 0, 1, 2
 

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from app.tasks.gymnasium.description import Description
 from app.tasks.gymnasium.doctor import examine
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS_FILE
@@ -92,6 +93,17 @@ def test_what_differs_ends_with_1_and_what_cannot_be_played_with_2(capsys):
         code, said, why = command(capsys, "doctor", env)
         assert (code, said) == (2, "")
         assert words in why
+
+
+@pytest.mark.parametrize(
+    ("how", "score", "wrong"), [("nan", "return", "its reward is nan"), ("told", "info.coins", "its info.coins is inf")]
+)  # fmt: skip
+def test_what_is_not_finite_is_found(how, score, wrong):
+    told = Description(
+        id="tests.support.environments:Failing-v0", kwargs={"how": how}, score=score
+    ).told
+    with pytest.raises(ValueError, match=wrong):
+        examine(f"gymnasium:{told}", seeds=1, steps=30)
 
 
 def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path, briefly_examined):
