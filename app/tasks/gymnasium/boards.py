@@ -76,6 +76,8 @@ class BoardRun(GymnasiumRun):
         except LostError as error:
             raise ValueError(f"{config.level} could not be begun: {error}") from error
         self.actions += actions
+        if self.outcome != "running":
+            self._board.close()
 
     def _begun(self, actions: bytes) -> Worker:
         request = {"config": self.config.to_dict(), "seed": self.seed, "actions": list(actions)}

@@ -92,6 +92,15 @@ def test_what_fails_twice_ends_the_episode(broken, how, monkeypatch):
     assert shown == json.loads(before) | {"outcome": "environment_failed"}
 
 
+def test_the_process_of_a_board_that_has_ended_ends_also_when_it_is_resumed(lake):
+    run = GymnasiumRules("FrozenLake-v1").run(lake.default, 7)
+    while run.outcome == "running":
+        run.step(len(run.actions) % 3)
+    again = lake.run(lake.default, 7, bytes(run.actions))
+    assert again.outcome == run.outcome
+    eventually(lambda: not alive(again._board.pid))
+
+
 def test_a_board_ends_with_its_run_and_all_end_with_the_server():
     code = (
         "import sys, time; from app.task import Choice; from app.tasks.gymnasium.task import GymnasiumTask\n"
