@@ -24,6 +24,9 @@ attested    every move fits an input event of its own
 supervised  attested, and the operator had typed their code shortly before
 """
 
+LEFT = frozenset({"abandoned", "environment_failed"})
+"""Outcomes of episodes that were left where they stood."""
+
 DAILY: Literal["daily"] = "daily"
 """The kind of a series that is the terrain of a day, and what its name begins with."""
 
@@ -162,6 +165,10 @@ class Trial:
             return self
         score = self.rules.forfeited_score(self, self.outcome, self.total, self.score)
         return replace(self, outcome="abandoned", score=score)
+
+    def as_left(self) -> Trial:
+        """Return it as it counts where it was not spoilt: leaving costs what spoiling does."""
+        return self.forfeited() if self.outcome in LEFT else self
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""

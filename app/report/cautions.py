@@ -43,6 +43,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         are = "is" if figure.players == 1 else "are"
         why = "their spread, and with it every interval, is poorly known"
         found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
+    found += _about_bounds(data)
     if group.kind == "human":
         found += _about_who_left(data, group)
         found += _about_secret(data)
@@ -66,6 +67,17 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
         found.append(f"A player's episodes resemble each other: {resemblance}.")
     return tuple(found)
+
+
+def _about_bounds(data: StudyData) -> Iterable[str]:
+    """Yield that scores lie outside the bounds that their environment was said to have."""
+    low, high = data.protocol.rules.bounds(data.protocol.env_config)
+    scores = [each.score for each in ended_ranked(data, data.people) if each.score is not None]
+    if outside := sum(not low <= each <= high for each in scores):
+        yield (
+            f"{counted(outside, 'ranked episode')} of {len(scores)} ended with a score outside the bounds that were declared, "
+            f"{low:g} to {high:g}: intervals by bounds reach no further than what was seen."
+        )
 
 
 def _about_who_left(data: StudyData, group: GroupReport) -> Iterable[str]:

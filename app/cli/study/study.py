@@ -217,6 +217,11 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
             f"Caution: of {BEGINNINGS} seeds only {looks} look{'s' * (looks == 1)} different at the start, so that "
             "whoever has played some instances may know the others"
         )
+    if math.isinf(found.protocol.rules.bounds(found.protocol.env_config)[0]):
+        echo(
+            "Caution: no lowest score is known (`bounds` of the environment's file), so that whoever gives up keeps the score "
+            "that they had: giving up may pay"
+        )
     echo(f"The study {name!r} is frozen.\n{hashes(found)}")
     if found.beacon is not None:
         out = f"Round {found.beacon.round} of the beacon comes out at {iso(found.beacon.round_ms)}"

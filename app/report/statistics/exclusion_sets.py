@@ -125,9 +125,9 @@ def _finished(
         if trial.participant not in found or trial.phase != phase or trial.ended_ms is None:
             continue
         if trial.driver == kind and (kind != "human" or level_reaches(trial.attestation, required)):
-            found[trial.participant].append(trial)
+            found[trial.participant].append(trial.as_left())
         elif trial.attestation == "spoilt":
-            found[trial.participant].append(trial if as_played else trial.forfeited())
+            found[trial.participant].append(trial.as_left() if as_played else trial.forfeited())
     return {id: tuple(sorted(own, key=attrgetter("trial"))) for id, own in found.items()}
 
 

@@ -71,13 +71,13 @@ class Estimate:
 def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric within `bounds`.
 
-    is_guaranteed  whether the interval is the guaranteed one (`is_a_few_players`)
+    Bounds that a value leaves, as declared ones of an environment may turn out to be, are widened to it.
 
-    ValueError when a value lies outside the bounds.
+    is_guaranteed  whether the interval is the guaranteed one (`is_a_few_players`)
     """
     n = len(values)
     mean = float(values.mean())
-    _check_within(values, bounds)
+    bounds = min(bounds[0], float(values.min())), max(bounds[1], float(values.max()))
     if n < 2:
         return Estimate(mean, n)
     plain, reached = _pair(t_interval(values)), _pair(printed_interval(values))

@@ -75,13 +75,14 @@ def intention_to_treat(data: StudyData, cohort: Cohort) -> Cohort:
     is_shown = data.closed_ms is not None
     begun = {each.participant: each for each in data.trials if is_shown and each.phase == "ranked"}
     ranked = {person: own for person, own in cohort.ranked.items() if person in begun}
+    low, _ = data.protocol.rules.bounds(data.protocol.env_config)
     for person, own in ranked.items():
         missing = set(range(cohort.terrains)) - {each.terrain_index for each in own}
         left = [
             replace(
-                begun[person], outcome="abandoned", steps=0, score=0.0, labels=(),
+                begun[person], outcome="timed_out", steps=0, total=0.0, score=max(0.0, low), labels=(),
                 terrain_index=terrain, trial=cohort.terrains + at,
-            )
+            ).forfeited()
             for at, terrain in enumerate(sorted(missing))
         ]  # fmt: skip
         ranked[person] = (*own, *left)

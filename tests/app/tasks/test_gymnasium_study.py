@@ -3,12 +3,21 @@
 import csv
 import json
 import random
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from app.db.trial import Trial
+from app.report import cautions
+from app.report.statistics.exclusion_sets import people_of
+from app.report.statistics.intervals import estimate
+from app.report.statistics.study_figures import study_figures
 from app.series.folder import Folder
+from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from app.task import rules_of
+from app.tasks.gymnasium.description import Description
 from app.web.simulate import KEY_CODES, Participant, RefusedError
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
@@ -186,3 +195,33 @@ def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys
     with pytest.raises(RefusedError, match="expected keys of left, down, right, up, ") as refused:
         person.call("settings", {"keys": {"north": ["KeyH"]}})
     assert refused.value.status == 422
+
+
+def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_stops_no_report():
+    task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
+    config = rules_of(task).default
+    protocol = default_protocol("lake", config, task, ranked=3)
+
+    def trial(person, number, outcome, score, attestation="attested"):
+        return Trial(
+            id=f"{person}{number}", session_id=person, number=number, task=task, core_version="", config=config, seed=number,
+            seed_chosen=False, terrain=b"", start=(0, 0), policy_seed=0, driver="human", assisted=False, started_ms=1,
+            ended_ms=2, outcome=outcome, steps=9, total=score, score=score, attestation=attestation, participant=person,
+            phase="ranked", trial=number, terrain_index=number,
+        )  # fmt: skip
+
+    played = [("ended", 300.0), ("ended", 700.0)]
+    left = [("abandoned", 499.0), ("environment_failed", 400.0), ("ended", 450.0, "spoilt")]
+    trials = [trial("a", number, *each) for number, each in enumerate(played)]
+    trials += [trial("b", number, *each) for number, each in enumerate(left)]
+    people = [SimpleNamespace(id=each, kind="human", completed_ms=1) for each in "ab"]
+    data = SimpleNamespace(protocol=protocol, people=people, trials=trials, closed_ms=1)
+    data.shown = lambda: data
+    cohort = people_of(data)
+    assert [each.score for each in cohort.ranked["b"]] == [1, 1, 1]
+    figures = {each.name: each for each in study_figures(data, cohort)}
+    assert figures["intention to treat"].score.mean == pytest.approx(((300 + 700 + 1) / 3 + 1) / 2)
+    assert figures["all"].score.mean == pytest.approx((500 + 1) / 2)
+    (said,) = cautions._about_bounds(data)
+    assert "1 ranked episode of 5 ended with a score outside the bounds" in said
+    assert estimate(np.array([120.0, 300.0, 0.0]), (1, 500)).mean == 140
