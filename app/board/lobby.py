@@ -398,7 +398,7 @@ class Lobby:
         """Return a session as it stood; ValueError when its actions do not fit the rules any more."""
         run = await on_threads(self.task, self.task.replay, row.episode, row.actions, row.ended)
         session = self._session(row.session, participation)
-        session.begin(row.episode, run, hides_scores, row.newest_ms)
+        session.begin(row.episode, run, hides_scores, row.newest_ms, row.batches)
         return session
 
     def _unload_idle(self, horizon: float) -> None:

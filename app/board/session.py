@@ -325,6 +325,8 @@ class Session:
         self._clock = clock
         self._keeping: asyncio.Future[None] | None = None
         """The write of the newest input events."""
+        self._taken = set[str]()
+        """Batches of input events of the current episode: what comes again, as after a lost connection, changes no clock."""
         self._lacks_events = False
         """Whether input events could not be written: a move without its press would be held against the person."""
         frames = task.clock if self.is_human else None
@@ -542,11 +544,20 @@ class Session:
         self._newest_ms = max(self._newest_ms, read_ms + self._ahead_ms)
         return self._newest_ms
 
-    def begin(self, row: Trial, run: Run, hides_scores: bool, newest_ms: int = 0) -> None:
+    def begin(
+        self,
+        row: Trial,
+        run: Run,
+        hides_scores: bool,
+        newest_ms: int = 0,
+        batches: Iterable[str] = (),
+    ) -> None:
         """Put an episode that the store holds on the board and publish its frame.
 
         newest_ms  time of its newest move or input event
+        batches    ids of the batches of input events that it has
         """
+        self._taken = {*batches}
         self._event_ms = self._newest_ms = self._read_ms = max(row.started_ms, newest_ms)
         self._ahead_ms = 0
         self.number, self.fault = row.number, None
@@ -650,11 +661,13 @@ class Session:
             keep = partial(self._keep_events, events, self._event_ms)
             self._keeping = keeping = self._store.put_write(keep)
             is_current = events.episode == self.current.id and not self.shown.ended
-            if self.clock is not None and is_current:
+            if self.clock is not None and is_current and events.batch not in self._taken:
+                self._taken.add(events.batch)
                 self.clock.take(events.events)
         try:
             await asyncio.shield(keeping)
         except (StoreError, RefusedError):
+            self._taken.discard(events.batch)
             if self.clock is not None:
                 self.clock.stand(UNKEPT)  # it goes on by the events that are stored
             raise

@@ -126,12 +126,17 @@ class StepRow:
 
 @dataclass(frozen=True)
 class Resumable:
-    """A session's latest episode as a restarted server finds it; `newest_ms` is the time of its newest move or input event."""
+    """A session's latest episode as a restarted server finds it.
+
+    newest_ms  time of its newest move or input event
+    batches    ids of its batches of input events
+    """
 
     session: SessionRow
     episode: Trial
     actions: bytes
     newest_ms: int = 0
+    batches: tuple[str, ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -770,7 +775,9 @@ class Store(Reader):
         newest = self.query(_NEWEST_EVENT, [row["id"]]) + steps[-1:]
         newest_ms = max((each["server_ms"] for each in newest), default=0)
         actions = bytes(step["action"] for step in steps)
-        return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms)
+        kept = self.query("SELECT batch FROM event_batches WHERE episode_id = ?", [row["id"]])
+        batches = tuple(each["batch"] for each in kept)
+        return Resumable(SessionRow(**session), Trial.of(row), actions, newest_ms, batches)
 
     def _has_met(self, row: Trial) -> bool:
         return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])

@@ -28,6 +28,7 @@ class Keyboard:
         self.socket = socket
         self.frame = socket.receive("frame")
         self.state, self.kinds, self.refused = "standing", set(), None
+        self.sent = []
 
     def send(self, *events, **changes):
         """Send (kind, code) events in one batch."""
@@ -37,7 +38,8 @@ class Keyboard:
             for kind, code in events
         ]  # fmt: skip
         batch = {"batch": secrets.token_hex(8), "episode": self.frame["episode"]}
-        self.socket.send({"kind": "events", **batch, "events": told})
+        self.sent.append({"kind": "events", **batch, "events": told})
+        self.socket.send(self.sent[-1])
 
     def go_on(self):
         """Ask for time to run, and wait until it does."""

@@ -210,6 +210,25 @@ def test_no_tick_comes_while_the_board_stands_still(ticking, tmp_path):
     assert levels(tmp_path)[0] == ("human", "attested", None)
 
 
+@pytest.mark.parametrize("is_unloaded", [False, True])
+def test_a_batch_that_comes_again_lets_no_time_run(ticking, is_unloaded):
+    client, board = begin(ticking)
+    with ticking.socket(board, client) as socket:
+        me = Keyboard(socket)
+        me.go_on()
+        me.pass_ticks(2)
+        me.send(("pause", None))
+        me.until(lambda: me.state == "standing")
+    if is_unloaded:
+        ticking.services.lobby.forget([board])
+    with ticking.socket(board, client) as socket:
+        again = Keyboard(socket)
+        socket.send(me.sent[0])
+        again.drain(0.5)
+        assert again.state == "standing"
+        again.go_on()
+
+
 @pytest.mark.parametrize(("allowed", "pauses"), [({"pauses": 1}, 2), ({"paused_s": 0.1}, 1)])
 def test_more_pauses_than_are_allowed_end_the_episode_as_left(
     ticking, tmp_path, monkeypatch, allowed, pauses
