@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from weakref import WeakValueDictionary
 
 from app.board.agent import DECISION_S, DEFAULT_MOVES_PER_SECOND, THREADS, Agent, DecisionQueue
 from app.board.attestation import Attested
@@ -40,6 +41,19 @@ class BoardGroup:
     def board(self, session_id: str) -> Session:
         """Return the one of the boards that has this session's id."""
         return next(board for board in self.boards if board.id == session_id)
+
+
+class Locks:
+    """A lock for each key, there for as long as somebody holds it or waits for it."""
+
+    def __init__(self) -> None:
+        self._known: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def of(self, key: str) -> asyncio.Lock:
+        """Return the lock of a key."""
+        if (lock := self._known.get(key)) is None:
+            lock = self._known[key] = asyncio.Lock()
+        return lock
 
 
 class UnknownSessionError(LookupError):
@@ -78,7 +92,7 @@ class Lobby:
         self._storage: Storage = storage or Unlimited()
         self._participation_of = participation_of
         self._groups: dict[str, BoardGroup] = {}
-        self._resuming = asyncio.Lock()
+        self._resuming = Locks()
         self._thread = ThreadPoolExecutor(THREADS, "policies")
         self._decisions = DecisionQueue(self._thread, task.decides, decision_s)
 
@@ -363,7 +377,8 @@ class Lobby:
 
     async def _resume(self, session_id: str) -> BoardGroup:
         """Return the group of a session, read from the store; UnknownSessionError when it is not there."""
-        async with self._resuming:
+        player = await self.store.read(partial(self.store.player_session, session_id))
+        async with self._resuming.of(player):
             if session_id in self._groups:
                 return self._groups[session_id]
             found = await self.store.read(partial(self._stored, session_id))

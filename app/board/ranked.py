@@ -21,9 +21,8 @@ import sqlite3
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
-from weakref import WeakValueDictionary
 
-from app.board.lobby import Lobby, UnknownSessionError
+from app.board.lobby import Lobby, Locks, UnknownSessionError
 from app.board.session import HUMAN, RefusedError, Session
 from app.db.playground import (
     Deleted,
@@ -42,19 +41,6 @@ SWEEP_S = 60.0
 """Seconds between two looks for ranked episodes that were left, at most."""
 
 _log = logging.getLogger(__name__)
-
-
-class Locks:
-    """A lock for each key, there for as long as somebody holds it or waits for it."""
-
-    def __init__(self) -> None:
-        self._known: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-
-    def of(self, key: str) -> asyncio.Lock:
-        """Return the lock of a key."""
-        if (lock := self._known.get(key)) is None:
-            lock = self._known[key] = asyncio.Lock()
-        return lock
 
 
 class PageBoards:

@@ -756,6 +756,12 @@ class Store(Reader):
         found = self.query(_LATEST, [session_id, now - DAY_MS])
         return self._resumable(found[0]) if found else None
 
+    def player_session(self, session_id: str) -> str:
+        """Return the id of the session whose rival's a session is; its own where it is none."""
+        sql = "SELECT rival_of FROM sessions WHERE id = ? AND rival_of IS NOT NULL"
+        found = self.connection.execute(sql, [session_id]).fetchone()
+        return session_id if found is None else str(found[0])
+
     def rival_of(self, session_id: str) -> str | None:
         """Return the id of the session of a player's rival; None without one."""
         sql = "SELECT id FROM sessions WHERE rival_of = ?"

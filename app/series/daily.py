@@ -18,8 +18,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from functools import partial
 
-from app.board.lobby import Lobby
-from app.board.ranked import Locks
+from app.board.lobby import Lobby, Locks
 from app.board.session import Session
 from app.db.reader import Reader, utc_day
 from app.db.series import add_attempt, add_series, attempts_of, daily_secret, find_day

@@ -16,8 +16,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from app.board.lobby import Lobby
-from app.board.ranked import Locks
+from app.board.lobby import Lobby, Locks
 from app.board.session import RefusedError, Session
 from app.db.file import StoreError
 from app.db.series import StudyStore, add_series

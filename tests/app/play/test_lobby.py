@@ -2,6 +2,7 @@
 
 import asyncio
 import itertools
+import threading
 
 import pytest
 
@@ -51,6 +52,31 @@ async def until(claim):
     async with asyncio.timeout(20):
         while not claim():
             await asyncio.sleep(0.005)
+
+
+def test_a_board_that_is_slow_to_resume_delays_no_other(run_in_lobby, monkeypatch):
+    async def begin(lobby):
+        return [(await lobby.create(NewSession(seed=seed), "me")).id for seed in (5, 6)]
+
+    async def resume(lobby):
+        replay, waits = lobby.task.replay, threading.Event()
+        slow = lobby.store.resume_session(ids[0]).episode.id
+
+        def replayed(_, was, *rest):
+            assert was.id != slow or waits.wait(20)
+            return replay(was, *rest)
+
+        monkeypatch.setattr(Mars, "replay", replayed)
+        waiting = [asyncio.create_task(lobby.get(ids[0])) for _ in range(2)]
+        await asyncio.sleep(0.05)
+        assert (await asyncio.wait_for(lobby.get(ids[1]), 5)).id == ids[1]
+        assert not any(each.done() for each in waiting)
+        waits.set()
+        first, second = await asyncio.gather(*waiting)
+        assert first is second
+
+    ids = run_in_lobby(begin)
+    run_in_lobby(resume)
 
 
 def test_no_move_after_a_restart_is_earlier_than_what_was_stored_before(run_in_lobby):
