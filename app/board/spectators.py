@@ -15,8 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from typing import Any, NamedTuple, TypeVar
 
-from app.board.lobby import Lobby
-from app.board.ranked import Locks
+from app.board.lobby import Lobby, Locks
 from app.board.session import Session
 from app.db.playground import newest_episode, watchable_session
 from app.db.store import Resumable
