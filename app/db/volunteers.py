@@ -25,8 +25,8 @@ ROUNDING = 1e-9
 class Sums(NamedTuple):
     """What counted episodes come to: numbers of episodes, and sums over them.
 
-    A spoilt one counts as abandoned; `played_score` and `played_steps` are with it as it was played. Steps are those of
-    `Trial.steps_to_target`.
+    One that was left has the score of `Trial.as_left`. A spoilt one counts as abandoned; `played_score` and `played_steps` are
+    with it as it was played. Steps are those of `Trial.steps_to_target`.
     """
 
     episodes: int
@@ -42,9 +42,10 @@ class Sums(NamedTuple):
     def of(cls, trial: Trial) -> Sums:
         """Return them of one episode."""
         is_spoilt = trial.attestation == "spoilt"
-        each = trial.forfeited() if is_spoilt else trial
-        score, played = each.score or 0.0, trial.score or 0.0
-        steps, played_steps = each.steps_to_target or 0, trial.steps_to_target or 0
+        own = trial.as_left()
+        each = trial.forfeited() if is_spoilt else own
+        score, played = each.score or 0.0, own.score or 0.0
+        steps, played_steps = each.steps_to_target or 0, own.steps_to_target or 0
         is_abandoned, has_failed = each.outcome == "abandoned", not each.succeeded
         return cls(1, is_abandoned, is_spoilt, has_failed, score, steps, played, played_steps)
 

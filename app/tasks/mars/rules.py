@@ -179,10 +179,11 @@ class MarsRules:
         return -0.5 * config.limit / (config.r_invalid + config.r_bonus + cells), 1.0
 
     def forfeited_score(self, was: Cause, outcome: str, total: float, own: float) -> float:
-        """Return the score without the bonus, and with the penalty of leaving where none was paid."""
+        """Return the score without the bonus, and with the penalty of leaving where none was paid: else its own."""
+        if outcome not in ("explored", "timed_out"):
+            return own
         total -= was.config.r_bonus if outcome == "explored" else 0
-        total -= was.config.r_invalid if outcome in ("explored", "timed_out") else 0
-        return score(was.config, total, self.cells(was))
+        return score(was.config, total - was.config.r_invalid, self.cells(was))
 
     def labels(self, was: Cause, counts: Sequence[int]) -> tuple[str, ...]:
         """Return `no effort` or nothing; counts are the cells known after each move."""

@@ -22,8 +22,9 @@ from app.db.backup import Backups, StoppedError, back_up, restore
 from app.db.checks import quick_check
 from app.db.database import StoreError
 from app.db.store import Store
+from app.series.evaluation import evaluation_of_task
 from app.series.folder import Folder
-from app.series.protocol import default_protocol
+from app.series.protocol import Agents, default_protocol
 from app.series.verification import verify_database
 from tests.support.agents import own
 from tests.support.command import command
@@ -304,7 +305,7 @@ OPENING = {
     "play": "--no-browser --database FILE",
     "export": "--database FILE --out new",
     "evaluation close": "agents --yes --database FILE --studies studies",
-    "evaluation freeze": "draft --database FILE --studies studies",
+    "evaluation freeze": "sealed --database FILE --studies studies",
     "evaluation open": "open --database FILE --studies studies",
     "replay": "a1b2 --database FILE --out new.html",
     "study close": "open --yes --database FILE --studies studies",
@@ -353,6 +354,7 @@ def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp
     play_study(tmp_path / "study.db", freeze("studies", "closed"))
     draft = default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS)
     Folder("studies").create(draft)
+    Folder("studies").create(evaluation_of_task("sealed", CONFIG, "mars", 3, Agents()))
     own("studies", task="mars", config=CONFIG)
 
     def run(name, words):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.db.trial import Trial
+from app.db.volunteers import Sums
 from app.report import cautions
 from app.report.statistics.exclusion_sets import people_of
 from app.report.statistics.intervals import estimate
@@ -219,6 +220,7 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
     data.shown = lambda: data
     cohort = people_of(data)
     assert [each.score for each in cohort.ranked["b"]] == [1, 1, 1]
+    assert [Sums.of(each).score for each in trials[2:]] == [1, 1, 1]
     figures = {each.name: each for each in study_figures(data, cohort)}
     assert figures["intention to treat"].score.mean == pytest.approx(((300 + 700 + 1) / 3 + 1) / 2)
     assert figures["all"].score.mean == pytest.approx((500 + 1) / 2)
