@@ -157,14 +157,16 @@ def test_the_page_of_a_closed_evaluation_has_people_and_agents_on_one_scale(
     assert label.get_attribute("aria-label") == drawn, "a late answer changes nothing"
 
 
-def test_the_bars_of_a_replay_and_of_a_live_board_fit_a_screen_320_pixels_wide(site, player):
+def test_a_replay_a_live_board_and_a_leaderboard_fit_a_screen_320_pixels_wide(site, player):
     server, pages = site
     me = player(server, NO_3D, 320, 640)
     replay = next(path for path in pages if path.startswith("replay/"))
     watch = me.open_session()["watch"]
-    for path in (replay, f"watch/{watch}"):
+    for path in ("leaderboard#random-84x84&score", replay, f"watch/{watch}"):
         me.page.goto(f"{server.url}/{path}")
         me.page.get_by_test_id("theme").wait_for()
+        if path.startswith("leaderboard"):
+            me.page.get_by_text("0.973").first.wait_for()
         assert me.page.evaluate("document.documentElement.scrollWidth") == 320, path
         if path == replay:
             me.page.get_by_test_id("downloads").click()
