@@ -45,8 +45,9 @@ paper: $(RESEARCH)/.done ## what the paper's four algorithms need, in an environ
 	$(RESEARCH)/bin/python -m research.paper.claims.page
 	@echo "Next: $(RESEARCH)/bin/python -m research.paper --figure 4 --budget small   (--help lists the rest)"
 
-test-research: $(RESEARCH)/.done ## the tests of research/, in its own environment
-	$(RESEARCH)/bin/python -m pytest research -m "not long and not bench"
+test-research: $(RESEARCH)/.done $(DEV) ## the tests of research/: paper and tuning in its own environment
+	$(RESEARCH)/bin/python -m pytest research/paper research/tuning -m "not long and not bench"
+	$(BIN)/python -m pytest research -m "not long and not bench" --ignore research/paper --ignore research/tuning
 
 bench: $(DEV) browser ## benchmarks: absolute times reported, ratios of one run gated
 	$(BIN)/python -m pytest tests research -m bench -s -p no:cacheprovider --timeout 3600
