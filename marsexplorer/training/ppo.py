@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import deepcopy
@@ -446,23 +445,53 @@ def gradient_step(
 
 
 UNGRAPHED_STEPS = 3
-"""Steps of a kind before one is made a graph: libraries prepare in them what a graph cannot hold."""
+"""Calls before one is made a graph: libraries prepare in them what a graph cannot hold."""
+
+
+class Graphed:
+    """A function of tensors on a CUDA device, which repeats its work as one graph.
+
+    A gradient step is some hundred kernels of a few microseconds each, and to start them one by one takes far longer than they
+    run. Where the function draws random numbers, each call draws new ones.
+
+    function  of tensors of the same shapes in each call; all else that it reads or writes stays where it is, on the device
+    """
+
+    def __init__(self, function: Callable[..., Tensor]) -> None:
+        if torch.cuda.current_stream() == torch.cuda.default_stream():  # which cannot be captured
+            torch.cuda.synchronize()
+            torch.cuda.set_stream(torch.cuda.Stream())  # type: ignore[no-untyped-call]
+        self._function, self._calls = function, 0
+        self._graph: tuple[torch.cuda.CUDAGraph, list[Tensor], Tensor] | None = None
+
+    def __call__(self, *inputs: Tensor) -> Tensor:
+        """Return what the function gives of these, which may lie on the CPU."""
+        if self._graph is None:
+            places = [each.to("cuda", copy=True) for each in inputs]
+            self._calls += 1
+            if self._calls <= UNGRAPHED_STEPS:
+                return self._function(*places)
+            graph = torch.cuda.CUDAGraph()
+            with torch.cuda.graph(graph, stream=torch.cuda.current_stream()):
+                found = self._function(*places)
+            self._graph = graph, places, found
+        graph, places, found = self._graph
+        for place, each in zip(places, inputs, strict=True):
+            place.copy_(each)
+        graph.replay()
+        return found.clone()
 
 
 class GraphedSteps:
-    """Gradient steps of a run on a CUDA device, which repeats each as one graph.
+    """Gradient steps of a run on a CUDA device, a graph for each kind of them.
 
-    A step is some hundred kernels of a few microseconds each, and to start them one by one takes far longer than they run. With
-    `rule_coef` they are started one by one all the same, since the rules are made on the CPU.
+    With `rule_coef` their kernels are started one by one, since the rules are made on the CPU.
     """
 
     def __init__(self, run: TrainingRun, rollout: Minibatch) -> None:
-        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-        torch.cuda.set_stream(stream)  # the default one cannot be captured
         self._run, self._rollout = run, rollout.map(lambda column: column.to(run.device))
         self._coefs = torch.zeros(2, device=run.device)
-        self._counts: Counter[tuple[int, bool]] = Counter()
-        self._graphs: dict[tuple[int, bool], tuple[torch.cuda.CUDAGraph, Tensor, Tensor]] = {}
+        self._graphs: dict[tuple[int, bool], Graphed] = {}
 
     def load(self, rollout: Minibatch) -> None:
         """Copy a rollout and the coefficients to where the graphs read them."""
@@ -473,19 +502,12 @@ class GraphedSteps:
     def step(self, indices: Tensor) -> Tensor:
         """Make a gradient step on the moves of these indices of the rollout; return what `gradient_step` does."""
         config = self._run.config
+        if any(config.rule_coef):
+            return self._step(indices)
         kind = (len(indices), self._run.updates_done >= config.value_warmup_updates)
         if kind not in self._graphs:
-            self._counts[kind] += 1
-            if any(config.rule_coef) or self._counts[kind] <= UNGRAPHED_STEPS:
-                return self._step(indices)
-            graph, place = torch.cuda.CUDAGraph(), indices.clone()
-            with torch.cuda.graph(graph, stream=torch.cuda.current_stream()):
-                found = self._step(place)
-            self._graphs[kind] = graph, place, found
-        graph, place, found = self._graphs[kind]
-        place.copy_(indices)
-        graph.replay()
-        return found.clone()
+            self._graphs[kind] = Graphed(self._step)
+        return self._graphs[kind](indices)
 
     def _step(self, indices: Tensor) -> Tensor:
         return gradient_step(

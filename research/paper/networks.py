@@ -152,7 +152,7 @@ class NoisyLinear(nn.Linear):
     def sample(self, generator: torch.Generator | None = None) -> None:
         """Draw the noise anew: f(e) = sign(e) sqrt|e| of Gaussian numbers, one for each input and each output."""
         for noise in (self.noise_in, self.noise_out):
-            drawn = torch.randn(noise.shape, generator=generator).to(noise.device)
+            drawn = torch.randn(noise.shape, generator=generator, device=noise.device)
             noise.copy_(drawn.sign() * drawn.abs().sqrt())
 
     def forward(self, input: Tensor) -> Tensor:

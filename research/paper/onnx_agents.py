@@ -38,7 +38,7 @@ class Agent(nn.Module):
 
     def __init__(self, net: PaperNetwork, acts: str) -> None:
         super().__init__()
-        self.net = deepcopy(net).eval()
+        self.net = deepcopy(net).cpu().eval()
         self._has_logits = net.shape.head == "policy"
         self.has_value = not self._has_logits or net.shape.critic != "none"
         self._is_exact = net.shape.size is None and acts == "samples"

@@ -217,7 +217,7 @@ def read_unfinished(folder: Path = CARRIED) -> list[dict[str, Any]]:
 
 
 def accelerator() -> str:
-    """Return the name of the CUDA device that PPO's gradient steps are computed on, "" where there is none."""
+    """Return the name of the CUDA device that PPO and Rainbow compute their gradient steps on, "" where there is none."""
     return torch.cuda.get_device_name() if torch.cuda.is_available() else ""
 
 

@@ -14,13 +14,15 @@ pytest.importorskip(
     "tianshou", reason="tianshou is not installed here: `make test-research` tests what needs it"
 )
 
-from tianshou.data import Batch, PrioritizedVectorReplayBuffer
+from tianshou.algorithm import RainbowDQN
+from tianshou.data import PrioritizedVectorReplayBuffer
 from torch import nn
 
 from marsexplorer.config import EnvConfig
 from marsexplorer.policies.files.onnx import OnnxModel
+from marsexplorer.training import ppo
 from research.paper.algorithms import begin
-from research.paper.networks import NoisyLinear
+from research.paper.networks import NoisyLinear, sample_noise
 from research.paper.trainers.environments import (
     Environments,
     ObservationBytes,
@@ -137,7 +139,7 @@ def test_the_noise_is_new_for_every_move_and_rainbow_has_its_six_parts():
     for _ in range(2):
         trainer.act()
         with torch.no_grad():
-            asked.append(trainer.algorithm.policy(Batch(obs=trainer.environments.obs)).logits)
+            asked.append(algorithm.policy.model(trainer.environments.obs)[0])
     assert not torch.equal(*asked)
 
 
@@ -150,20 +152,53 @@ def test_a_policy_of_probabilities_samples_and_one_of_values_is_greedy(tmp_path)
 
 def test_the_network_chooses_the_move_whose_value_the_target_network_gives():
     trainer = short_trainer("rainbow")
-    algorithm, obs = trainer.algorithm, trainer.environments.obs
-    algorithm.gamma, chosen = 1.0, np.arange(len(obs)) % 4
+    algorithm, obs = trainer.algorithm, torch.from_numpy(trainer.environments.obs)
     distributions = torch.zeros(len(obs), 4, 51)
     distributions[:, range(4), range(4)] = 1.0  # what the target network gives: atom k for move k
-
-    def ask(batch, model=None, **_):
-        if model is algorithm.model_old:
-            return Batch(act=(chosen + 1) % 4, logits=distributions)
-        return Batch(act=chosen, logits=torch.full_like(distributions, torch.nan))
-
-    algorithm.policy.forward = ask
+    algorithm.model_old.forward = lambda obs: (distributions, None)
+    scores = torch.eye(4)[torch.arange(len(obs)) % 4]
+    trainer.net.expected = lambda codes: scores
+    chosen = scores.argmax(1)
     returns = algorithm.policy.support.expand(len(obs), 51)
-    found = algorithm._target_dist(Batch(obs_next=obs, returns=returns))
+    found = algorithm.target_distribution(obs, returns)
     assert found.argmax(1).tolist() == chosen.tolist()
+
+
+class Theirs(RainbowTrainer):
+    """Rainbow whose gradient step is tianshou's own."""
+
+    def begin(self, algorithm, net):
+        class Own(type(algorithm)):
+            _sample_noise = staticmethod(sample_noise)
+            _update_with_batch = RainbowDQN._update_with_batch
+
+        algorithm.__class__ = Own
+        super().begin(algorithm, net)
+
+
+def test_a_gradient_step_is_the_one_of_the_library(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    found = []
+    for make in (RainbowTrainer, Theirs):
+        trainer = make("paper", SMALL, 1, MOVES["rainbow"])
+        numbers = advance(trainer, MOVES["rainbow"])
+        found.append((numbers[-1]["loss"], weights(trainer.net)))
+    (loss, ours), (their_loss, theirs) = found
+    assert loss == pytest.approx(their_loss, rel=1e-6)
+    assert torch.equal(ours, theirs)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_graphs_of_rainbow_give_the_weights_that_its_steps_give(monkeypatch):
+    def trained():
+        trainer = short_trainer("rainbow")
+        torch.cuda.manual_seed(1)
+        return trainer, advance(trainer, 1536)
+
+    (graphed, losses), _ = trained(), monkeypatch.setattr(ppo, "UNGRAPHED_STEPS", 10**9)
+    stepped, expected = trained()
+    assert losses == expected
+    assert torch.equal(weights(graphed.net), weights(stepped.net))
 
 
 def test_sac_has_two_critics_with_targets_and_a_replay_with_priorities():

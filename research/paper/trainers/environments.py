@@ -59,9 +59,9 @@ class ObservationBytes:
         parts = [part.numpy().reshape(len(part), -1).view(np.uint8) for part in observation]
         return np.concatenate(parts, axis=1)
 
-    def unpack(self, packed: NDArray[np.uint8]) -> tuple[Tensor, ...]:
+    def unpack(self, packed: NDArray[np.uint8] | Tensor) -> tuple[Tensor, ...]:
         """Return what a network is given: codes uint8[num, rows, cols], or planes and moves as `features` has them."""
-        tensor = torch.from_numpy(packed)
+        tensor = torch.as_tensor(packed)
         if not self.features:
             return (tensor.view(-1, self.rows, self.cols),)
         moves = tensor[:, PICTURE_BYTES:].contiguous().view(torch.float32)

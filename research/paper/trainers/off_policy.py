@@ -18,6 +18,7 @@ Discrete soft actor-critic is Haarnoja et al. 2018's, for discrete actions Chris
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -27,11 +28,13 @@ from numpy.typing import NDArray
 from tianshou.algorithm import DiscreteSAC, RainbowDQN
 from tianshou.algorithm.modelfree.c51 import C51Policy
 from tianshou.algorithm.modelfree.discrete_sac import DiscreteSACPolicy
+from tianshou.algorithm.modelfree.reinforce import LossSequenceTrainingStats
 from tianshou.algorithm.modelfree.sac import AutoAlpha
 from tianshou.data import Batch, ReplayBuffer
-from torch import nn
+from torch import Tensor
 
 from marsexplorer.config import EnvConfig
+from marsexplorer.training.ppo import Graphed
 from research.paper.networks import (
     CategoricalNetwork,
     PolicyNetwork,
@@ -124,7 +127,7 @@ class OffPolicyTrainer(TianshouTrainer, ABC):
 
 
 class RainbowTrainer(OffPolicyTrainer):
-    """Train by Rainbow."""
+    """Train by Rainbow, on a CUDA device where there is one."""
 
     net: CategoricalNetwork
 
@@ -136,30 +139,37 @@ class RainbowTrainer(OffPolicyTrainer):
         shape = own.shape(config, "categorical", atoms=own.num_atoms, support=support)
         net = make_network(shape, own.noisy_sigma)
         assert isinstance(net, CategoricalNetwork)
-        policy = BestOfDistributions(
+        self._is_on_cuda = torch.cuda.is_available()
+        device = "cuda" if self._is_on_cuda else "cpu"
+        policy = C51Policy(
             model=Actor(net, self.form),
             action_space=MOVES,
             num_atoms=own.num_atoms,
             v_min=support[0],
             v_max=support[1],
-        )
+        ).to(device)
         self.begin(NStepRainbow(policy, own), net)
+        self._choose = graphed(self._best_moves, device)
+
+    def _best_moves(self, obs: Tensor) -> Tensor:
+        sample_noise(self.net)
+        with torch.no_grad():
+            expected: Tensor = self.net.expected(*self.form.unpack(obs))
+        return expected.argmax(1)
 
     def act(self) -> NDArray[np.int64]:
         """Return the best moves by the network with new noise, and some at random."""
         first, last = self._own.epsilon
-        policy, obs = self.algorithm.policy, self.environments.obs
+        policy, obs = self.algorithm.policy, torch.from_numpy(self.environments.obs)
         policy.set_eps_training(
             first + (last - first) * min(1.0, self.moves / self._own.epsilon_moves)
         )
-        sample_noise(self.net)
-        with torch.no_grad():
-            actions = policy(Batch(obs=obs)).act
-            is_valid = (
-                ~invalid_moves(self.form.unpack(obs)).numpy()
-                if self._own.mask
-                else np.ones((len(obs), 4))
-            )
+        actions = self._choose(obs).cpu().numpy()
+        is_valid = (
+            ~invalid_moves(self.form.unpack(obs)).numpy()
+            if self._own.mask
+            else np.ones((len(obs), 4))
+        )
         tried: NDArray[np.int64] = policy.add_exploration_noise(
             actions, Batch(obs=Batch(mask=is_valid))
         )
@@ -170,51 +180,41 @@ class RainbowTrainer(OffPolicyTrainer):
         return {"loss": stats.loss}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state, and how many gradient steps there were: the target network is copied by them."""
-        return super().state_dict() | {"gradient_steps": self.algorithm._iter}
+        """Return the state, the CUDA device's generator, and how many gradient steps there were, by which the target network is
+        copied.
+        """
+        found = super().state_dict() | {"gradient_steps": self.algorithm._iter}
+        return found | ({"cuda": torch.cuda.get_rng_state()} if self._is_on_cuda else {})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Set them."""
+        """Set them; a state of another device goes on with other noise."""
         super().load_state_dict(state)
         self.algorithm._iter = state["gradient_steps"]
-
-
-class BestOfDistributions(C51Policy):
-    """tianshou's policy of C51 without its detours, and with the network's own mask."""
-
-    def forward(self, batch: Batch, state: Any = None, model: nn.Module | None = None) -> Batch:
-        """Return `logits`, the distributions, as tianshou calls them, and `act`, the best moves."""
-        asked: Any = self.model if model is None else model
-        distributions, _ = asked(batch.obs)
-        expected = (distributions * asked.net.support).sum(2)
-        best = asked.net.fill_invalid(expected, asked.form.unpack(batch.obs)).argmax(1).numpy()
-        found = Batch()
-        found.__dict__.update(logits=distributions, act=best, state=None)
-        return found
+        if self._is_on_cuda and "cuda" in state:
+            torch.cuda.set_rng_state(state["cuda"])
 
 
 class NStepRainbow(RainbowDQN):
-    """tianshou's Rainbow with our noisy layers, a clipped gradient, and one thing mended.
+    """tianshou's Rainbow with our noisy layers, a clipped gradient, and two things changed.
 
-    tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move, where it belongs after n.
+    tianshou 2.0.1 adds n rewards but takes the distribution of the observation after one move, where it belongs after n; and
+    its gradient step cannot be a graph.
     """
 
-    def __init__(self, policy: BestOfDistributions, own: RainbowSettings) -> None:
+    def __init__(self, policy: C51Policy, own: RainbowSettings) -> None:
         self._max_grad_norm = own.max_grad_norm
+        device = policy.support.device.type
         super().__init__(
             policy=policy,
-            optim=adam(own.learning_rate),
+            optim=adam(own.learning_rate, device),
             gamma=own.gamma,
             n_step_return_horizon=own.n_step,
             target_update_freq=max(1, own.target_update_freq // own.moves_per_update),
         )
+        self._learn = graphed(self.learn, device)
 
     def _create_policy_optimizer(self, optim: Any) -> Any:
         return self._create_optimizer(self.policy, optim, max_grad_norm=self._max_grad_norm)
-
-    @staticmethod
-    def _sample_noise(model: nn.Module) -> bool:
-        return sample_noise(model)
 
     def _preprocess_batch(
         self, batch: Any, buffer: ReplayBuffer, indices: NDArray[np.int64]
@@ -225,6 +225,53 @@ class NStepRainbow(RainbowDQN):
             last = buffer.next(last)
         batch.obs_next = buffer.get(last, "obs_next")
         return batch
+
+    def _update_with_batch(self, batch: Any) -> LossSequenceTrainingStats:
+        """Make a gradient step, as tianshou's does; leave the new priorities as the batch's weights."""
+        self._periodically_update_lagged_network_weights()
+        names = ("obs", "obs_next", "act", "returns", "weight")
+        inputs = [torch.as_tensor(batch[name]) for name in names]
+        batch.weight = self._learn(*inputs).cpu()
+        return LossSequenceTrainingStats(loss=float((batch.weight * inputs[-1].cpu()).mean()))
+
+    def learn(
+        self, obs: Tensor, obs_next: Tensor, act: Tensor, returns: Tensor, weight: Tensor
+    ) -> Tensor:
+        """Make a gradient step with new noise; return the cross-entropies float32[b].
+
+        returns  float32[b, atoms], what each return of the support becomes n moves earlier
+        weight   float32[b], of the moves in the loss
+        """
+        for asked in (self.policy.model, self.model_old):
+            sample_noise(asked)
+        with torch.no_grad():
+            target = self.target_distribution(obs_next, returns)
+        distributions, _ = self.policy.model(obs)
+        errors = -(target * torch.log(of_moves(distributions, act) + 1e-8)).sum(1)
+        self.optim.step((errors * weight).mean())
+        return errors.detach()
+
+    def target_distribution(self, obs_next: Tensor, returns: Tensor) -> Tensor:
+        """Return float32[b, atoms]: the target network's distribution of the network's best moves, moved to the returns."""
+        model, policy = self.policy.model, self.policy
+        best = model.net.expected(*model.form.unpack(obs_next)).argmax(1)
+        distributions, _ = self.model_old(obs_next)
+        places = returns.clamp(policy.v_min, policy.v_max)[:, None, :]
+        distances = (places - policy.support[None, :, None]).abs() / self.delta_z
+        shares = (1 - distances).clamp(0, 1)
+        target: Tensor = (shares * of_moves(distributions, best)[:, None, :]).sum(2)
+        return target
+
+
+def of_moves(distributions: Tensor, moves: Tensor) -> Tensor:
+    """Return the distributions [b, atoms] of the moves int64[b], of all moves' [b, 4, atoms]."""
+    which = moves[:, None, None].expand(-1, 1, distributions.shape[2])
+    return distributions.gather(1, which).squeeze(1)
+
+
+def graphed(function: Callable[..., Tensor], device: str) -> Callable[..., Tensor]:
+    """Return a function that gives the same, on a CUDA device as one graph."""
+    return Graphed(function) if device == "cuda" else function
 
 
 class SACTrainer(OffPolicyTrainer):

@@ -125,7 +125,11 @@ class TianshouTrainer:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Set them."""
         self.moves = state["moves"]
+        optimizers = [each._optim for each in self.algorithm._optimizers]
+        here = [group["capturable"] for each in optimizers for group in each.param_groups]
         self.algorithm.load_state_dict(state["algorithm"])
+        for group in (group for each in optimizers for group in each.param_groups):
+            group["capturable"] = here.pop(0)
         self.envs.load_state_dict(state["envs"])
         self.environments.obs = self.form.pack(self.envs.observe())
         keys, *place = state["numpy"]
@@ -133,9 +137,12 @@ class TianshouTrainer:
         torch.set_rng_state(state["torch"])
 
 
-def adam(learning_rate: float) -> Any:
-    """Return what makes tianshou's optimisers: Adam, all tensors in one call."""
-    return TorchOptimizerFactory(torch.optim.Adam, lr=learning_rate, fused=True)
+def adam(learning_rate: float, device: str = "cpu") -> Any:
+    """Return what makes tianshou's optimisers: Adam, all tensors in one call, and on a CUDA device as part of a graph."""
+    capturable = device == "cuda"
+    return TorchOptimizerFactory(
+        torch.optim.Adam, lr=learning_rate, fused=True, capturable=capturable
+    )
 
 
 ROUND = 2000
