@@ -53,37 +53,12 @@ Judge = Callable[[Own], tuple[str, list[bool]]]
 
 
 def learners(lines: Sequence[Line]) -> dict[str, dict[str, Line]]:
-    """Return policy -> level -> result of figure 6, for those that stand for the paper's and played all of its 12 levels.
-
-    One by the letter may lack levels other than DENSEST, whose policies were not kept: they are said, and nothing holds there.
-    """
+    """Return policy -> level -> result of figure 6, for those that stand for the paper's and played all of its 12 levels."""
     found: dict[str, dict[str, Line]] = {}
     for line in lines:
         if line["policy"].startswith(LEARNT) and line["level"] in DIFFICULTIES:
             found.setdefault(line["policy"], {})[line["level"]] = line
-    return {
-        policy: own
-        for policy, own in found.items()
-        if not lacking(own) or (policy.startswith(LETTER) and not {*lacking(own)} & {*DENSEST})
-    }
-
-
-def lacking(own: Mapping[str, Line]) -> list[str]:
-    """Return those of the 12 levels that a policy has no result of."""
-    return [level for level in DIFFICULTIES if level not in own]
-
-
-def on_levels(judge: Judge[dict[str, Line]]) -> Judge[dict[str, Line]]:
-    """Return a judge that says which levels are lacking, and of which nothing holds."""
-
-    def judge_all(own: dict[str, Line]) -> tuple[str, list[bool]]:
-        text, held = judge(own)
-        missing = lacking(own)
-        return (
-            (f"{text} (without {', '.join(missing)})", [*held, False]) if missing else (text, held)
-        )
-
-    return judge_all
+    return {policy: own for policy, own in found.items() if len(own) == len(DIFFICULTIES)}
 
 
 def span(shares: Sequence[float]) -> str:
@@ -107,7 +82,7 @@ def decided(
 
 def of_learners(what: str) -> Callable[[Judge[dict[str, Line]]], Decide]:
     """Return what makes a claim about figure 6 of `judge`, which is given a policy's results by level."""
-    return lambda judge: lambda results: decided(what, learners(results.plays[6]), on_levels(judge))
+    return lambda judge: lambda results: decided(what, learners(results.plays[6]), judge)
 
 
 def never_back(line: Line) -> Rate:
@@ -141,7 +116,7 @@ def hilbert(results: Results) -> Judgement:
     ]
     others += [f"walks by `{walk['null']}` {never_back(walk).mean:.2f}" for walk in results.walks]
     what = "share of a U without going back on a level"
-    return decided(what, learners(results.plays[6]), on_levels(judge), others)
+    return decided(what, learners(results.plays[6]), judge, others)
 
 
 @of_learners("share of a level's episodes in the commonest order of quadrants")

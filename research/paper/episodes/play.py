@@ -3,7 +3,7 @@
 Every policy plays the terrains of the same seeds. The folder of the job has result.jsonl with one line: what was played, how it
 ended, and what the figure measures; see `quadrants` and `scale`. In `data/`, `ppo-earlier` is the earlier `ppo`, without
 prices, which is no longer shipped. `ppo-paper-21-s2` there are seed 2's policies by the letter, each of the level that it
-plays; that of 1-1-2 was trained beside a graphics card and not kept.
+plays; that of 1-1-2 is of a second training with the same settings and seed, since the first, which figure 5 has, was not kept.
 
 How hard a level's terrains are is measured without training: the moves of an informed search, which is shown the map, say how
 much there is to do, and those of the better rule how much it costs to find that out on the way.

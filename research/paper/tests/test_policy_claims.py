@@ -73,21 +73,16 @@ def test_without_results_nothing_is_decided(name):
     assert verdict_of(name, Results()) == NOT_YET
 
 
-@pytest.mark.parametrize(
-    ("policy", "level", "verdict"),
-    [(LETTER, "1-1-2", PARTLY), (LETTER, "3-2-2", NOT_YET), ("ppo", "1-1-2", NOT_YET)],
-)
-def test_a_policy_on_eleven_levels_reproduces_nothing(policy, level, verdict):
+@pytest.mark.parametrize("policy", [LETTER, "ppo"])
+def test_a_policy_on_eleven_levels_decides_nothing(policy):
     whole = figure_6(policy=policy)
     assert verdict_of("hilbert", whole) == (REPRODUCED if policy == LETTER else PARTLY)
-    lacking = [
-        line for line in whole.plays[6] if (line["policy"], line["level"]) != (policy, level)
+    others = [
+        line for line in whole.plays[6] if (line["policy"], line["level"]) != (policy, "1-1-2")
     ]
-    results = Results(plays={6: lacking, 7: []}, walks=whole.walks)
+    results = Results(plays={6: others, 7: []}, walks=whole.walks)
     for name in ("hilbert", "same-family", "dexterous", "discovered-obstacles"):
-        found = CLAIMS[name].decide(results)
-        assert found.verdict == verdict
-        assert ("(without 1-1-2)" in found.measured) == (verdict == PARTLY)
+        assert verdict_of(name, results) == NOT_YET
 
 
 def test_the_shipped_policies_by_the_letter_were_trained_for_as_many_moves_as_the_papers():
