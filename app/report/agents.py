@@ -7,10 +7,12 @@ Where the instances are those that people played, each agent is compared with th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from app.db.trial import LEFT
 from app.report.making import runs_of
 from app.report.model import PolicyRun
 from app.report.statistics.comparisons import compare_policy
@@ -75,12 +77,19 @@ def compare_agents(
 
 
 def _run_of(receipt: Mapping[str, Any], protocol: Protocol) -> PolicyRun:
-    """Return a card's episodes by instance; what has not succeeded took all the moves that there are."""
+    """Return a card's episodes by instance; what has not succeeded took all the moves that there are.
+
+    What was left has the score that it has for people (`Trial.as_left`).
+    """
+    cause: Any = SimpleNamespace(config=protocol.env_config)
     score, steps = np.full((2, protocol.ranked), np.nan)
     outcomes = [""] * protocol.ranked
     for each in receipt["episodes"]:
         succeeded = each["outcome"] in protocol.rules.successes
         score[each["index"]] = each["score"]
+        if each["outcome"] in LEFT:
+            came_to = (each[name] for name in ("outcome", "total", "score"))
+            score[each["index"]] = protocol.rules.forfeited_score(cause, *came_to)
         steps[each["index"]] = each["steps"] if succeeded else protocol.env_config.limit
         outcomes[each["index"]] = each["outcome"]
     return PolicyRun(receipt["card"]["id"], score, steps, tuple(outcomes))

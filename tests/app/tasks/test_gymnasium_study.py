@@ -11,6 +11,7 @@ import pytest
 from app.db.trial import Trial
 from app.db.volunteers import Sums
 from app.report import cautions
+from app.report.agents import compare_agents
 from app.report.statistics.exclusion_sets import people_of
 from app.report.statistics.intervals import estimate
 from app.report.statistics.study_figures import study_figures
@@ -227,3 +228,24 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
     (said,) = cautions._about_bounds(data)
     assert "1 ranked episode of 5 ended with a score outside the bounds" in said
     assert estimate(np.array([120.0, 300.0, 0.0]), (1, 500)).mean == 140
+
+
+def test_what_an_agent_left_is_worth_what_people_get_for_leaving():
+    task = f"gymnasium:{Description(id='FrozenLake-v1', bounds=(1, 500)).told}"
+    protocol = default_protocol("lake", rules_of(task).default, task, ranked=3, agents={})
+    ends = [("abandoned", 499.0), ("environment_failed", 400.0), ("ended", 450.0)]
+    episodes = [
+        {
+            "index": index,
+            "begun": True,
+            "outcome": outcome,
+            "steps": 9,
+            "score": score,
+            "total": score,
+        }
+        for index, (outcome, score) in enumerate(ends)
+    ]
+    card = {"id": "c", "ranks": True}
+    told = {"card": card, "agent": {}, "sees": "both", "seen_by": {}, "episodes": episodes}
+    (row,) = compare_agents(protocol, [told], [], None)["rows"]
+    assert row["score"]["values"] == [1, 1, 450]
