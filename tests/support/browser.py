@@ -45,10 +45,15 @@ def free_port():
             return port
 
 
+ANIMATED = """() => Promise.allSettled(document.getAnimations()
+    .filter((each) => each.effect.getComputedTiming().iterations < Infinity).map((each) => each.finished))"""
+
+
 def violations(page, **options):
-    """What axe finds on the page as it stands: "rule: what it is (first place)"."""
+    """What axe finds on the page once nothing fades in or moves: "rule: what it is (first place)"."""
     if not page.evaluate("() => 'axe' in window"):
         page.evaluate(AXE_SCRIPT)
+    page.evaluate(ANIMATED)
     # the default rules look at nothing preloaded
     wanted = {"resultTypes": ["violations"], "preload": False, **options}
     run = "options => axe.run(options).then(({ violations }) => violations)"

@@ -14,7 +14,8 @@ from tests.support.recorded import alter
 LAKE = "gymnasium:FrozenLake-v1"
 
 
-def test_what_differs_is_said_in_a_few_words():
+def test_what_differs_is_said_in_a_few_words(monkeypatch):
+    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
     here = rules_of(LAKE).lock()
     assert [*differences(here, here)] == []
     other = json.loads(json.dumps(here))
