@@ -479,7 +479,14 @@ def hardest(finals: Finals) -> tuple[str, Holds]:
     """With d_m = 2 and d_t = 3 the final performance is a little above 0.6."""
     found = {level: Estimate.of(finals["score"][level]) for level in ("3-2-1", "3-2-2")}
     words = ", ".join(f"{level} {mean.text()}" for level, mean in found.items())
-    return f"final score: {words}", all(0.6 <= each.mean < 0.7 for each in found.values())
+    return f"final score: {words}", all_of(is_within(each, 0.6, 0.7) for each in found.values())
+
+
+def is_within(score: Estimate, low: float, high: float) -> Holds:
+    """Return whether a score lies in low..high, None where its interval reaches over an end."""
+    if low <= score.low and score.high < high:
+        return True
+    return False if score.high < low or score.low >= high else None
 
 
 @on_levels

@@ -425,6 +425,10 @@ def test_a_loss_is_serious_only_with_certainty(loss, verdict):
     assert verdict_of("morphology-degrades", results) == verdict
 
 
+def test_a_score_lies_in_a_range_only_with_certainty():
+    assert verdict_of("hardest", shaken(figure_5(*LIKE_THE_PAPER), (1, NOISE))) == UNDECIDED
+
+
 def test_a_loss_is_of_scores_on_one_scale():
     records = [
         trained("ppo", seed, [0.5 - 0.12 * (level[2] == "2") + 0.0001 * seed], level, explored=0.0)
