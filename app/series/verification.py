@@ -227,7 +227,12 @@ def _check_series(
     if found != row.protocol_hash:
         yield Finding(where, "protocol_hash", row.protocol_hash, found)
     if secret is not None and (bound := seeds.commitment(secret)) != row.commitment:
-        yield Finding(where, "commitment", row.commitment, f"{bound} from the secret")
+        of_folder = (
+            ""
+            if row.secret
+            else " in the folder of studies (--studies), which may be another server's"
+        )
+        yield Finding(where, "commitment", row.commitment, f"{bound} from the secret{of_folder}")
     yield from check_beacon(where, beacon, row.beacon_signature, row.frozen_ms)
     expected = _Expected(row, config.hash, key, (drawn_by or row).protocol_hash)
     if isinstance(of, Protocol):

@@ -429,7 +429,10 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     result = verify_database(tmp_path / "play.db", secrets={study.name: study.secret})
     assert (result.findings, result.episodes, result.still_open) == ((), 1, 1)
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
-    assert "commitment" in {finding.what for finding in wrong.findings}
+    found = {finding.what: str(finding) for finding in wrong.findings}
+    assert (
+        "in the folder of studies (--studies), which may be another server's" in found["commitment"]
+    )
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
 
 
