@@ -64,7 +64,7 @@ REPORT_FORMAT = "marsexplorer-report-1"
 @click.option(
     "--algorithms",
     multiple=True,
-    help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all four]",
+    help="ppo, a2c, rainbow, sac; repeatable, or with commas.  [default: all that have the variant]",
 )
 @click.option(
     "--variants",

@@ -10,6 +10,7 @@ Figures 6 and 7 have the policies that were trained in the same folder too: 6 PP
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,7 +107,7 @@ class Request:
 
     figures     of FIGURES
     budget      a name in BUDGETS
-    algorithms  of figure 4; () takes all four
+    algorithms  of figure 4; () takes all that have the variant
     variants    of figures 4 and 5; () takes VARIANTS
     seeds       of figures 4 and 5: how many, from 0 on
     moves, terrains  in place of the budget's, for every trial
@@ -141,7 +142,7 @@ def plan(request: Request, folder: Path) -> list[Job]:
 
 def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
     if figure == "4":  # within a seed the longest first
-        return _trials(request, request.algorithms or ALGORITHMS, VARIANTS["4"], [LEVEL])
+        return _trials(request, request.algorithms, VARIANTS["4"], [LEVEL])
     if figure == "5":
         trials = _trials(request, ["ppo"], VARIANTS["5"], DIFFICULTIES)
         return [*trials, *difficulty_jobs(request.budget, SIZE)]
@@ -151,18 +152,29 @@ def _figure_jobs(figure: str, request: Request, folder: Path) -> Iterable[Job]:
 
 
 def _trials(
-    request: Request, algorithms: Iterable[str], variants: Sequence[str], levels: Sequence[str]
+    request: Request, algorithms: Sequence[str], variants: Sequence[str], levels: Sequence[str]
 ) -> list[Trial]:
+    """Return the trials of some algorithms; () takes those of the four that have a variant, all where none has it."""
     budget = BUDGETS[request.budget]
     terrains = request.terrains or budget.terrains
     return [
         Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
         for seed in range(request.seeds)
         for variant in request.variants or variants
-        for algorithm in algorithms
+        for algorithm in algorithms or having(variant) or ALGORITHMS
         for level in levels
         for moves in [_moves_of(budget, algorithm, variant, level)]
     ]
+
+
+def having(variant: str) -> list[str]:
+    """Return the algorithms that have a variant."""
+    found = []
+    for algorithm in ALGORITHMS:
+        with suppress(ValueError):
+            check_variant(algorithm, variant)
+            found.append(algorithm)
+    return found
 
 
 def _moves_of(budget: Budget, algorithm: str, variant: str, level: str) -> int:

@@ -1,6 +1,7 @@
 """`python -m research.paper` as people type it: what it would do, what it refuses, what it trains, draws and exports."""
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 
 from marsexplorer.config import EnvConfig
 from research.paper.__main__ import paper, read_human_level
+from research.paper.algorithms import ALGORITHMS
 from research.paper.jobs import lock
 from research.paper.tests.logs import trial_of, write_trial
 from research.paper.trial import LARGEST_CHECKPOINT
@@ -37,6 +39,29 @@ def test_the_list_names_each_job_and_does_nothing(tmp_path):
     said = run(*PPO_ALONE[:-1], 3, *options, "--list")[1]
     assert "ppo-paper-random-21-s0: done\n" in said
     assert "2 of 3 jobs to do in" in said
+
+
+COMMAND = re.compile(r"python -m\s+research\.paper (--figure [^`#\n<]*(?:\n[^`#\n<]+(?=`))?)")
+"""A command in a document, which a line may break."""
+
+
+@pytest.mark.parametrize("name", ["docs/paper.md", "docs/evaluation.md", "research/README.md"])
+def test_the_commands_of_the_documents_are_ones_that_there_are(name, tmp_path):
+    found = COMMAND.findall((Path(__file__).parents[3] / name).read_text())
+    commands = {each for each in found if "--redraw" not in each}
+    assert commands
+    for command in commands:
+        code, said, err = run(*command.replace("--list", "").split(), "--list", "--out", tmp_path)
+        assert (code, "jobs to do in" in said) == (0, True), f"{command}: {err}"
+
+
+def test_all_algorithms_that_have_a_variant_take_part(tmp_path):
+    said = run(
+        "--figure", 4, "--variants", "paper,appendix", "--seeds", 1, "--out", tmp_path, "--list"
+    )[1]
+    assert {line for line in said.splitlines() if line.endswith("-s0")} == {
+        *(f"{name}-paper-random-21-s0" for name in ALGORITHMS), "ppo-appendix-random-21-s0"
+    }  # fmt: skip
 
 
 def test_a_training_is_made_drawn_and_not_made_again(tmp_path):
@@ -85,6 +110,12 @@ def test_without_tianshou_three_algorithms_are_refused_before_anything_is_traine
     [
         (("--figure", 4, "--algorithms", "dqn"), 2, "no algorithm 'dqn'; choose of: a2c, ppo, "),
         ((*PPO_ALONE, "--variants", "wurks"), 2, "no variant 'wurks'"),
+        (("--figure", 4, "--variants", "wurks"), 2, "no variant 'wurks'"),
+        (
+            ("--figure", 4, "--algorithms", "sac", "--variants", "appendix"),
+            2,
+            "no variant 'appendix'",
+        ),
         ((*PPO_ALONE, "--moves", 2000), 2, "was begun with 1,000 moves"),
         (("--figure", 4, "--redraw", "nowhere"), 2, "nowhere holds none of: figure4*.jsonl"),
         (
