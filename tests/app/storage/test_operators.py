@@ -141,13 +141,9 @@ def test_passwords_that_wait_for_their_check_are_few_and_beyond_them_the_answer_
 
 
 def lock(path, seconds):
-    """Hold the lock of a database for some seconds, from another connection; OperationalError when somebody holds it."""
-    conn = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
-    try:
-        conn.execute("BEGIN IMMEDIATE")
-    except sqlite3.OperationalError:
-        conn.close()
-        raise
+    """Hold the lock of a database for some seconds, from another connection, once nobody else holds it."""
+    conn = sqlite3.connect(path, timeout=30, isolation_level=None, check_same_thread=False)
+    conn.execute("BEGIN IMMEDIATE")
     Timer(seconds, conn.close).start()
 
 
