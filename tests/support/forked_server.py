@@ -80,6 +80,8 @@ def run_and_wait(answers, run, given):
     if pid == 0:
         answers.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        if run is work:
+            os.setpgid(0, 0)  # where nobody asks any more it kills its group at once, which is not to be the run's
         try:
             run(*given)
         except BaseException:  # it ends here, and not as the process from which it was forked
@@ -87,7 +89,8 @@ def run_and_wait(answers, run, given):
             os._exit(1)
         os._exit(0)
     if run is work:
-        os.setpgid(pid, pid)  # it is ended with what it began
+        with suppress(ProcessLookupError):
+            os.setpgid(pid, pid)  # it is ended with what it began
     with suppress(ConnectionError):  # a test that failed asks no more
         answers.send(pid)
         answers.send(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
