@@ -81,7 +81,8 @@ def run_and_wait(answers, run, given):
         answers.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if run is work:
-            os.setpgid(0, 0)  # where nobody asks any more it kills its group at once, which is not to be the run's
+            # where nobody asks any more it kills its group at once, which is not to be the run's
+            os.setpgid(0, 0)
         try:
             run(*given)
         except BaseException:  # it ends here, and not as the process from which it was forked
