@@ -149,10 +149,10 @@ class NoisyLinear(nn.Linear):
         self.register_buffer("noise_out", torch.zeros(outputs))
         self.sample()
 
-    def sample(self, generator: torch.Generator | None = None) -> None:
+    def sample(self) -> None:
         """Draw the noise anew: f(e) = sign(e) sqrt|e| of Gaussian numbers, one for each input and each output."""
         for noise in (self.noise_in, self.noise_out):
-            drawn = torch.randn(noise.shape, generator=generator, device=noise.device)
+            drawn = torch.randn_like(noise)
             noise.copy_(drawn.sign() * drawn.abs().sqrt())
 
     def forward(self, input: Tensor) -> Tensor:
@@ -162,12 +162,11 @@ class NoisyLinear(nn.Linear):
         return functional.linear(input, weight, self.bias + self.bias_sigma * self.noise_out)
 
 
-def sample_noise(net: nn.Module) -> bool:
-    """Draw the noise of every noisy layer anew; return whether there is one."""
-    layers = [module for module in net.modules() if isinstance(module, NoisyLinear)]
-    for layer in layers:
-        layer.sample()
-    return bool(layers)
+def sample_noise(net: nn.Module) -> None:
+    """Draw the noise of every noisy layer anew."""
+    for module in net.modules():
+        if isinstance(module, NoisyLinear):
+            module.sample()
 
 
 class PaperNetwork(nn.Module):

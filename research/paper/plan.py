@@ -161,13 +161,13 @@ def _trials(
         Trial(algorithm, variant, level, SIZE, seed, request.moves or moves, terrains)
         for seed in range(request.seeds)
         for variant in request.variants or variants
-        for algorithm in algorithms or having(variant) or ALGORITHMS
+        for algorithm in algorithms or algorithms_with(variant) or ALGORITHMS
         for level in levels
         for moves in [_moves_of(budget, algorithm, variant, level)]
     ]
 
 
-def having(variant: str) -> list[str]:
+def algorithms_with(variant: str) -> list[str]:
     """Return the algorithms that have a variant."""
     found = []
     for algorithm in ALGORITHMS:

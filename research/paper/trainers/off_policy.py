@@ -211,7 +211,7 @@ class NStepRainbow(RainbowDQN):
             n_step_return_horizon=own.n_step,
             target_update_freq=max(1, own.target_update_freq // own.moves_per_update),
         )
-        self._learn = graphed(self.learn, device)
+        self._graphed_step = graphed(self.gradient_step, device)
 
     def _create_policy_optimizer(self, optim: Any) -> Any:
         return self._create_optimizer(self.policy, optim, max_grad_norm=self._max_grad_norm)
@@ -231,10 +231,10 @@ class NStepRainbow(RainbowDQN):
         self._periodically_update_lagged_network_weights()
         names = ("obs", "obs_next", "act", "returns", "weight")
         inputs = [torch.as_tensor(batch[name]) for name in names]
-        batch.weight = self._learn(*inputs).cpu()
+        batch.weight = self._graphed_step(*inputs).cpu()
         return LossSequenceTrainingStats(loss=float((batch.weight * inputs[-1].cpu()).mean()))
 
-    def learn(
+    def gradient_step(
         self, obs: Tensor, obs_next: Tensor, act: Tensor, returns: Tensor, weight: Tensor
     ) -> Tensor:
         """Make a gradient step with new noise; return the cross-entropies float32[b].
