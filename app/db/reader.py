@@ -132,15 +132,6 @@ class Reader:
             ORDER BY e.started_ms DESC, e.id DESC LIMIT ?"""
         return list(map(Trial.of, self._db.query(sql, [config_hash, most])))[::-1]
 
-    def best_since(self, since_ms: int, most_cells: int) -> str | None:
-        """Return the id of the counted, explored episode with the highest score that ended after a time; None without one."""
-        found = self.query(
-            f"""{self._select}{_FILTER["human"]} AND e.ended_ms > ? AND e.outcome = 'explored'
-            AND e.discovered <= ? ORDER BY e.score DESC, e.id LIMIT 1""",
-            [since_ms, most_cells],
-        )
-        return str(found[0]["id"]) if found else None
-
     def played_by(self, player: str, limit: int = 50, after: str | None = None) -> list[Trial]:
         """Return the finished episodes that a player drove, newest first, for their own page; of open studies none.
 

@@ -35,13 +35,6 @@ async def get_replay(request: Request, episode_id: str) -> dict[str, Any]:
         return (await replays.replay(episode_id, asker_of(request), owner)).document()
 
 
-@router.get("/api/replay-of-the-week", tags=["results"], summary="The best replay of the week")
-async def get_best_replay(request: Request) -> dict[str, Any] | None:
-    """Return the counted episode of the last seven days with the highest score, as its replay; null where there is none."""
-    services = services_of(request)
-    return await services.replays.best_of_week(services.lobby.sources.clock_ms())
-
-
 @router.get(
     "/api/episodes/{episode_id}/ghost",
     tags=["results"],

@@ -23,8 +23,8 @@ const REPEAT_SETTING = "mars.repeat";
  * @param {{task: Task, onClock: () => Board | null, board: HTMLElement, frames: HTMLIFrameElement[], pad: HTMLElement,
  *   settings: {repeat: HTMLSelectElement, sound: HTMLElement}, send: (message: object) => boolean,
  *   driven: () => Frame | null, painted: () => Frame | null, isPractice: () => boolean, isHeld: (on: Frame) => boolean,
- *   announce: (text: string) => void, onActivity?: () => void, onEnter: (event: KeyboardEvent) => boolean}} how */
-export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isHeld, announce, onActivity, onEnter }) {
+ *   announce: (text: string) => void, onEnter: (event: KeyboardEvent) => boolean}} how */
+export function startInput({ task, onClock, board, frames, pad, settings, send, driven, painted, isPractice, isHeld, announce, onEnter }) {
   const now_ms = () => performance.now();
   const actionOfKey = (/** @type {string} */ code) => actionOf(task.keys, code);
   const sendEvents = () => telemetry.sendAll();
@@ -71,7 +71,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     },
   });
   const controls = startControls({
-    frames, pad, telemetry: clock.telemetry, onActivity, onEnter, actionOf: (code) => partOf(task.keys, code), drives: (code) => partOf(task.keys, code) !== undefined,
+    frames, pad, telemetry: clock.telemetry, onEnter, actionOf: (code) => partOf(task.keys, code), drives: (code) => partOf(task.keys, code) !== undefined,
     onAct(action, timing, pressed_ms, holder) {
       const on = driven();
       if (!on) return;
@@ -94,10 +94,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
     }
     const take = createSwipe({
       isOn: isSwiped, actionOf: actionOfKey,
-      onSwipe(action, event) {
-        onActivity?.();
-        controls.press("touch", action, event, note("touchdown", action, event), "swipe");
-      },
+      onSwipe: (action, event) => controls.press("touch", action, event, note("touchdown", action, event), "swipe"),
       onEnd: (action, event) => controls.release("swipe", note("touchup", action, event)),
     });
     for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {

@@ -39,10 +39,6 @@ const said = new Set();
 /** @type {Hint | null} */
 let hint = null;
 let isCoaching = true;
-/** After so long without a key or a touch, a board that nobody has begun shows the best replay of the week. */
-const IDLE_MS = 20_000;
-let idle = 0;
-let hideBest = () => {};
 const isFirstVisit = () => document.body.dataset.visit === "first";
 
 const template = by("board-template", HTMLTemplateElement);
@@ -109,7 +105,7 @@ const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { s
 const { moves, telemetry, clock } = startInput({
   task, onClock: () => (state.mode === "practice" || state.mode === "ranked" ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
   isPractice: () => state.mode === "practice", isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
-  frames: ROLES.map((role) => panels[role].viewer), onEnter, onActivity: awaitIdle,
+  frames: ROLES.map((role) => panels[role].viewer), onEnter,
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
   driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
 });
@@ -293,21 +289,6 @@ function onEnter() {
   goNext();
   return true;
 }
-/** Take the replay of the week away, and wait for the next time that nobody presses anything. */
-function awaitIdle() {
-  hideBest();
-  hideBest = () => {};
-  clearTimeout(idle);
-  if (modules && !matchMedia("(prefers-reduced-motion: reduce)").matches) idle = setTimeout(showWeek, IDLE_MS);
-}
-async function showWeek() {
-  const asked = idle;
-  const isWanted = () => asked === idle && state.mode !== "watch" && state.player?.frame.step === 0 && !document.hidden && !document.querySelector("dialog[open]");
-  if (!isWanted()) return;
-  const { showBest } = await import("./demo.js");
-  const hide = await showBest(panels.player.root, task, isWanted);
-  if (hide) hideBest = hide;
-}
 /** @param {typeof found} board that is gone on with */
 const restore = (board) => { if (board) sessions.resume(board); };
 
@@ -364,4 +345,3 @@ terrainDialog?.offer(levels, policies, maps);
 isReady = true;
 showPeople();
 restore(found);
-awaitIdle();

@@ -3,8 +3,6 @@
 import re
 from contextlib import closing
 
-import pytest
-
 from app.db import ratings
 from app.db.store import Store
 from app.web.access import PLAYER_COOKIE
@@ -63,40 +61,23 @@ def test_a_name_is_chosen_shown_with_its_rating_and_hidden(serve, player, tmp_pa
     assert me.errors == []
 
 
-@pytest.mark.parametrize("motion", ["no-preference", "reduce"])
-def test_the_best_replay_of_the_week_moves_until_the_first_key(serve, player, tmp_path, motion):
+def test_a_board_that_is_left_alone_stays_the_board(serve, player, tmp_path):
     with closing(Store(tmp_path / "playground.db")) as store:
-        best = max(
-            (play(store, seed, f"p{seed}", explore=True) for seed in range(3)),
-            key=lambda row: store.find_episode(row.id).episode.score,
-        )
-        week_ago = NOW - 8 * 86_400_000
-        play(store, 7, "old", explore=True, started_ms=week_ago)
-        play(store, 8, "script", explore=True, driver="script")
-    me = player(serve(), NO_3D, reduced_motion=motion)
-    page, asked = me.page, []
-    page.on("request", lambda each: asked.append(each.url) if "of-the-week" in each.url else None)
+        play(store, 1, "p1", explore=True)
+    me = player(serve(), NO_3D)
+    page, requests = me.page, []
     page.clock.install()
-    me.goto()
-    page.clock.fast_forward(21_000)
-    if motion == "reduce":
-        page.clock.fast_forward(60_000)
-        assert (asked, page.get_by_test_id("demo").count()) == ([], 0)
-        return
-    demo = page.get_by_test_id("demo")
-    moves = best.steps or len(
-        page.request.get(f"{me.url}/api/episodes/{best.id}").json()["actions"]
-    )
-    demo.get_by_text(f"{moves} moves").wait_for()
-    board = demo.locator("canvas")
-    first = board.get_attribute("aria-label")
-    me.wait(f"document.querySelector('.demo canvas').getAttribute('aria-label') !== {first!r}")
-    assert judged(page, "best-of-the-week") == []
+    me.begin(size=[9, 12])
+    before = me.state()
+    page.on("request", lambda request: requests.append(request.url))
     page.clock.fast_forward(60_000)
-    assert len(asked) == 1, "nothing is polled"
-    page.keyboard.press("ArrowRight")
-    demo.wait_for(state="detached")
-    me.wait("window.mars.state.player.frame.step === 1 || window.mars.state.player.frame.outcome")
-    page.clock.fast_forward(60_000)
-    assert len(asked) == 1, "a board that is begun is left alone"
+    page.wait_for_timeout(500)
+    board = page.locator(".board[data-role=player]")
+    lies_on_top = """board => {
+        const { x, y, width, height } = board.querySelector(".matrix").getBoundingClientRect();
+        const top = document.elementFromPoint(x + width / 2, y + height / 2);
+        return top.closest(".matrix") !== null;
+    }"""
+    assert board.evaluate(lies_on_top)
+    assert (board.locator("canvas").count(), requests, me.state()) == (1, [], before)
     assert me.errors == []

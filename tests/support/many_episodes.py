@@ -106,7 +106,7 @@ def public_reads(path: Path) -> list[str]:
         f"/replay/{middle}", f"/watch/{middle}", f"/api/watch/{middle}", "/api/human-level", "/api/leaderboard",
         f"/api/leaderboard/{board}", "/api/leaderboard/study-dunes", "/api/me/history", "/api/me/session", "/api/daily",
         f"/api/daily/{yesterday}", f"/api/daily/{yesterday}/results", "/api/studies", "/api/studies/dunes",
-        "/api/people", "/api/replay-of-the-week",
+        "/api/people",
         "/", "/me", "/leaderboard", "/daily",
     ]  # fmt: skip
 

@@ -7,18 +7,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Hashable, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from app.board.spectators import Replayer
-from app.db.reader import Reader
-from app.db.store import DAY_MS
 from app.jobs import Jobs
 from app.task import MARS, Course, GhostError, PolicyOffer, RunEndedError, Task
 from app.web.replays.episodes import (
-    STRANGER,
     Asker,
     ShownEpisode,
     UnknownReplayError,
@@ -30,8 +26,6 @@ from app.web.replays.page import document
 
 MAX_COURSES, MAX_FILES = 64, 16
 """Courses of policies, and files and replays, that are kept."""
-BEST_FOR_MS, MOST_CELLS = 600_000, 1764
-"""How long the best replay of the week stays it, and how many cells it has at most."""
 LONGEST_S = 30.0
 """Seconds that a policy may take for its whole episode, and a file of a replay to be written."""
 T = TypeVar("T")
@@ -72,8 +66,6 @@ class Replays:
         self._offers = {offer.name: offer for offer in offers}
         self._courses: dict[Hashable, Course] = {}
         self._files: dict[Hashable, bytes] = {}
-        self._best: tuple[int, dict[str, Any] | None] = (0, None)
-        self._looking = asyncio.Lock()
         self._replays: dict[Hashable, Replay] = {}
 
     async def has(self, episode_id: str, asker: Asker) -> bool:
@@ -116,28 +108,6 @@ class Replays:
         asked: Any = {"owner": owner, "key": key, "limit_s": LONGEST_S}
         content = await self._jobs.run(file_of, form, episode_id, courses, **asked)
         return _keep(self._files, MAX_FILES, key, content)
-
-    async def best_of_week(self, now_ms: int) -> dict[str, Any] | None:
-        """Return the best replay of the last week, of a person and of a board that is soon sent; None where there is none.
-
-        It is looked for every ten minutes at most, however many ask.
-        """
-        async with self._looking:
-            at_ms, found = self._best
-            if now_ms - at_ms >= BEST_FOR_MS:
-                found = await self._replayer.run("", self._best_since, now_ms)
-                self._best = now_ms, found
-        return found
-
-    def _best_since(self, now_ms: int) -> dict[str, Any] | None:
-        with closing(Reader.open(self._database, public=True, at_ms=now_ms)) as reader:
-            episode_id = reader.best_since(now_ms - 7 * DAY_MS, MOST_CELLS)
-        try:
-            if episode_id is None:
-                return None
-            return self._replay(shown_episode(self._database, episode_id, STRANGER)).document()
-        except (UnknownReplayError, ValueError):
-            return None  # it was erased meanwhile, or by rules that are gone
 
     def _replay(self, episode: ShownEpisode) -> Replay:
         """Return a replay that is kept, or is made and kept: call it on the replayer's one thread."""
