@@ -20,7 +20,7 @@ from app.db.trial import parse_config
 from app.db.volunteers import Sums, played_configs, players_of
 from app.report.statistics.exclusion_sets import MetricName
 from app.report.statistics.formatting import counted
-from app.report.statistics.intervals import Interval, estimate, is_a_few_players
+from app.report.statistics.intervals import Interval, estimate_of_means, is_a_few_players
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
 from marsexplorer.intervals import t_interval
@@ -110,7 +110,7 @@ def _interval_of(
     means: Sequence[float], bounds: Interval, is_guaranteed: bool
 ) -> dict[str, float | None]:
     """Return mean, low and high over players as a report prints them; low and high None for one player."""
-    found = estimate(np.array(means, np.float64), bounds, is_guaranteed)
+    found = estimate_of_means(np.array(means, np.float64), bounds, is_guaranteed)
     low, high = found.interval or (None, None)
     return {"mean": found.mean, "low": low, "high": high}
 

@@ -68,7 +68,66 @@ class Estimate:
     widened: str | None = None
 
 
-def estimate(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
+def interval(table: Floats, worst: float | Floats | None, terrains_drawn: bool = True) -> Ends:
+    """The 95 % interval of the mean of participants' means, for other participants.
+
+    Args:
+        table: float64[..., participants, terrains] of one metric, at least two participants;
+            NaN where there is no value, at least one value in each row. Leading axes are studies.
+        worst: the worst value of a cell, a scalar or float64[terrains]; None if none is declared.
+        terrains_drawn: whether the interval is for other terrains too.
+
+    Returns:
+        Low and high, float64[...] each.
+    """
+    from app.report.statistics.crossed import crossed_interval
+
+    if terrains_drawn:
+        return crossed_interval(table)
+    return printed_interval(np.nanmean(table, -1))
+
+
+def p_value(table: Floats, worst: float | Floats | None, terrains_drawn: bool = True) -> Floats:
+    """The two-sided p that the mean is 0: below 0.05 exactly where `interval` leaves 0 out.
+
+    Args:
+        table: of policy minus people, as in `interval`.
+        worst: the policy's value minus the worst that a participant can have on a terrain.
+        terrains_drawn: whether the test is for other terrains too.
+    """
+    from app.report.statistics.crossed import crossed_p
+
+    if terrains_drawn:
+        return crossed_p(table)
+    return printed_p(np.nanmean(table, -1))
+
+
+def estimate(
+    table: Floats, bounds: Interval, worst: float | Floats | None, terrains_drawn: bool = True
+) -> Estimate:
+    """The estimate of one study, its interval cut off at the metric's bounds.
+
+    Args:
+        table: float64[participants, terrains], at least one participant (see `interval`).
+        bounds: lowest and highest mean of a participant; widened to a value that leaves them.
+        worst: the worst value of a cell, None if none is declared.
+        terrains_drawn: whether the interval is for other terrains too.
+    """
+    means = np.nanmean(table, -1)
+    mean, count = float(means.mean()), len(means)
+    if count < 2:
+        return Estimate(mean, count)
+    low, high = _pair(interval(table, worst, terrains_drawn))
+    lowest, highest = min(bounds[0], float(means.min())), max(bounds[1], float(means.max()))
+    return Estimate(
+        mean=mean,
+        players=count,
+        sd=float(means.std(ddof=1)),
+        interval=(max(low, lowest), min(high, highest)),
+    )
+
+
+def estimate_of_means(values: Floats, bounds: Interval, is_guaranteed: bool = False) -> Estimate:
     """Return the estimate for player means float64[n] (n at least 1) of a metric within `bounds`.
 
     Bounds that a value leaves, as declared ones of an environment may turn out to be, are widened to it.

@@ -19,7 +19,7 @@ from app.report.statistics.exclusion_sets import (
     rule_in_words,
 )
 from app.report.statistics.formatting import counted
-from app.report.statistics.intervals import Estimate, Interval, estimate, is_a_few_players
+from app.report.statistics.intervals import Estimate, Interval, estimate_of_means, is_a_few_players
 from app.series.data import StudyData
 from app.task import Configuration, Rules, Words
 
@@ -195,7 +195,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
     means = [player_means(cohort.table(ids, each)) for each in METRICS]
     bounds = [metric_bounds(rules, config, each) for each in METRICS]
     of_both = zip(means, bounds, strict=True)
-    score, steps = (estimate(*each, is_guaranteed) for each in of_both)
+    score, steps = (estimate_of_means(*each, is_guaranteed) for each in of_both)
     return StudyFigure(
         name,
         rule,
@@ -203,7 +203,7 @@ def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> S
         episodes=int(episodes.sum()),
         score=score,
         steps=steps,
-        completed=estimate(shares, (0.0, 1.0), is_guaranteed or np.ptp(shares) == 0),
+        completed=estimate_of_means(shares, (0.0, 1.0), is_guaranteed or np.ptp(shares) == 0),
     )
 
 

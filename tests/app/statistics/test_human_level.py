@@ -14,7 +14,7 @@ from app.report.statistics.human_level import (
     human_level,
     mean_interval,
 )
-from app.report.statistics.intervals import estimate
+from app.report.statistics.intervals import estimate_of_means
 from app.report.statistics.study_figures import metric_bounds
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
@@ -54,7 +54,9 @@ def test_each_player_weighs_the_same_however_much_they_played(store):
     }
     (figure,) = human_level(store)["figures"]
     means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
-    interval = estimate(np.array(means), metric_bounds(rules_of("mars"), SMALL, "score")).interval
+    interval = estimate_of_means(
+        np.array(means), metric_bounds(rules_of("mars"), SMALL, "score")
+    ).interval
     assert (figure["players"], figure["episodes"], figure["population"]) == (3, 6, "volunteers")
     assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
     assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
@@ -72,7 +74,7 @@ def test_the_figures_are_those_of_the_whole_estimate(store, failing, headline):
     assert figure["headline"] == headline
     for name, values in (("score", scores), ("steps", steps)):
         means = np.array([math.fsum(own) / len(own) for own in values.values()])
-        whole = estimate(
+        whole = estimate_of_means(
             means,
             metric_bounds(rules_of("mars"), SMALL, name),
             is_guaranteed=headline == "guaranteed",

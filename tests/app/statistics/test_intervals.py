@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from app.report.statistics.intervals import (
-    estimate,
+    estimate_of_means,
     guaranteed_covers,
     guaranteed_interval,
     hall_interval,
@@ -110,7 +110,7 @@ def test_a_score_without_a_bound_has_no_guaranteed_end_on_the_other_side():
     low, high = guaranteed_interval(values, (0, 40))
     assert guaranteed_interval(values, (0, np.inf)) == (pytest.approx(low), np.inf)
     assert guaranteed_interval(values, (-np.inf, 40)) == (-np.inf, pytest.approx(high))
-    assert estimate(values, (-np.inf, np.inf), True).interval == (-np.inf, np.inf)
+    assert estimate_of_means(values, (-np.inf, np.inf), True).interval == (-np.inf, np.inf)
 
 
 def test_a_value_outside_the_bounds_is_refused():
@@ -120,14 +120,14 @@ def test_a_value_outside_the_bounds_is_refused():
 
 def test_an_estimate_says_which_end_it_widened():
     values = np.array([0.95, 0.94, 0.95, 0.96, 0.3])
-    found, t = estimate(values, (0, 1)), t_interval(values)
+    found, t = estimate_of_means(values, (0, 1)), t_interval(values)
     assert found.widened == "low"
     assert found.interval[0] < t[0]
     assert found.interval[1] == min(t[1], 1)  # cut off at the bound
-    assert estimate(np.array([0.4, 0.5, 0.6]), (0, 1)).widened is None
+    assert estimate_of_means(np.array([0.4, 0.5, 0.6]), (0, 1)).widened is None
 
 
 def test_players_who_are_all_alike_have_no_skewness():
-    found = estimate(np.full(6, 0.3), (0, 1))
+    found = estimate_of_means(np.full(6, 0.3), (0, 1))
     assert found.interval == pytest.approx((0.3, 0.3))
     assert (found.skewness, found.sd) == (None, 0.0)
