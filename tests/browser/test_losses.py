@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from marsexplorer import policies
 from marsexplorer.observation import valid_actions
 from tests.browser.test_attested import there_and_back
 from tests.browser.test_play_page import whole
@@ -120,4 +121,32 @@ def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
     said = me.page.locator("[data-part=losses]")
     said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for()
     assert ask.is_hidden(), "asking again would say the same"
+    assert me.errors == []
+
+
+LIES_IN_THE_MIDDLE = """board => {
+    const { x, y, width, height } = board.getBoundingClientRect();
+    const top = document.elementFromPoint(x + width / 2, y + height / 2);
+    return top?.dataset.testid ?? top?.outerHTML.slice(0, 80) ?? "nothing";
+}"""
+
+
+def test_the_board_is_on_top_while_any_loss_is_shown(serve, player):
+    me = player(serve(), FLAGS)
+    page, canvas = me.page, me.page.get_by_test_id("canvas-player")
+    me.begin(size=[9, 11], seed=12, rival="frontier-cost")
+    me.explore(Wanderer(), lambda frame: frame["outcome"] or frame["step"] == 30)
+    me.explore(policies.load("frontier-utility"), lambda frame: frame["outcome"])
+    page.get_by_role("button", name=ASK).click()
+    page.get_by_test_id("loss-2").wait_for()
+    losses = page.locator("[data-part=losses] .loss").all()
+    covered = []
+    for width, height in ((1440, 900), (1000, 800), (820, 1180), (701, 900), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        for number, loss in enumerate(losses, 1):
+            loss.click()
+            top = canvas.evaluate(LIES_IN_THE_MIDDLE)
+            keep_picture(page, f"loss-{number}-{width}")
+            covered += [] if top == "canvas-player" else [(width, number, top)]
+    assert covered == []
     assert me.errors == []
