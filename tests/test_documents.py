@@ -14,6 +14,7 @@ import grimp
 import pytest
 
 from app.cli.main import cli
+from marsexplorer.policies.files.card import of_paper, read_card, shipped
 
 ROOT = Path(__file__).parents[1]
 HEADINGS = [
@@ -42,29 +43,155 @@ def test_every_block_of_python_runs(path, tmp_path, monkeypatch):
     assert names
 
 
-def lacking(words):
-    """Return what a command of `marsexplorer` cannot do without and was not given; None for nothing."""
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "data").rglob("README.md")),
+    *sorted((ROOT / "research").rglob("README.md")),
+    *sorted((ROOT / "examples").rglob("README.md")),
+]
+CARDS = {**shipped(), **of_paper()}
+PROGRAMS = ("marsexplorer", "python", "pytest", "make")
+TOP = "app|marsexplorer|static|data|tests|docs|examples|deploy|research"
+
+
+def texts():
+    """Every document and every policy's card: name, prose with commands in code."""
+    for path in DOCUMENTS:
+        yield str(path.relative_to(ROOT)), path.read_text()
+    for name, path in CARDS.items():
+        card = read_card(path)
+        words = (str(card[key]) for key in ("summary", "limits", "prices") if key in card)
+        yield (
+            f"card of {name}",
+            "\n".join([*words, f"`{card['command']}`" if "command" in card else ""]),
+        )
+
+
+def commands(text):
+    """The commands of a text, in code blocks and between backticks, without comments."""
+    text = text.replace("\\\n", " ")
+    block = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
+    shells = [code for language, code in block.findall(text) if language in ("", "sh", "console")]
+    lines = [line for code in shells for line in code.splitlines()]
+    prose = block.sub("", text)
+    lines += [re.sub(r"\s+", " ", code) for code in re.findall(r"`([^`]+)`", prose)]
+    for line in lines:
+        for command in re.split(r"\s(?:&&|\||;|>)\s", re.sub(r"\s#.*", "", line)):
+            command = re.sub(r"^(\S*/bin/|[A-Z_]+=\S* )*", "", command.strip())
+            words = command.split()
+            if len(words) > 1 and words[0] in PROGRAMS:
+                yield command
+
+
+def refusal(command):
+    """Why a command could not run in this checkout; None if it could."""
+    program, *words = shlex.split(command)
+    if program == "marsexplorer":
+        return refusal_of_click(words)
+    if program == "make":
+        targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
+        return None if "=" in words[0] or words[0] in targets else f"no target {words[0]}"
+    if words[0] == "-m" and words[1].startswith("research"):
+        return refusal_of_module(*words[1:])
+    files = [word.split("::")[0] for word in words if word.split("::")[0].endswith(".py")]
+    absent = [file for file in files if not (ROOT / file).exists() and re.match(TOP, file)]
+    if "-k" in words and not absent:
+        parts = re.split(r" (?:or|and) ", words[words.index("-k") + 1])
+        written = "".join((ROOT / file).read_text() for file in files)
+        absent = [part for part in parts if not re.search(rf"def test_\w*{part}", written)]
+        return f"no test {absent[0]}" if absent else None
+    return f"no file {absent[0]}" if absent else None
+
+
+def refusal_of_module(module, *words):
+    """A module of research that is absent, or an option that it does not have."""
+    path = ROOT / module.replace(".", "/")
+    if not path.with_suffix(".py").is_file() and not (path / "__main__.py").is_file():
+        return f"no module {module}"
+    folder = path if path.is_dir() else path.parent
+    written = "".join(file.read_text() for file in folder.rglob("*.py"))
+    absent = [word for word in words if word[:2] == "--" and f'"{word}"' not in written]
+    return f"no option {absent[0]}" if absent else None
+
+
+def refusal_of_click(words):
+    """What `marsexplorer` says of words, but for placeholders (LEVEL, ...) and files that a user has."""
+    foreign = [word for word in words if re.fullmatch(r"runs/\S+\.[a-z]+", word)]
+    foreign = [word for word in foreign if not word.endswith((".onnx", ".log", ".png"))]
+    if foreign:
+        return f"no run writes {foreign[0]}"
     command = cli
-    while isinstance(command, click.Group):
+    while isinstance(command, click.Group) and words:
         name, *words = words
+        if name.startswith("-") or re.fullmatch(r"\.\.\.|…|[A-Z]+", name):
+            return None
         command = command.get_command(click.Context(command), name)
+        if command is None:
+            return f"no command {name}"
+    if not words:  # a mention of the command
+        return None
     try:
         command.make_context(name, list(words))
+    except click.exceptions.Exit:  # --help
+        return None
     except click.MissingParameter as error:
         return error.format_message() if isinstance(error.param, click.Option) else None
-    except click.UsageError:  # LEVEL or [--json FILE] stands for something
-        return None
+    except click.NoSuchOption as error:
+        return error.format_message()
+    except click.UsageError as error:
+        has_placeholder = any(re.search(r"[A-Z]{2,}|\bN\b|\.\.\.|\[", word) for word in words)
+        is_mention = "requires an argument" in error.format_message() and len(words) == 1
+        is_file = "does not exist" in error.format_message()
+        return None if has_placeholder or is_mention or is_file else error.format_message()
 
 
-def test_no_command_that_is_shown_with_options_lacks_one():
-    shown = []
-    for path in (ROOT / "docs").glob("*.md"):
-        text = path.read_text().replace("\\\n", " ")
-        shown += re.findall(r"^marsexplorer ([^#\n]* --[^#\n]*)", text, re.M)
-        shown += re.findall(r"`marsexplorer ([^`]*\s--[^`]*)`", text)
-    assert len(shown) > 50
-    found = {words: lacking(shlex.split(words)) for words in shown}
-    assert {words: what for words, what in found.items() if what} == {}
+@pytest.mark.parametrize(("name", "text"), list(texts()))
+def test_no_document_and_no_card_names_a_command_that_is_refused(name, text):
+    refused = {command: refusal(command) for command in commands(text)}
+    assert {command: error for command, error in refused.items() if error} == {}
+
+
+def test_commands_are_read_from_documents_and_wrong_ones_are_noticed():
+    shown = [command for _, text in texts() for command in commands(text)]
+    assert len(shown) > 250
+    wrong = [
+        "marsexplorer train --recipe paper",
+        "marsexplorer fly --high",
+        "marsexplorer evaluate --episodes 5",
+        "python -m research.paper --colour blue",
+        "python -m research.gone",
+        "python examples/gone.py",
+        "pytest tests/test_documents.py -k neither_this",
+        "make tea",
+        "marsexplorer refine runs/a/a.safetensors",
+    ]
+    text = (
+        "```sh\n" + "\n".join(wrong[:4]) + "\n```\n" + " ".join(f"`{line}`" for line in wrong[4:])
+    )
+    assert list(commands(text)) == wrong
+    assert [line for line in wrong if refusal(line) is None] == []
+
+
+def is_made(path):
+    """Whether a path is a file that the software writes, or one of the paper's own repository."""
+    if path.startswith("tests/rollout/"):
+        return True
+    ignored = subprocess.run(
+        ["git", "check-ignore", path, f"{path}/"], cwd=ROOT, capture_output=True, check=False
+    )
+    return bool(ignored.stdout)
+
+
+@pytest.mark.parametrize(("name", "text"), list(texts()))
+def test_every_file_that_a_document_or_a_card_names_exists(name, text):
+    paths = set(re.findall(rf"`((?:{TOP})/[\w./-]*\w)`", text))
+    links = {link for link in re.findall(r"\]\(([^)# ]+)", text) if ":" not in link}
+    folder = (ROOT / name).parent
+    paths = {path for path in paths if not re.search(r"/[A-Z]+/", path)}  # placeholders
+    absent = [path for path in paths if not (ROOT / path).exists() and not is_made(path)]
+    absent += [link for link in links if not (folder / link).exists()]
+    assert sorted(absent) == []
 
 
 def test_the_environments_page_has_gymnasiums_headings_in_their_order():

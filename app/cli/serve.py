@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     "A trained policy's file to offer; with --env also a function, MODULE:NAME. Repeatable.",
     type=PATH,
 )
-@flag("--paper", "Offer what the paper's four algorithms trained as well.")
+@flag(
+    "--paper",
+    "Offer the agents of the paper's four algorithms too; ppo-paper had 240,000 of its 9,000,000 moves.",
+)
 @several("--map", "maps", "A map_server file (YAML) to play on; repeatable.", type=PATH)
 @option("--cell", "cell_m", type=float, help="Side of a map's cells in metres.  [default: 0.5]")
 @option("--public-url", metavar="URL", help="Where browsers find the pages: https://mars.example.")
@@ -99,7 +102,7 @@ def serve(
       marsexplorer serve --port 9000 --database lab.db
       marsexplorer serve --public-url https://mars.example --trusted-proxy 127.0.0.1
       marsexplorer serve --host 0.0.0.0 --policy mine.onnx
-      marsexplorer serve --paper                          ppo-paper, ppo-works, a2c-works, rainbow-works, sac-works too
+      marsexplorer serve --paper                          ppo-works, a2c-works, rainbow-works, sac-works, ppo-paper too
       marsexplorer serve --env FrozenLake-v1 --database lake.db
       marsexplorer serve --env mars --env FrozenLake-v1 --env ale_py:ALE/Breakout-v5
       marsexplorer serve --map office.yaml --map garage.yaml
