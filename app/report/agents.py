@@ -109,7 +109,7 @@ def _figures(
             zero = None if random is None else random.values(metric)[shared]
             people = tables[metric][:, shared]
             compared = compare_policy(run.name, metric, values[shared], people, zero)
-            names = ("terrains", "difference", "these", "new", "p_value", "normalized")
+            names = ("terrains", "difference", "these", "new", "normalized")
             row |= {name: getattr(compared, name) for name in names}
         found[metric] = row
     return found

@@ -6,8 +6,8 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from app.report.statistics.comparisons import (
     holm,
     new_terrains_interval,
     player_means,
+    policy_p,
 )
 from app.report.statistics.exclusion_sets import (
     METRICS,
@@ -45,10 +46,13 @@ from app.report.statistics.study_figures import (
     primary_set,
     study_figures,
     why_no_p,
+    worst_value,
 )
 from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
 from app.series.flow import participant_flow
+from app.series.policy_episodes import tested_policies
+from app.series.protocol import Protocol
 from app.task import rules_of
 from marsexplorer.intervals import Floats
 
@@ -143,7 +147,7 @@ def _group(
             _player_row(cohort, person, number, person in ids)
             for number, person in enumerate(everybody, 1)
         ),
-        comparisons=_comparisons(cohort, ids, runs, no_p is None),
+        comparisons=_comparisons(data.protocol, cohort, ids, runs, no_p is None),
         deviations=deviations(data, cohort),
         cautions=(),
         first_attempts=first_attempts(cohort) if is_human else None,
@@ -218,20 +222,31 @@ def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> Player
 
 
 def _comparisons(
-    cohort: Cohort, ids: Sequence[str], runs: Sequence[PolicyRun], is_tested: bool
+    protocol: Protocol,
+    cohort: Cohort,
+    ids: Sequence[str],
+    runs: Sequence[PolicyRun],
+    is_tested: bool,
 ) -> tuple[PolicyComparison, ...]:
     """Return every policy's comparison in each metric; none without players or policies."""
     if not ids or not runs:
         return ()
-    tables = {metric: cohort.table(ids, metric) for metric in METRICS}
-    made = (_comparisons_in(each, table, runs, is_tested) for each, table in tables.items())
-    return tuple(chain.from_iterable(made))
+    rows: list[PolicyComparison] = []
+    for metric in METRICS:
+        is_primary = metric == protocol.primary_metric
+        table = cohort.table(ids, metric)
+        rows += _comparisons_in(protocol, metric, table, runs, is_tested and is_primary)
+    return tuple(rows)
 
 
 def _comparisons_in(
-    metric: MetricName, table: Floats, runs: Sequence[PolicyRun], is_tested: bool
+    protocol: Protocol,
+    metric: MetricName,
+    table: Floats,
+    runs: Sequence[PolicyRun],
+    is_tested: bool,
 ) -> list[PolicyComparison]:
-    """Return every policy's comparison in one metric, with p values adjusted for the number of policies."""
+    """Return every policy's comparison in one metric; of the primary one with the p values of the protocol's family."""
     # terrains that at least one player and every policy played
     shared = ~np.isnan(table).all(axis=0)
     for run in runs:
@@ -241,12 +256,19 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
-    rows = [compare_policy(run.name, metric, values[run.name], players, random) for run in runs]
-    if not is_tested:
-        return [replace(row, p_value=None) for row in rows]
-    adjusted = holm([row.p_value if row.p_value is not None else 1.0 for row in rows])
-    pairs = zip(rows, adjusted, strict=True)
-    return [replace(row, p_adjusted=None if row.p_value is None else p) for row, p in pairs]
+    rows = {
+        name: compare_policy(name, metric, own, players, random) for name, own in values.items()
+    }
+    family = [name for name in tested_policies(protocol) if name in rows]
+    if not is_tested or not family:
+        return list(rows.values())
+    worst = worst_value(protocol.rules, protocol.env_config, metric)
+    p_of = partial(policy_p, players, None, worst=worst, terrains_drawn=protocol.terrains_drawn)
+    p_values = np.array([p_of(values[name]) for name in family])
+    if not np.isnan(p_values).any():
+        for name, p, adjusted in zip(family, p_values, holm(p_values), strict=True):
+            rows[name] = replace(rows[name], p_value=float(p), p_adjusted=float(adjusted))
+    return list(rows.values())
 
 
 def _policy_row(run: PolicyRun, successes: frozenset[str]) -> PolicyRow:

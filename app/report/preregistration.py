@@ -15,7 +15,7 @@ from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.planning import plan_study
 from app.series.folder import Study
 from app.series.plausibility import labels_of
-from app.series.policy_episodes import compared_policies
+from app.series.policy_episodes import tested_policies
 from app.series.protocol import Protocol
 
 RECRUITMENT = {
@@ -36,6 +36,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
     protocol  with its texts filled in
     study     the frozen study; None for a draft, of which a preview is made
     """
+    words, is_score = protocol.rules.words, protocol.primary_metric == "score"
     environment = templates(Path(__file__).parent / "templates", is_html=False)
     environment.filters["utc"] = utc
     return environment.get_template("preregistration.md.j2").render(
@@ -43,7 +44,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         declared={name: text or "TO BE STATED" for name, text in protocol.declarations},
         config=protocol.env_config,
         study=study,
-        words=protocol.rules.words,
+        words=words,
         design=protocol.rules.design(protocol.env_config),
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
@@ -51,7 +52,9 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
         labels={**labels_of(protocol), **protocol.rules.own_labels},
         rule=HEADLINE_RULE,
-        policies=compared_policies(protocol),
+        policies=tested_policies(protocol),
+        metric=words.score if is_score else words.steps,
+        other_metric=words.steps if is_score else words.score,
         plan=plan_study(protocol),
         software=version("marsexplorer-playground"),
     )

@@ -330,7 +330,7 @@ def _learning_column(metric: Metric) -> tuple[str, ...]:
         interval(found.equivalence, digits),
         NONE if found.margin is None else f"±{found.margin:g}",
         p_value(found.p_equivalence),
-        found.verdict if found.margin is not None else f"{found.verdict} (no margin)",
+        found.verdict,
     )
 
 

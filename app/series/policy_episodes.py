@@ -68,6 +68,11 @@ def compared_policies(protocol: Protocol) -> list[str]:
     return list(dict.fromkeys((*protocol.policies, "random")))
 
 
+def tested_policies(protocol: Protocol) -> list[str]:
+    """The policies whose difference from the people is tested: the protocol's, without `random`."""
+    return [name for name in dict.fromkeys(protocol.policies) if name != "random"]
+
+
 def play_policies(
     names: Sequence[str],
     rules: Rules,

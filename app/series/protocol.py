@@ -186,7 +186,10 @@ class Protocol(_Part):
     debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
     policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them (`app.series.policy_files`)
     exclusion            further figures of the report by name, with who enters them
-    equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat
+    primary_metric       in which policies are tested against people, and the study is planned; the other one is descriptive
+    fixed_terrains       whether the claim is about exactly these terrains, and not about others of their kind
+    equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat;
+                         None: it is never called flat
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
     panel_links          of recruitment by a panel: signed when only ids that the operator has signed are let in
     required_attestation the lowest level at which an episode enters a human figure
@@ -223,7 +226,9 @@ class Protocol(_Part):
     debrief_policy: Line | None = "ppo"
     policy_hashes: dict[str, str] = Field(default_factory=dict)
     exclusion: dict[str, ExclusionRules] = Field(default_factory=lambda: dict(EXCLUSION))
-    equivalence_margin: float = Field(default=5.0, gt=0, allow_inf_nan=False)
+    primary_metric: Literal["steps", "score"] = "steps"
+    fixed_terrains: bool = False
+    equivalence_margin: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     keep_episodes_when_forgotten: bool = False
     data_licence: Line = "CC-BY-4.0"
     recruitment: Literal["open", "invitation", "panel"] = "open"
@@ -291,6 +296,11 @@ class Protocol(_Part):
     def rules(self) -> Rules:
         """The rules of the task."""
         return rules_of(self.task)
+
+    @property
+    def terrains_drawn(self) -> bool:
+        """Whether figures are for other terrains too: several are played, and none is the claim's own."""
+        return self.ranked > 1 and not self.fixed_terrains
 
     @property
     def allowed(self) -> Allowed:

@@ -1,14 +1,11 @@
-"""Regret, the effort check and the planned power on players whose truth is known."""
+"""Regret and the effort check on players whose truth is known."""
 
 import numpy as np
 import pytest
 
-from app.report.statistics.planning import derived_margin, plan_study
-from app.series.protocol import default_protocol
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
 from research.methods.effort_rates import effort_rate
-from research.methods.flat_power import simulate_flat_power
 from research.methods.regret_validation import SLIP_RATES, SlipPool, measure_slips
 from research.methods.simulated_players import RANDOM_MOVES, SIMULATED_POPULATIONS, DecisionKernel
 
@@ -49,15 +46,6 @@ def test_the_effort_rates_of_the_documents():
     for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
         found = effort_rate(EnvConfig(), population, 2000, seed=0)
         assert found == pytest.approx(stated[population.name], abs=0.001)
-
-
-@pytest.mark.parametrize("players", [5, 12])
-def test_the_reports_own_test_sees_the_derived_margin_as_often_as_planned(players):
-    base = default_protocol("plan", EnvConfig(), players=players)
-    planned = base.model_copy(update={"equivalence_margin": derived_margin(base)})
-    computed = plan_study(planned).comparisons[0].power
-    simulated = simulate_flat_power(planned, 150, np.random.default_rng(2))
-    assert simulated == pytest.approx(computed, abs=0.09)
 
 
 def outcomes_of(slip, crash, boards=40):

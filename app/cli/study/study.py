@@ -659,28 +659,24 @@ def _day(ms: int) -> str:
 
 
 def _with_reachable_effects(protocol: Protocol) -> Protocol:
-    """Return a new protocol with the margin and the difference from a policy that its players see with 80 % power."""
-    from app.report.statistics.planning import derived_difference, derived_margin
+    """Return a new protocol with the difference from a policy that its players see with 80 % power."""
+    from app.report.statistics.planning import derived_difference
     from app.series.protocol import parse_protocol
 
-    margin, difference = derived_margin(protocol), derived_difference(protocol)
-    reachable = {"equivalence_margin": margin, "policy_difference": difference}
+    reachable = {"policy_difference": derived_difference(protocol)}
     found = {name: value for name, value in reachable.items() if value is not None}
     return parse_protocol({**protocol.model_dump(mode="json", exclude_unset=True), **found})
 
 
 def _echo_reachable_effects(protocol: Protocol) -> None:
-    """Print what margin and difference a new protocol holds, and what they rest on."""
+    """Print what difference a new protocol holds, and what it rests on."""
     if protocol.policy_difference is None:
         why = "One player gives no interval and no test"
         echo(f"{why}: plan at least two to compare anything.")
         return
-    margin = f"changes of ±{protocol.equivalence_margin:g}"
-    if protocol.ranked < 3:
-        margin = "no learning (below 3 ranked episodes)"
     echo(
-        f"{protocol.players} players see, with 80 % power, {margin} and differences from a policy of "
-        f"{protocol.policy_difference:g} steps: equivalence_margin and policy_difference. That rests on standard deviations of "
+        f"{protocol.players} players see, with 80 % power, differences from a policy of "
+        f"{protocol.policy_difference:g} steps: policy_difference. That rests on standard deviations of "
         f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
         f"{protocol.rules.spread}: put better ones into the protocol where you have them."
     )

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from app.report.statistics.crossed import can_be_crossed, crossed_interval, crossed_p
-from app.report.statistics.intervals import Interval, printed_interval
+from app.report.statistics.intervals import Interval, p_value, printed_interval
 from marsexplorer.intervals import CONFIDENCE, Floats
 
 FEWEST_TO_TEST = 5
@@ -49,9 +49,8 @@ class PolicyComparison:
     difference             policy - people: the mean over players of a player's mean difference on the terrains they finished
     these                  interval of the difference for other players on exactly these terrains
     new                    interval of the difference for other players and other terrains
-    p_value                of the test that the difference is 0 for other players and other terrains: below 0.05 exactly where
-                           `new` leaves 0 out; None below five players
-    p_adjusted             `p_value` by Holm's method for the number of policies
+    p_value                of the test that the difference is 0 (`policy_p`); None where the protocol plans no test of it
+    p_adjusted             `p_value` by Holm's method over the policies that the protocol names, without `random`
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
     normalized             (policy - random) / (people - random), over players and terrains; None for `random`, without it,
                            and where people may be no better
@@ -64,12 +63,12 @@ class PolicyComparison:
     difference: float
     these: Interval | None
     new: Interval | None
-    p_value: float | None
-    p_adjusted: float | None
     ratio: float | None
     ratio_interval: Interval | None
     normalized: float | None
     normalized_interval: Interval | None
+    p_value: float | None = None
+    p_adjusted: float | None = None
 
 
 def compare_policy(
@@ -92,8 +91,6 @@ def compare_policy(
         difference=float(player_means(differences).mean()),
         these=_ends(printed_interval(player_means(differences))) if several else None,
         new=_ends(crossed_interval(differences)) if can_be_drawn else None,
-        p_value=_p_value(differences) if can_be_drawn else None,
-        p_adjusted=None,
         ratio=ratio,
         ratio_interval=ratio_interval,
         normalized=normalized,
@@ -101,10 +98,33 @@ def compare_policy(
     )
 
 
-def _p_value(differences: Floats) -> float | None:
-    """Return the p of the differences float64[players, terrains]; None below five players."""
-    p = float(crossed_p(differences))
-    return p if len(differences) >= FEWEST_TO_TEST and np.isfinite(p) else None
+def policy_p(
+    finished: Floats,
+    everybody: Floats | None,
+    values: Floats,
+    worst: float | None = None,
+    terrains_drawn: bool = True,
+) -> Floats:
+    """The two-sided p that a policy equals the people: the larger p of both estimates.
+
+    Args:
+        finished: float64[..., participants, terrains] of those who finished, NaN for a gap.
+        everybody: The same of everybody who began; None where no lowest value is declared.
+        values: The policy's, float64[..., terrains].
+        worst: The worst value that a participant's episode can have; None where none is declared.
+        terrains_drawn: Whether the claim is about other terrains too.
+
+    Returns:
+        float64[...]; NaN below five who finished, and where a table is too small for the test.
+    """
+    worst_difference = None if worst is None else values - worst
+    found = [
+        p_value(values[..., None, :] - table, worst_difference, terrains_drawn)
+        for table in (finished, everybody)
+        if table is not None
+    ]
+    larger: Floats = np.maximum.reduce(found)
+    return np.where(finished.shape[-2] >= FEWEST_TO_TEST, larger, np.nan)
 
 
 def _ratio(values: Floats, table: Floats) -> tuple[float | None, Interval | None]:
@@ -157,11 +177,12 @@ def _end(kept: Callable[[float], float], inside: float, step: float) -> float:
     return float(scipy.optimize.brentq(kept, inside, outside, xtol=1e-13, rtol=1e-12))
 
 
-def holm(p_values: list[float]) -> list[float]:
-    """Return p values adjusted for their number by Holm's step-down method, in the order given."""
-    order = np.argsort(p_values, kind="stable")
-    adjusted, worst = [0.0] * len(p_values), 0.0
-    for rank, at in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[at]))
-        adjusted[at] = worst
+def holm(p_values: Floats) -> Floats:
+    """Adjust p values float64[..., policies] for their number by Holm's step-down method."""
+    order = np.argsort(p_values, axis=-1, kind="stable")
+    count = p_values.shape[-1]
+    multiplied = np.take_along_axis(p_values, order, -1) * np.arange(count, 0, -1)
+    stepped = np.minimum(np.maximum.accumulate(multiplied, axis=-1), 1.0)
+    adjusted = np.empty_like(stepped)
+    np.put_along_axis(adjusted, order, stepped, -1)
     return adjusted

@@ -27,6 +27,7 @@ class Learning:
     by_trial      per trial, with its t interval over players
     slope         change a trial: the mean of each player's least-squares slope, with its t interval over players
     change        last third minus first third of the trials, mean over players, with its 95 % t interval
+    margin        that the protocol names; None: slope and change stand alone, without a test
     equivalence   the 90 % interval of the change: flat when it lies within +-margin (two one-sided tests at 5 %)
     verdict       "not tested", "flat", "changed" (the 95 % interval leaves 0 out), "changed, within the margin", or "undecided"
     """
@@ -40,7 +41,7 @@ class Learning:
     change_interval: Interval | None = None
     equivalence: Interval | None = None
     p_equivalence: float | None = None
-    verdict: str = "undecided"
+    verdict: str = "not tested"
 
 
 def assess_learning(
@@ -57,7 +58,10 @@ def assess_learning(
     if len(changes) < 2:
         return Learning(metric, by_trial, margin, slope)
     interval = _interval(changes)
-    equivalence, p = tost(changes, margin)
+    equivalence, p, verdict = None, None, "not tested"
+    if margin is not None:
+        equivalence, p = tost(changes, margin)
+        verdict = _verdict(interval, equivalence, margin)
     return Learning(
         metric,
         by_trial,
@@ -68,13 +72,13 @@ def assess_learning(
         change_interval=interval,
         equivalence=equivalence,
         p_equivalence=p if is_tested else None,
-        verdict=_verdict(interval, equivalence, margin) if is_tested else "not tested",
+        verdict=verdict if is_tested else "not tested",
     )
 
 
-def _verdict(change: Interval, equivalence: Interval, margin: float | None) -> str:
+def _verdict(change: Interval, equivalence: Interval, margin: float) -> str:
     """Return the verdict on the 95 % and the 90 % interval of the change (`Learning.verdict`)."""
-    is_inside = margin is not None and -margin < equivalence[0] and equivalence[1] < margin
+    is_inside = -margin < equivalence[0] and equivalence[1] < margin
     has_changed = change[0] > 0 or change[1] < 0
     if is_inside:
         return "changed, within the margin" if has_changed else "flat"
@@ -95,13 +99,11 @@ def _changes(table: Floats) -> Floats:
     return changes
 
 
-def tost(changes: Floats, margin: float | None) -> tuple[Interval, float | None]:
+def tost(changes: Floats, margin: float) -> tuple[Interval, float]:
     """Return the 90 % t interval of the mean, and the p of two one-sided t tests against +-margin (Schuirmann 1987)."""
     freedom, mean = len(changes) - 1, float(changes.mean())
     error = float(changes.std(ddof=1) / np.sqrt(len(changes)))
     ends = _interval(changes, 1 - 2 * LEVEL)
-    if margin is None:
-        return ends, None
     if error == 0:
         return ends, 0.0 if abs(mean) < margin else 1.0
     p = scipy.special.stdtr(freedom, [-(mean + margin) / error, (mean - margin) / error])

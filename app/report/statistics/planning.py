@@ -26,6 +26,7 @@ from app.report.statistics.exclusion_sets import members, people_of
 from app.report.statistics.learning import LEVEL
 from app.report.statistics.spread import variance_components
 from app.series.data import StudyData
+from app.series.policy_episodes import tested_policies
 from app.series.protocol import Protocol
 from marsexplorer.intervals import CONFIDENCE, Floats, t_quantile
 
@@ -185,8 +186,10 @@ def plan_study(protocol: Protocol) -> StudyPlan:
         spread, players = _mean_sd(protocol, player_sd, episode_sd), np.array([protocol.players])
         expected, assured = half_widths(spread, players, WANTED_POWER)
         half_width = float(expected[0]), float(assured[0])
-    found = [_learning(protocol, episode_sd)] if protocol.ranked >= 3 else []
-    if protocol.policies:
+    found = []
+    if protocol.ranked >= 3 and protocol.equivalence_margin is not None:
+        found.append(_learning(protocol, episode_sd, protocol.equivalence_margin))
+    if tested_policies(protocol):
         found.append(_policies(protocol, player_sd, episode_sd))
     is_default = protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None
     return StudyPlan(player_sd, episode_sd, is_default, half_width, tuple(found))
@@ -197,16 +200,6 @@ def planned_sds(protocol: Protocol) -> tuple[float, float]:
     known = protocol.rules.study(protocol.env_config)
     players, episodes = known["assumed_player_sd"], known["assumed_episode_sd"]
     return protocol.assumed_player_sd or players, protocol.assumed_episode_sd or episodes
-
-
-def derived_margin(protocol: Protocol) -> float | None:
-    """Return the smallest whole margin (steps) that the protocol's players see with 80 % power; None where none can be seen."""
-    _, episode_sd = planned_sds(protocol)
-    if protocol.players < 2 or protocol.ranked < 3:
-        return None
-    spread = _change_sd(protocol, episode_sd)
-    least = _least(lambda margin: flat_power(spread, protocol.players, margin))
-    return _whole(least, protocol)
 
 
 def derived_difference(protocol: Protocol) -> float | None:
@@ -245,8 +238,8 @@ def difference_power(mean_sd: float, players: int, difference: float, policies: 
     return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
 
 
-def _learning(protocol: Protocol, episode_sd: float) -> PlannedComparison:
-    spread, margin = _change_sd(protocol, episode_sd), protocol.equivalence_margin
+def _learning(protocol: Protocol, episode_sd: float, margin: float) -> PlannedComparison:
+    spread = _change_sd(protocol, episode_sd)
     least = None
     if protocol.players > 1:
         least = _least(lambda other: flat_power(spread, protocol.players, other))
@@ -283,7 +276,7 @@ def _mean_sd(protocol: Protocol, player_sd: float, episode_sd: float) -> float:
 
 
 def _policy_count(protocol: Protocol) -> int:
-    return len({*protocol.policies, "random"})
+    return max(1, len(tested_policies(protocol)))
 
 
 def _least(power: Callable[[float], float]) -> float:

@@ -181,6 +181,14 @@ def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> In
     return (1.0, float(config.limit)) if metric == "steps" else rules.bounds(config)
 
 
+def worst_value(rules: Rules, config: Configuration, metric: MetricName) -> float | None:
+    """The worst value that an episode can have in a metric; None where no lowest score is declared."""
+    if metric == "steps":
+        return float(config.limit)
+    lowest = rules.bounds(config)[0]
+    return lowest if np.isfinite(lowest) else None
+
+
 def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> StudyFigure:
     """Return the figure of some of the cohort, under the name of a row."""
     rule = RULES_IN_WORDS.get(name) or rule_in_words(data.protocol.exclusion.get(name))

@@ -300,23 +300,24 @@ def test_a_policy_is_named_as_code_or_as_this_file_with_the_hash_of_the_protocol
     assert unrecorded == "ppo (this file, whose SHA-256 was not recorded)"
 
 
-def test_p_values_are_given_from_five_players_on_and_adjusted_for_the_number_of_policies():
+@pytest.mark.parametrize("primary", ["steps", "score"])
+def test_the_policies_of_the_protocol_without_random_are_tested_in_its_primary_metric(primary):
     scores = np.random.default_rng(2).normal(0.7, 0.05, (5, 6))
     runs = [
         run("ppo", scores.mean(0) + 0.05),
         run("planner", scores.mean(0)),
         run("random", [0.3] * 6),
     ]
-    rows = {
-        each.policy: each
-        for each in build(study(*played(scores)), runs).groups[0].comparisons
-        if each.metric == "score"
-    }
-    assert rows["random"].p_adjusted == pytest.approx(3 * rows["random"].p_value)
-    assert all(each.p_adjusted >= each.p_value for each in rows.values())
-    assert all(
-        (each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1]) for each in rows.values()
-    )
+    named = {"policies": ("ppo", "planner", "random"), "primary_metric": primary}
+    comparisons = build(study(*played(scores), **named), runs).groups[0].comparisons
+    tested = {each.policy: each for each in comparisons if each.p_value is not None}
+    assert set(tested) == {"ppo", "planner"}
+    assert {each.metric for each in tested.values()} == {primary}
+    smaller, larger = sorted(tested.values(), key=lambda each: each.p_value)
+    assert smaller.p_adjusted == pytest.approx(2 * smaller.p_value)
+    assert larger.p_adjusted == pytest.approx(max(larger.p_value, smaller.p_adjusted))
+    for each in tested.values():
+        assert (each.p_value < 0.05) == (not each.new[0] < 0 < each.new[1])
 
 
 def test_one_player_and_one_terrain_are_reported_without_intervals():

@@ -9,6 +9,7 @@ from app.report.statistics.comparisons import (
     holm,
     new_terrains_interval,
     player_means,
+    policy_p,
     quotient_interval,
 )
 from app.report.statistics.crossed import crossed_p
@@ -27,8 +28,10 @@ def test_the_interval_for_new_terrains_contains_the_one_for_these():
 
 
 def test_holms_adjustment():
-    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    studies = np.array([[0.01, 0.04, 0.03, 0.005], [0.005, 0.9, 0.8, 0.7]])
+    assert holm(studies[0]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm(studies) == pytest.approx(np.array([holm(own) for own in studies]))
+    assert holm(np.array([0.9, 0.8])).tolist() == [1.0, 1.0]
 
 
 def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples():
@@ -41,29 +44,34 @@ def test_a_comparison_is_paired_by_terrain_and_its_intervals_follow_the_peoples(
     assert found.difference == pytest.approx(values.mean() - people)
     assert found.these == pytest.approx((values.mean() - high, values.mean() - low))
     assert found.new[0] <= found.these[0] <= found.these[1] <= found.new[1]
-    assert (found.p_value < 0.05) == (found.new[0] > 0 or found.new[1] < 0)
+    assert (policy_p(table, None, values) < 0.05) == (found.new[0] > 0 or found.new[1] < 0)
     assert found.ratio == pytest.approx(values.mean() / people)
     assert found.ratio_interval[0] < found.ratio < found.ratio_interval[1]
     assert found.normalized == pytest.approx((values.mean() - 0.3) / (people - 0.3))
     assert compare_policy("random", "score", random, table, random).normalized is None
 
 
-def compared(seed, players=8, terrains=12, shift=0.04):
-    """Return the comparison of a policy with people who differ, as do the terrains, for everybody and for the policy alone."""
+def drawn(seed, players=8, terrains=12, shift=0.04):
+    """A table of people who differ, as do the terrains, and a policy's values on these terrains."""
     rng = np.random.default_rng(seed)
     terrain = rng.normal(0, 0.05, terrains)
     table = (
         0.8 + rng.normal(0, 0.05, (players, 1)) + terrain + rng.normal(0, 0.05, (players, terrains))
     )
-    values = 0.8 + shift + terrain + rng.normal(0, 0.03, terrains)
-    return compare_policy("ppo", "score", values, table, 0.2 + rng.normal(0, 0.02, terrains))
+    return table, 0.8 + shift + terrain + rng.normal(0, 0.03, terrains)
+
+
+def compared(table, values, seed=0):
+    random = 0.2 + np.random.default_rng(seed).normal(0, 0.02, len(values))
+    return compare_policy("ppo", "score", values, table, random)
 
 
 def test_a_p_below_5_percent_and_every_interval_that_leaves_no_difference_out_are_one_statement():
     seen = set()
     for seed in range(60):
-        found = compared(seed)
-        says = found.p_value < 0.05
+        table, values = drawn(seed)
+        found = compared(table, values)
+        says = bool(policy_p(table, None, values) < 0.05)
         seen.add(says)
         assert (found.new[0] > 0 or found.new[1] < 0) == says
         assert (found.ratio_interval[0] > 1 or found.ratio_interval[1] < 1) == says
@@ -85,14 +93,40 @@ def test_the_test_knows_which_players_were_drawn():
         rng=np.random.default_rng(1),
     )
     assert flipped.pvalue < 0.01
-    assert found.p_value > 0.3
+    assert policy_p(table, None, np.full(20, 0.78)) > 0.3
     assert found.new[0] < 0 < found.new[1]
 
 
 def test_fewer_than_five_players_have_intervals_and_no_p():
-    assert compared(1, players=4).p_value is None
-    assert compared(1, players=4).new is not None
-    assert compared(1, players=5).p_value is not None
+    four, five = drawn(1, players=4), drawn(1, players=5)
+    assert np.isnan(policy_p(four[0], None, four[1]))
+    assert compared(*four).new is not None
+    assert 0 < policy_p(five[0], None, five[1]) < 1
+
+
+def test_a_difference_is_claimed_only_where_finishers_and_everybody_who_began_both_claim_it():
+    table, values = drawn(1, shift=0.2)
+    left = np.vstack([table, np.full((3, 12), -0.1)])
+    finished, everybody = (float(policy_p(own, None, values)) for own in (table, left))
+    assert finished < 0.001 < everybody
+    assert policy_p(table, left, values) == everybody
+    assert policy_p(left, table, values) == everybody
+
+
+def test_studies_are_tested_together_as_they_are_one_by_one():
+    tables, values = (np.stack(own) for own in zip(*map(drawn, range(4)), strict=True))
+    for drawn_too in (True, False):
+        together = policy_p(tables, tables, values, 0.0, drawn_too)
+        alone = [float(policy_p(tables[i], None, values[i], 0.0, drawn_too)) for i in range(4)]
+        assert together == pytest.approx(alone)
+
+
+def test_a_claim_about_these_terrains_alone_takes_them_as_they_are():
+    table = 0.7 + np.random.default_rng(3).normal(0, 0.02, (6, 1)) + np.zeros(12)
+    values = 0.7 + np.array([0.05, 0.01] * 6) * np.repeat([1, 0, 2], 4)
+    p = scipy.stats.ttest_1samp(values.mean() - table.mean(1), 0).pvalue
+    assert policy_p(table, None, values, terrains_drawn=False) >= p
+    assert policy_p(table, None, values) > policy_p(table, None, values, terrains_drawn=False)
 
 
 def test_gaps_are_compared_on_the_terrains_that_a_player_finished():
@@ -151,5 +185,4 @@ def test_one_player_gives_no_intervals_and_a_mean_at_zero_no_ratio():
         None,
         None,
     )
-    assert found.p_value is None
     assert compare_policy("ppo", "score", np.array([0.6, 0.6, 0.7]), table - 0.6).ratio is None

@@ -42,7 +42,8 @@ def test_the_equivalence_test_is_two_one_sided_t_tests():
         (0, 1, 5.0, "flat"),
         (-30, 1, 5.0, "changed"),
         (0, 60, 5.0, "undecided"),
-        (0, 1, None, "undecided"),
+        (0, 1, None, "not tested"),
+        (-30, 1, None, "not tested"),
     ],
 )
 def test_verdicts_on_learning(shift, noise, margin, verdict):
@@ -51,8 +52,15 @@ def test_verdicts_on_learning(shift, noise, margin, verdict):
     assert assess_learning("steps", table, margin).verdict == verdict
 
 
-def test_learning_of_one_player_or_of_gaps_is_undecided_not_an_error():
-    assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "undecided"
+def test_without_a_margin_that_the_protocol_names_learning_has_slope_and_interval_alone():
+    table = 100 + np.random.default_rng(8).normal(0, 1, (10, 9))
+    found = assess_learning("steps", table, None)
+    assert (found.equivalence, found.p_equivalence) == (None, None)
+    assert found.slope_interval[0] < found.slope < found.slope_interval[1]
+
+
+def test_learning_of_one_player_or_of_gaps_is_untested_not_an_error():
+    assert assess_learning("steps", np.array([[1.0, 2.0, 3.0]]), 5.0).verdict == "not tested"
     gaps = np.array(
         [
             [1.0, NAN, NAN, NAN, NAN, NAN],

@@ -7,7 +7,6 @@ import scipy
 from app.report.statistics.intervals import printed_interval
 from app.report.statistics.planning import (
     derived_difference,
-    derived_margin,
     difference_power,
     flat_power,
     plan_study,
@@ -32,19 +31,6 @@ def test_five_steps_are_seen_by_hardly_any_flat_study_of_ten_players():
     assert policies.power == pytest.approx(0.8, abs=0.05)
 
 
-@pytest.mark.parametrize("players", [5, 12])
-def test_the_derived_margin_is_the_least_that_is_seen(players):
-    margin = derived_margin(protocol(players=players))
-    planned = protocol(players=players, equivalence_margin=margin)
-    computed = plan_study(planned).comparisons[0]
-    assert computed.power >= 0.8
-    assert computed.players <= players
-    assert (
-        plan_study(protocol(players=players, equivalence_margin=margin - 2)).comparisons[0].power
-        < 0.8
-    )
-
-
 def test_the_power_for_a_policy_is_that_of_the_t_test_in_simulation():
     rng, players = np.random.default_rng(3), 8
     means = 1.4 + rng.standard_normal((20_000, players))
@@ -57,12 +43,8 @@ def test_the_power_for_a_policy_is_that_of_the_t_test_in_simulation():
 
 
 def test_more_players_see_smaller_effects_and_one_player_sees_none():
-    assert derived_margin(protocol(players=40)) < derived_margin(protocol(players=10))
     assert derived_difference(protocol(players=40)) < derived_difference(protocol(players=10))
-    assert (derived_margin(protocol(players=1)), derived_difference(protocol(players=1))) == (
-        None,
-        None,
-    )
+    assert derived_difference(protocol(players=1)) is None
     assert (flat_power(1.0, 1, 100.0), difference_power(1.0, 1, 100.0, 1)) == (0.0, 0.0)
     plan = plan_study(protocol(players=1))
     assert (plan.half_width, {each.power for each in plan.comparisons}, {each.least for each in plan.comparisons}) == (
@@ -72,10 +54,10 @@ def test_more_players_see_smaller_effects_and_one_player_sees_none():
 
 def test_effects_are_no_larger_than_an_episode_and_few_episodes_have_no_learning():
     tiny = protocol(players=2, ranked=2)
-    assert (derived_margin(tiny), derived_difference(tiny)) == (None, 441.0)
+    assert derived_difference(tiny) == 441.0
     (policies,) = plan_study(tiny).comparisons
     assert policies.field == "policy_difference"
-    assert plan_study(protocol(policies=())).comparisons[-1].field == "equivalence_margin"
+    assert plan_study(protocol(policies=())).comparisons == ()
 
 
 def test_a_protocol_that_names_no_standard_deviations_is_planned_with_a_new_studys():
