@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from app.report.cautions import cautions, deviations, study_deviations
-from app.report.checklist import checklist
+from app.report.checklist import checklist, exposure
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
 from app.report.regret import RegretSummary, renamed
 from app.report.statistics.attestation_summary import attestation_summary
@@ -48,7 +48,6 @@ from app.report.statistics.study_figures import (
     why_no_p,
     worst_value,
 )
-from app.report.statistics.terrain_leaks import leak_trend
 from app.series.data import StudyData
 from app.series.flow import participant_flow
 from app.series.policy_episodes import tested_policies
@@ -151,7 +150,7 @@ def _group(
         deviations=deviations(data, cohort),
         cautions=(),
         first_attempts=first_attempts(cohort) if is_human else None,
-        leak=leak_trend(cohort.ranked, no_p is None) if is_human else None,
+        exposure=exposure(data) if is_human else None,
         flow=participant_flow(data) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
         excluded=_excluded(data, cohort, ids),

@@ -52,6 +52,21 @@ def _item(line: str, given: dict[str, Any]) -> Item:
     return Item(number, *rest, source)  # type: ignore[arg-type, call-arg]
 
 
+def exposure(data: StudyData) -> str:
+    """What is known of who met which ranked terrains when, and so may have told others."""
+    ranked = [trial for trial in data.trials if (trial.phase, trial.kind) == ("ranked", "human")]
+    if not ranked:
+        return "Nobody has begun a ranked episode."
+    terrains = data.protocol.ranked
+    met = "the same ranked terrain"
+    if terrains > 1:
+        met = f"the same {terrains} ranked terrains, in orders that follow from the study's secret"
+    dates = f"the first began {utc(min(trial.started_ms for trial in ranked))}"
+    if ended := [trial.ended_ms for trial in ranked if trial.ended_ms is not None]:
+        dates += f", the last ended {utc(max(ended))}"
+    return f"Everybody met {met}; {dates}. Whether anybody told others of a terrain is not known."
+
+
 def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dict[str, Any]:
     """Return what `checklist.txt` has in braces."""
     protocol, words, players = data.protocol, people.words, people.figure.players
@@ -73,7 +88,7 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "recruitment": RECRUITMENT[protocol.recruitment],
         "questions": counted(len(protocol.questions), "question"),
         "warm_up": counted(protocol.warm_up, "warm-up episode"),
-        "leak": people.leak.sentence(words) if people.leak else "",
+        "exposure": people.exposure,
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
         "erased": lost if erased else "",

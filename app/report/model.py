@@ -16,7 +16,6 @@ from app.report.statistics.learning import Learning, TrialMean
 from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.spread import VarianceComponents
 from app.report.statistics.study_figures import StudyFigure
-from app.report.statistics.terrain_leaks import LeakTrend
 from app.series.flow import ParticipantFlow
 from app.task import Words, rules_of
 from marsexplorer.intervals import Floats
@@ -88,7 +87,7 @@ class GroupReport:
     no_p        why the tail rule forbids p values, a sentence; None where it does not
     regret      where players lose moves; None where it was not worked out
     first_attempts   as ARC-AGI-3 counts them; None for scripts
-    leak        the trend over earlier finishers of a terrain; None for scripts
+    exposure    who met which ranked terrains when, a sentence; None for scripts
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts
     excluded    people who ended all ranked episodes and are not in the primary figure, by reason
@@ -115,7 +114,7 @@ class GroupReport:
     cautions: tuple[str, ...]
     no_p: str | None = None
     first_attempts: FirstAttempts | None = None
-    leak: LeakTrend | None = None
+    exposure: str | None = None
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None
     excluded: dict[str, int] = field(default_factory=dict)

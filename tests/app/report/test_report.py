@@ -11,6 +11,7 @@ from app.report import build
 from app.report.measured_coverage import two_kinds
 from app.report.model import SYNTHETIC
 from app.report.page import render
+from app.report.statistics.formatting import utc
 from app.report.statistics.intervals import guaranteed_interval, printed_interval
 from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from app.report.tables import group_tables
@@ -437,6 +438,33 @@ def test_the_checklist_is_filled_and_says_what_is_missing(data):
     assert items["1.8"].source == "protocol"
     assert (
         items["4.1"].answer != {item.number: item for item in build(data).checklist}["4.1"].answer
+    )
+
+
+def test_what_is_known_of_terrains_told_to_others_is_said_without_a_verdict(data):
+    report = build(data)
+    item = next(item for item in report.checklist if item.number == "2.5")
+    begun = [trial.started_ms for trial in data.trials]
+    ended = [trial.ended_ms for trial in data.trials]
+    dates = f"the first began {utc(min(begun))}, the last ended {utc(max(ended))}"
+    sentence = (
+        "Everybody met the same 6 ranked terrains, in orders that follow from the study's secret; "
+        f"{dates}. Whether anybody told others of a terrain is not known."
+    )
+    assert item.answer == "Unknown"
+    assert sentence in item.detail
+    page = render(report)
+    assert sentence.replace("'", "&#39;") in page
+    assert "leak" not in page
+    nobody = build(study((), ()))
+    assert (
+        "Nobody has begun a ranked episode."
+        in {i.number: i for i in nobody.checklist}["2.5"].detail
+    )
+    one = build(study(*played(SCORES[:, :1]), ranked=1))
+    assert (
+        "Everybody met the same ranked terrain; "
+        in {i.number: i for i in one.checklist}["2.5"].detail
     )
 
 
