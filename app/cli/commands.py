@@ -18,7 +18,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     ),
     "networks": ("torch",),
     "train": ("tensorboardX", "matplotlib", "click", "rich", "scipy"),
-    "study": ("httpx", "matplotlib", "jinja2", "statsmodels", "rfc3161_client"),
+    "study": ("httpx", "matplotlib", "jinja2", "rfc3161_client"),
     "export": ("pyarrow", "minari", "h5py", "mlcroissant", "cryptography"),
     "onnx": ("onnx", "onnxruntime"),
     "ray": ("ray",),

@@ -28,7 +28,7 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.receipts import EVALUATIONS, Published, published_of
 from app.release.tables import QUERIES, released_episodes, write_tables
-from app.report.making import REPORT_FILES, has_played, make_report, play_compared, report_files
+from app.report.making import REPORT_STEMS, has_played, make_report, play_compared, report_files
 from app.report.regret import (
     POLICY,
     ProgressBar,
@@ -156,7 +156,7 @@ def _write_report(
     """
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
-        played = [synthetic for synthetic in REPORT_FILES if has_played(data, synthetic)]
+        played = [synthetic for synthetic in REPORT_STEMS if has_played(data, synthetic)]
         compared, without = compared_policies(data.protocol), request.without_policies
         names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()

@@ -19,9 +19,9 @@ from app.release.bundle import Bundle
 from app.release.manifest import check_files
 from app.release.receipts import EVALUATIONS, Published, check_opened, check_receipt, seed_of
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
-from app.report.making import REPORT_FILES, has_played, make_report, play_compared
+from app.report.making import REPORT_STEMS, has_played, make_report, play_compared
 from app.report.model import Report
-from app.report.page import render
+from app.report.page import pages
 from app.report.regret import (
     POLICY,
     ProgressBar,
@@ -136,7 +136,8 @@ class _Derivation:
 
     def run(self) -> None:
         folder = self._bundle.folder
-        held = [each for each, (name, _) in REPORT_FILES.items() if (folder / name).exists()]
+        stems = REPORT_STEMS.items()
+        held = [synthetic for synthetic, stem in stems if (folder / f"{stem}.json").exists()]
         if held:
             with TemporaryDirectory() as cache:
                 kept = Path(cache) if self._compare_regrets(Path(cache)) else None
@@ -185,8 +186,9 @@ class _Derivation:
         return True
 
     def _compare_report(self, synthetic: bool, cache: Path | None) -> None:
-        """Compare one report's numbers, and its page as text."""
-        json_name, html_name = REPORT_FILES[synthetic]
+        """Compare one report's numbers, and its pages as text."""
+        stem = REPORT_STEMS[synthetic]
+        json_name, html_name = f"{stem}.json", f"{stem}.html"
         recorded: dict[str, Any] = json.loads((self._bundle.folder / json_name).read_bytes())
         derived = self._derive(synthetic, cache, self._episodes)
         has_moves = cache is not None or not self._bundle.regret_policy_hash
@@ -202,10 +204,12 @@ class _Derivation:
         elif not has_moves:
             not_compared.append(f"{html_name}, and in {json_name} what the moves say")
         else:
-            page = render(replace(derived, made_at=recorded["made_at"]))
-            is_same = page == (self._bundle.folder / html_name).read_text(encoding="utf-8")
-            other = "the page" if is_same else "another page"
-            self._made.compare(f"{mark}page", html_name, "the page", other)
+            as_recorded = replace(derived, made_at=recorded["made_at"])
+            for name, page in pages(as_recorded, html_name).items():
+                path = self._bundle.folder / name
+                is_same = path.is_file() and page == path.read_text(encoding="utf-8")
+                other = "the page" if is_same else "another page"
+                self._made.compare(f"{mark}page", name, "the page", other)
 
     def _replay_policies(self) -> None:
         """Compare the policies' recorded episodes with their replay on the terrains that follow from the study's secret."""

@@ -18,6 +18,7 @@ from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRo
 from app.report.regret import RegretSummary, renamed
 from app.report.statistics.attestation_summary import attestation_summary
 from app.report.statistics.comparisons import (
+    FEWEST_TO_TEST,
     PolicyComparison,
     compare_policy,
     holm,
@@ -37,7 +38,6 @@ from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
 from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
-from app.report.statistics.mixed_model import fit_mixed_model
 from app.report.statistics.spread import iqm, iqm_interval, variance_components
 from app.report.statistics.study_figures import (
     NO_HUMAN_FIGURE,
@@ -208,7 +208,6 @@ def _metric(
         variance=variance_components(table),
         learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin, is_tested),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
-        mixed_model=fit_mixed_model(metric, table, cohort.trial_numbers(ids)),
     )
 
 
@@ -259,7 +258,7 @@ def _comparisons_in(
         name: compare_policy(name, metric, own, players, random) for name, own in values.items()
     }
     family = [name for name in tested_policies(protocol) if name in rows]
-    if not is_tested or not family:
+    if not is_tested or not family or len(players) < FEWEST_TO_TEST:
         return list(rows.values())
     worst = worst_value(protocol.rules, protocol.env_config, metric)
     p_of = partial(policy_p, players, None, worst=worst, terrains_drawn=protocol.terrains_drawn)

@@ -51,8 +51,8 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if figure.score.headline == "guaranteed":
         found.append(
             "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies, "
-            "and its interval, rests on how many of these players the sample happens to hold; learning and the mixed model do "
-            f"too. {group.no_p}"
+            "and its interval, rests on how many of these players the sample happens to hold; "
+            f"so does learning. {group.no_p}"
         )
     found.append(_about_failures(group))
     shares = measured_coverage.two_kinds().items()

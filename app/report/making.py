@@ -14,7 +14,7 @@ from app.db.series import find_study, participants
 from app.db.study_rows import is_same_study
 from app.report.build import Pictures, build
 from app.report.model import PolicyRun, Report
-from app.report.page import render
+from app.report.page import pages
 from app.report.regret import ProgressBar, RegretSummary, regret_cache, regrets_of_groups
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.closing import UNNOTED
@@ -26,9 +26,8 @@ from app.series.policy_episodes import PolicyEpisode, compared_policies, play_po
 from app.series.policy_files import FOLDER
 from app.series.protocol import Protocol, StudyError
 
-_NAMES = {False: "report", True: "report-synthetic"}
-REPORT_FILES = {each: (f"{name}.json", f"{name}.html") for each, name in _NAMES.items()}
-"""The files of a report in a release: of the people, and of the scripts."""
+REPORT_STEMS = {False: "report", True: "report-synthetic"}
+"""How the files of a report in a release begin: of the people, and of the scripts."""
 
 
 def make_study_report(
@@ -91,8 +90,9 @@ def _built(
 
 def report_files(report: Report) -> dict[str, bytes]:
     """Return name -> content of the files of a report in a release."""
-    json_name, html_name = REPORT_FILES[report.synthetic]
-    return {json_name: (report.to_json() + "\n").encode(), html_name: render(report).encode()}
+    stem = REPORT_STEMS[report.synthetic]
+    files = {name: page.encode() for name, page in pages(report, f"{stem}.html").items()}
+    return {f"{stem}.json": (report.to_json() + "\n").encode(), **files}
 
 
 def has_played(data: StudyData, synthetic: bool) -> bool:

@@ -13,7 +13,6 @@ from app.report.statistics.comparisons import PolicyComparison
 from app.report.statistics.first_attempts import FirstAttempts
 from app.report.statistics.intervals import Interval
 from app.report.statistics.learning import Learning, TrialMean
-from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.spread import VarianceComponents
 from app.report.statistics.study_figures import StudyFigure
 from app.series.flow import ParticipantFlow
@@ -46,7 +45,6 @@ class Metric:
     new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its interval for other players
     warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
-    mixed_model   the second analysis
     """
 
     name: str
@@ -56,7 +54,6 @@ class Metric:
     iqm_interval: Interval | None
     variance: VarianceComponents | None
     learning: Learning
-    mixed_model: MixedModel
     warm_up: tuple[TrialMean, ...] = ()
 
 

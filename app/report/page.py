@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: styles and charts inside, nothing from a network, no script.
+"""The report as HTML: a page, its methods and its checklist, with styles and charts inside, and no script.
 
 The templates in `templates/` escape everything but the style and the charts.
 """
@@ -38,14 +38,34 @@ def _where(protocol: Mapping[str, Any]) -> tuple[str, str]:
     return text[0].upper() + text[1:], rules.sees(config)
 
 
-def render(report: Report) -> str:
-    """Return the page."""
+def render(report: Report, page: str = "report.html") -> str:
+    """The page that is read first; `pages` has the files that it links to."""
+    return _page(report, "page", file_names(report, page))
+
+
+def pages(report: Report, page: str = "report.html") -> dict[str, str]:
+    """The report's page under this file name, its methods and its checklist, by file name."""
+    names = file_names(report, page)
+    return {name: _page(report, part, names) for part, name in names.items()}
+
+
+def file_names(report: Report, page: str) -> dict[str, str]:
+    """The files of a report by part; a report of scripts has no checklist."""
+    path = Path(page)
+    names = {"page": page, "methods": f"{path.stem}-methods{path.suffix}"}
+    if report.checklist:
+        names["checklist"] = f"{path.stem}-checklist{path.suffix}"
+    return names
+
+
+def _page(report: Report, part: str, names: Mapping[str, str]) -> str:
     where, sees = _where(report.protocol)
     return (
         _environment()
-        .get_template("page.html.j2")
+        .get_template(f"{part}.html.j2")
         .render(
             report=report,
+            links=names,
             where=where,
             sees=sees,
             words=rules_of(report.protocol["task"]).words,
@@ -54,7 +74,7 @@ def render(report: Report) -> str:
             watermark=SYNTHETIC,
             style=(FOLDER / "report.css").read_text(encoding="utf-8"),
             left_out=0 if report.synthetic else sum(report.scripts.values()),
-            sections=list(_sections(report)),
+            sections=list(_sections(report)) if part == "page" else [],
             checklist=checklist_table(report),
             missing=[item for item in report.checklist if item.source == "missing"],
             citation=CITATION,

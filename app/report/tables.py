@@ -13,7 +13,6 @@ from app.report.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Estimate, Interval
-from app.report.statistics.mixed_model import MixedModel
 from app.report.statistics.study_figures import why_no_interval
 from app.task import rules_of
 
@@ -62,13 +61,6 @@ LEARNING = (
     "p of the two one-sided tests",
     "verdict",
 )
-MIXED_MODEL = (
-    "mean, for other players and terrains",
-    "its 95 % interval",
-    "slope a trial",
-    "its 95 % interval",
-    "how the fit went",
-)
 COMPARISON = (
     "policy",
     "difference",
@@ -110,13 +102,6 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
         "by_tenth": _by_tenth(regret) if regret else None,
         "regret_by_player": regret_by_player(regret) if regret else None,
         "first_attempts": _first_attempts(group),
-        "mixed_model": _by_metric(
-            "Second analysis: mixed model, players and terrains crossed, fitted by REML",
-            group,
-            MIXED_MODEL,
-            [_model_column(metric.mixed_model) for metric in group.metrics],
-        ),
-        "difficulties": _difficulties(group),
     }
 
 
@@ -405,25 +390,3 @@ def _first_attempts(group: GroupReport) -> PageTable | None:
     of_score = f"{group.words.score}, upper median", f"{group.words.score}, best"
     heads = ("terrain", group.words.reached, "upper median", "second best", *of_score)
     return PageTable(caption, heads, [mean, *rows])
-
-
-def _model_column(model: MixedModel) -> tuple[str, ...]:
-    digits = DIGITS[model.metric]
-    slope = number(model.slope, digits + 1), interval(model.slope_interval, digits + 1)
-    return (number(model.mean, digits), interval(model.interval, digits), *slope, model.note)
-
-
-def _difficulties(group: GroupReport) -> PageTable | None:
-    """Return a row for each terrain that a model has a difficulty of."""
-    models = [metric.mixed_model for metric in group.metrics]
-    cells = []
-    for model in models:
-        digits, of = DIGITS[model.metric], model.terrains
-        cells.append(
-            {each.terrain: _with_interval(each.effect, each.interval, digits) for each in of}
-        )
-    every = sorted(set().union(*cells))
-    rows = [(str(at), *(column.get(at, NONE) for column in cells)) for at in every]
-    heads = ("terrain", *(_heading(group, model.metric) for model in models))
-    caption = "What each ranked terrain adds to everybody's figure, with its 95 % interval"
-    return PageTable(caption, heads, rows) if rows else None

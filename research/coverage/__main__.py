@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from itertools import groupby, product
 
 import click
@@ -17,14 +17,13 @@ from research.coverage.measure import (
     measure_cell,
     measure_false_alarms,
     measure_iqm,
-    measure_mixed_model,
     measure_ratio,
 )
 
 PLAYERS = (5, 8, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
 PERCENTAGES = {"ratio": measure_ratio, "paired": measure_false_alarms, "iqm": measure_iqm}
-PLACE = ("population", "ICC", "players")
+PLACE = ("population", "ICC")
 """The first columns of a table; the others have numbers."""
 
 
@@ -64,7 +63,7 @@ def markdown_table(cells: Sequence[Cell]) -> str:
     rows = across_players(
         cells, lambda cell: f"{cell.printed:.1f} ({cell.t:.1f}; {cell.width:.2f})"
     )
-    return "\n".join(table_lines(PLACE[:2], players_of(cells), rows))
+    return "\n".join(table_lines(PLACE, players_of(cells), rows))
 
 
 def headline_table(cells: Sequence[Cell]) -> str:
@@ -72,31 +71,24 @@ def headline_table(cells: Sequence[Cell]) -> str:
     failing = {population.name for population in SCORE_POPULATIONS if population.collisions}
     cells = [cell for cell in cells if cell.population in failing]
     rows = across_players(cells, lambda cell: f"{cell.headline:.1f} / {cell.headline_steps:.1f}")
-    return "\n".join(table_lines(PLACE[:2], players_of(cells), rows))
+    return "\n".join(table_lines(PLACE, players_of(cells), rows))
 
 
 def further_lines(
     what: str, studies: int, seed: int, players: Sequence[int], progress: Progress
 ) -> Iterator[str]:
-    """Yield the lines of what is measured instead of the quoted table: one of PERCENTAGES, or "mixed"."""
+    """Yield the lines of what is measured instead of the quoted table: one of PERCENTAGES."""
     places = [*product(SCORE_POPULATIONS, PAIRED_ICCS if what == "paired" else ICCS)]
 
     def rows() -> Iterator[tuple[str, ...]]:
         for done, (population, icc) in enumerate(places, 1):
             place = population.name, f"{icc:g}"
-            if what == "mixed":
-                for count in players:
-                    found = astuple(measure_mixed_model(population, icc, count, studies, seed))
-                    yield (*place, str(count), *(f"{share:.1f}" for share in found))
-            else:
-                measure = PERCENTAGES[what]
-                shares = [measure(population, icc, count, studies, seed) for count in players]
-                yield (*place, *(f"{share:.1f}" for share in shares))
+            measure = PERCENTAGES[what]
+            shares = [measure(population, icc, count, studies, seed) for count in players]
+            yield (*place, *(f"{share:.1f}" for share in shares))
             progress(done, len(places))
 
-    if what == "mixed":
-        return table_lines(PLACE, ("converged", "mean", "slope", "terrains"), rows())
-    return table_lines(PLACE[:2], [f"{count} players" for count in players], rows())
+    return table_lines(PLACE, [f"{count} players" for count in players], rows())
 
 
 @click.command(context_settings={"show_default": True})
@@ -106,12 +98,11 @@ def further_lines(
 @click.option("--ratio", "what", flag_value="ratio", help="The interval of policy / people.")
 @click.option("--paired", "what", flag_value="paired", help="False alarms of policy - people.")
 @click.option("--iqm", "what", flag_value="iqm", help="The interval of the interquartile mean.")
-@click.option("--mixed", "what", flag_value="mixed", help="The mixed model, at minutes a row.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
 def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
     """Measure the coverage of the report's intervals on simulated studies and print it as a Markdown table.
 
-    --ratio, --paired, --iqm and --mixed measure something else instead.
+    --ratio, --paired and --iqm measure something else instead.
     """
     with progress_bar("simulating studies") as advance:
         if what:

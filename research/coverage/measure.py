@@ -1,15 +1,13 @@
 """What is measured on simulated studies.
 
-Coverage of the printed interval, of the ratio, the IQM and the mixed model, and false alarms of the
-test. The truth of a simulated study (`simulated_studies`) is the mean over the population of players
+Coverage of the printed interval, of the ratio and the IQM, and false alarms of the test.
+The truth of a simulated study (`simulated_studies`) is the mean over the population of players
 on its own terrains, as in a report; "new terrains" is judged by the mean over terrains as well.
 Test and ratio are the same test (`app.report.statistics.comparisons`): of policy - people = 0 for a policy
 that is as good as people in the mean, and of policy - ratio people = 0 for the true ratio.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -24,7 +22,6 @@ from app.report.statistics.intervals import (
     is_a_few_players,
     printed_interval,
 )
-from app.report.statistics.mixed_model import fit_mixed_model
 from app.report.statistics.spread import iqm, iqm_shares
 from marsexplorer.intervals import Floats, t_interval
 from research.coverage.simulated_studies import (
@@ -49,8 +46,6 @@ STUDIES_AT_ONCE = 250
 """Whose guaranteed intervals are worked on together."""
 CROWDED_STUDIES_AT_ONCE = 50
 """Of studies with other players beside their own."""
-SIMULATED_SLOPE = 0.0005
-"""Of learning, in score a trial, where the mixed model is measured."""
 
 
 def measure_cell(
@@ -149,41 +144,6 @@ def measure_iqm(
         truth = np.array([iqm(others) for others in scores[:, players:]])
         covered += int(_covers(printed_interval(iqm_shares(scores[:, :players])), truth).sum())
     return 100 * covered / studies
-
-
-@dataclass(frozen=True)
-class MixedModelCoverage:
-    """In how many percent of studies the intervals of the mixed model cover the truth, and in how many it converged.
-
-    mean     over players and terrains; terrains: of the terrains' difficulties
-    """
-
-    converged: float
-    mean: float
-    slope: float
-    terrains: float
-
-
-def measure_mixed_model(
-    population: ScorePopulation, icc: float, players: int, studies: int, seed: int
-) -> MixedModelCoverage:
-    """Return how often the mixed model's intervals cover, in studies in which everybody learns alike."""
-    rng = generator(population, icc, players, seed)
-    scores, terrain = simulate_studies(population, icc, players, studies, rng)
-    mean, covered = mean_score(population), []
-    numbers = np.tile(np.arange(TERRAINS, dtype=np.float64), (players, 1))
-    for table, truth in zip(scores, terrain, strict=True):
-        trials = rng.permuted(numbers, axis=1)
-        found = fit_mixed_model("score", table + SIMULATED_SLOPE * (trials - trials.mean()), trials)
-        if found.interval and found.slope_interval:
-            inside = [
-                each.interval[0] <= truth[each.terrain] <= each.interval[1]
-                for each in found.terrains
-            ]
-            (low, high), (least, most) = found.interval, found.slope_interval
-            covered.append((low <= mean <= high, least <= SIMULATED_SLOPE <= most, np.mean(inside)))
-    shares = 100 * np.array(covered, np.float64).mean(0)
-    return MixedModelCoverage(100 * len(covered) / studies, *shares.tolist())
 
 
 def coverage_error(coverage: float, studies: int) -> float:

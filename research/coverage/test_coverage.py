@@ -16,7 +16,6 @@ from research.coverage.measure import (
     measure_cell,
     measure_false_alarms,
     measure_iqm,
-    measure_mixed_model,
     measure_ratio,
 )
 from research.coverage.simulated_studies import SCORE_BOUNDS, mean_score, simulate_studies, steps_of
@@ -163,15 +162,3 @@ def test_every_cell_measured_again_agrees_with_the_quoted_table():
             expected, found = getattr(cell, name), getattr(again, name)
             errors = (coverage_error(expected, count) for count in (studies, cell.studies))
             assert abs(found - expected) <= 2.1 * math.hypot(*errors) + 0.6, (name, cell, again)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("icc", [0.0, 0.2, 0.5])
-def test_the_mixed_models_intervals_cover_over_500_studies(icc):
-    found = measure_mixed_model(SCORE_POPULATIONS[0], icc, 10, 500, seed=21)
-    slack = 1.7 * coverage_error(95, 500)
-    assert found.converged == 100
-    assert 93 - slack < found.mean < 98 + slack
-    assert abs(found.slope - 95) < slack
-    assert 91 < found.terrains < 97

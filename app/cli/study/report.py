@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
-@path_option("--html", "Write the report to this file: one page, nothing outside it.")
+@path_option("--html", "Write the report to this file, its methods and checklist beside it.")
 @path_option("--json", "json_path", "Write every number to this file.")
 @STUDIES
 @flag("--synthetic", "Report over the scripts instead of the people, marked SYNTHETIC throughout.")
@@ -47,7 +47,7 @@ def report(
       marsexplorer report --study rehearsal --synthetic --html rehearsal.html
     """
     from app.report.making import make_study_report
-    from app.report.page import render
+    from app.report.page import pages
     from app.task import PolicyError
 
     wanted = synthetic, not no_policies, not no_moves
@@ -64,7 +64,8 @@ def report(
             "or leave --html out to see how many have finished"
         )
     if html is not None:
-        write_file(html, render(found).encode())
+        for file, page in pages(found, html.name).items():
+            write_file(html.with_name(file), page.encode())
     if json_path is not None:
         write_file(json_path, found.to_json().encode() + b"\n")
     show(found)
@@ -82,7 +83,7 @@ def show(found: Report) -> None:
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
-    """Print a group's figures, comparisons, second analysis and regret as on the page, then deviations and cautions."""
+    """Print a group's figures, comparisons and regret as on the page, then deviations and cautions."""
     from app.report.tables import group_tables
 
     mark, tables = "SYNTHETIC, script " if found.synthetic else "", group_tables(found, group)
@@ -91,7 +92,6 @@ def _show_group(found: Report, group: GroupReport) -> None:
         "policies": f"{mark}policies on the same terrains, beside {group.name}",
         "score": f"{mark}score: policies minus {group.name}",
         "steps": f"{mark}steps: policies minus {group.name}",
-        "mixed_model": f"{mark}{group.name}: second analysis, mixed model",
     }
     for name in (*titles, "regret"):
         if (table := tables[name]) is not None and table.rows:

@@ -46,11 +46,6 @@ class Cohort:
         own = [self.ranked[person] for person in ids]
         return _filled(own, self.terrains, attrgetter(column), partial(metric_value, metric=metric))
 
-    def trial_numbers(self, ids: Sequence[str]) -> Floats:
-        """Return in which trial (0..) each ranked terrain was played, float64[players, terrains], NaN where not finished."""
-        own = [self.ranked[person] for person in ids]
-        return _filled(own, self.terrains, attrgetter("terrain_index"), attrgetter("trial"))
-
     def warm_up_table(self, ids: Sequence[str], metric: MetricName) -> Floats:
         """Return float64[players, warm-up trials], NaN where not finished."""
         own = [self.warm_up[person] for person in ids]

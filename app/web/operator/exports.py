@@ -118,8 +118,10 @@ def _written(
 ) -> tuple[dict[str, Path], list[str]]:
     """Return the files of an export by the name they are downloaded under, and the options by which they are written."""
     if what == "report":
-        html, data = folder / "report.html", folder / "report.json"
-        files = {f"{study}-report.html": html, f"{study}-report.json": data}
+        stem = f"{study}-report"
+        ends = (".html", "-methods.html", "-checklist.html", ".json")
+        files = {f"{stem}{end}": folder / f"{stem}{end}" for end in ends}
+        html, data = folder / f"{stem}.html", folder / f"{stem}.json"
         return files, ["--html", str(html), "--json", str(data)]
     named = (word for author in authors for word in ("--author", author))
     files = {f"{study}-release.zip": folder / "release.zip"}

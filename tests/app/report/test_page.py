@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from app.report import build
+from app.report.page import pages as all_pages
 from app.report.page import render
 from app.report.statistics.summaries import EpisodeSummary, coverage_curve, visit_counts
 from tests.support.browser import QUIET, chromium_path, violations
@@ -107,15 +108,16 @@ def test_nothing_is_fetched_and_nothing_runs(pages):
             for name, value in found.attributes
             if name in ("src", "href", "xlink:href") and value
         ]
-        assert all(value.startswith(("#", "data:")) for value in outside)
+        beside = ("report-methods.html", "report-checklist.html")
+        assert all(value.startswith(("#", "data:", *beside)) for value in outside)
         assert not re.search(r"url\((?!['\"]?(#|data:))", page)
         assert "@import" not in page
 
 
 def test_the_page_says_every_part(pages):
     for heading in ("Result", "Read before use", "Who played", "Spread", "Policies on the same terrains",
-                    "Learning over the ranked trials", "Where they went", "Deviations from the protocol", "Reporting checklist",
-                    "Methods", "Protocol"):  # fmt: skip
+                    "Learning over the ranked trials", "Where they went", "Deviations from the protocol",
+                    "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
     for wanted in ("95 % interval (headline)", "new terrains too", "guaranteed", "(primary)"):
         assert wanted in pages[0], wanted
@@ -163,7 +165,7 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
     assert first.index("Each dot is one player") < first.index("<table")
     assert first.count("<table") == 1
     headings = re.findall(r"<h2>(.*?)</h2>", folded)
-    assert len(headings) >= 10
+    assert len(headings) >= 7
     assert len(headings) == len(re.findall(r"<summary><h2>", folded))
 
 
@@ -205,12 +207,26 @@ COLUMNS_OF_ONE_WORD_A_LINE = """[...document.querySelectorAll("td, th")].filter(
 }).map(cell => cell.innerText)"""
 
 
-def test_what_only_the_authors_know_is_a_folded_list_and_no_row(pages):
-    assert "<td>Missing</td>" not in pages[0]
-    (unknown,) = re.findall(
-        r"<summary>What only the authors know</summary>(.*?)</details>", pages[0], re.S
-    )
+def test_checklist_and_methods_are_files_of_their_own_that_the_page_links_to():
+    report = build(study(*played(SCORES)), [run("random", [0.3] * 6)])
+    files = all_pages(report, "pilot.htm")
+    assert list(files) == ["pilot.htm", "pilot-methods.htm", "pilot-checklist.htm"]
+    page, methods, checklist = files.values()
+    for own in ("Paper title", "Waudby-Smith", "Methods", "Coverage (%)", "2506.13776"):
+        assert own not in page, own
+    assert '<a href="pilot-methods.htm">' in page
+    assert '<a href="pilot-checklist.htm">' in page
+    assert "Waudby-Smith" in methods
+    assert '<a href="pilot.htm">' in methods
+    assert '<a href="pilot.htm">' in checklist
+    assert "<td>Missing</td>" not in checklist
+    answered, unknown = checklist.split("What only the authors know")
+    assert "Baseliner sampling strategy" in answered
     assert "0.1 Paper title" in unknown
+    scripts = build(study(*played(SCORES, "script", "idler")), [], True)
+    assert list(all_pages(scripts)) == ["report.html", "report-methods.html"]
+    for text in (*files.values(), *all_pages(scripts).values()):
+        assert Collected(text).open == []
 
 
 def test_a_long_policys_name_leaves_room_for_the_charts():

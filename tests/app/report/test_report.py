@@ -550,33 +550,6 @@ def test_the_report_counts_what_the_required_level_leaves_out():
     assert scripts.groups[0].attestation is None
 
 
-def test_the_second_analysis_stands_in_the_report():
-    scores = np.random.default_rng(7).normal(0.7, 0.1, (5, 6)).clip(0, 1)
-    report = build(study(*played(scores)))
-    model = report.groups[0].metric("score").mixed_model
-    assert model.converged
-    assert model.mean == pytest.approx(scores.mean(), abs=0.01)
-    document = json.loads(report.to_json())["groups"][0]["metrics"][0]["mixed_model"]
-    assert set(document) >= {
-        "mean",
-        "interval",
-        "slope",
-        "slope_interval",
-        "player_sd",
-        "terrain_sd",
-        "rest_sd",
-        "terrains",
-    }
-    page = render(report)
-    assert "Second analysis: mixed model" in page
-    assert "How difficult each terrain was" in page
-
-
-def test_a_mixed_model_that_cannot_be_fitted_says_so_in_the_report():
-    page = render(build(study(*played(SCORES[:2]))))
-    assert "No mixed model: it takes 3 players and 3 terrains" in page
-
-
 def test_the_worst_score_of_a_small_building_lies_within_the_bounds():
     config = EnvConfig.of("building", (7, 9), sensor_radius=3)
     terrain = np.ones((7, 9), bool)

@@ -141,6 +141,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert figure["score"]["mean"] == pytest.approx(scores[0])
     assert (figure["players"], figure["episodes"]) == (2, 8)
     text = page.read_text()
+    assert (tmp_path / "report-methods.html").is_file()
+    assert (tmp_path / "report-checklist.html").is_file()
     assert "Moves to success" in text
     share = figure["completed"]["mean"]
     assert f'<th scope="row">mean</th><td>{figure["score"]["mean"]:.4f}</td>' in text
