@@ -206,9 +206,10 @@ class WantedEpisode(Protocol):
 class WantedBoard(WantedEpisode, Protocol):
     """What somebody wants to play on a new board.
 
-    player   "human" or a policy
-    rival    a policy to play the same instance beside
-    replays  the session whose ended episode a policy replays beside it
+    player      "human" or a policy
+    rival       a policy to play the same instance beside
+    replays     the session whose ended episode a policy replays beside it
+    challenges  the finished episode whose instance is played once more, against what was done there
     """
 
     @property
@@ -222,6 +223,10 @@ class WantedBoard(WantedEpisode, Protocol):
     @property
     def replays(self) -> str | None:
         """Return the id of the session that is replayed, if any."""
+
+    @property
+    def challenges(self) -> str | None:
+        """Return the id of the episode that is played against, if any."""
 
 
 @dataclass(frozen=True)

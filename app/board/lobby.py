@@ -10,7 +10,13 @@ import asyncio
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
+from contextlib import (
+    AbstractContextManager,
+    AsyncExitStack,
+    closing,
+    contextmanager,
+    nullcontext,
+)
 from dataclasses import dataclass, replace
 from functools import partial
 from weakref import WeakValueDictionary
@@ -20,6 +26,7 @@ from app.board.attestation import Attested
 from app.board.messages import ChangePace, Pace, PaceMode
 from app.board.session import HUMAN, Participation, Session, Storage, Unlimited, first_bytes
 from app.board.sources import Sources, WatchIds
+from app.db.reader import Reader
 from app.db.store import Control, Resumable, SessionRow, Store, Trial
 from app.task import Choice, Configuration, Run, Task, WantedBoard, WantedEpisode, on_threads
 
@@ -132,10 +139,10 @@ class Lobby:
             replayed = await self._ended_session(wanted.replays, wanted.player)
         is_same = replayed is not None and wanted.leaves_terrain
         again = self.task.again(replayed.current) if replayed and is_same else None
-        terrain = again or self.task.first(wanted)
+        terrain = again or await self.first_terrain(wanted)
         self.task.policies.check_size(drivers, terrain.config)
         seed, runs = await self._begin_episodes(terrain, len(drivers))
-        rows = self._session_rows(drivers, player_id, control)
+        rows = self._session_rows(drivers, player_id, control, wanted.challenges)
         boards = [self._session(row) for row in rows]
         adding = contextmanager(partial(self._adding, player_id, rows))
         await self._open_episodes(boards, runs, seed, terrain.is_chosen, lambda _: adding(), left)
@@ -143,6 +150,22 @@ class Lobby:
         if replayed is not None:
             replayed.pair_with(player)
         return player
+
+    async def first_terrain(self, wanted: WantedBoard) -> Choice:
+        """Return the terrain that a new board asks for; ValueError where there is none."""
+        if wanted.challenges is None:
+            return self.task.first(wanted)
+        challenged = await asyncio.to_thread(self._public_trial, wanted.challenges)
+        if challenged is None:
+            raise ValueError(
+                f"no finished episode {wanted.challenges!r} to play against: check the link"
+            )
+        if (challenged.task, challenged.core_version) != (self.task.name, self.task.version):
+            played = f"{challenged.task} {challenged.core_version}"
+            raise ValueError(
+                f"the episode was played on {played}, and this server plays {self.task.name} {self.task.version}"
+            )
+        return self.task.again(challenged)
 
     async def get(self, session_id: str) -> Session:
         """Return the session, resumed if it was not in memory; UnknownSessionError when there is none."""
@@ -241,15 +264,15 @@ class Lobby:
         return Session(row, self.task, self.store, clock, participation, self._storage)
 
     def _session_rows(
-        self, drivers: list[str], player_id: str, control: Control
+        self, drivers: list[str], player_id: str, control: Control, challenges: str | None = None
     ) -> list[SessionRow]:
         now, rows = self.sources.clock_ms(), list[SessionRow]()
         for number, driver in enumerate(drivers):
             rival_of, owner = (rows[0].id, None) if number else (None, player_id)
             mode: PaceMode = "follow" if number else "paused" if driver == HUMAN else "timed"
             id_ = self.sources.session_id()
-            kept = (rival_of, mode, DEFAULT_MOVES_PER_SECOND, now, control)
-            rows.append(SessionRow(id_, owner, driver, *kept))
+            pace = (mode, DEFAULT_MOVES_PER_SECOND)
+            rows.append(SessionRow(id_, owner, driver, rival_of, *pace, now, control, challenges))
         return rows
 
     def _adding(self, player_id: str, rows: list[SessionRow]) -> Iterator[None]:
@@ -258,6 +281,12 @@ class Lobby:
         for row in rows:
             self.store.add_session(row)
         yield
+
+    def _public_trial(self, episode_id: str) -> Trial | None:
+        """Return a finished episode that anybody may see; None where there is none."""
+        now_ms = self.sources.clock_ms()
+        with closing(Reader.open(self.store.path, public=True, at_ms=now_ms)) as reader:
+            return reader.trial(episode_id)
 
     async def _ended_session(self, session_id: str, driver: str) -> Session:
         """Return the session whose ended episode a policy is to be shown on; ValueError where there is none."""
@@ -318,7 +347,7 @@ class Lobby:
             ]
             endings = [await board.prepare_end(board.current) for board in running]
 
-            def record() -> tuple[list[Attested | None], list[bool]]:
+            def record() -> tuple[list[Attested | None], list[bool], list[Trial]]:
                 with self.store.transaction(), within(rows[0]) if within else nullcontext():
                     found = [
                         board.closing(current, run, at_ms, ending)
@@ -326,14 +355,14 @@ class Lobby:
                             abandoned, endings, strict=True
                         )
                     ]
-                    self.store.next_episode([closing for closing, _ in found], rows)
+                    opened = self.store.next_episode([closing for closing, _ in found], rows)
                 hidden = [each.hides_scores(row.id) for each, row in zip(boards, rows, strict=True)]
-                return [attested for _, attested in found], hidden
+                return [attested for _, attested in found], hidden, opened
 
-            def publish(found: tuple[list[Attested | None], list[bool]]) -> None:
-                levels, hidden = found
+            def publish(found: tuple[list[Attested | None], list[bool], list[Trial]]) -> None:
+                levels, hidden, opened = found
                 self._storage.release(current.id for _, current, *_ in abandoned)
-                for board, row, run, hides in zip(boards, rows, runs, hidden, strict=True):
+                for board, row, run, hides in zip(boards, opened, runs, hidden, strict=True):
                     board.begin(row, run, hides)
                 for (board, current, run, _), level in zip(abandoned, levels, strict=True):
                     if board not in boards:

@@ -135,6 +135,23 @@ class NewBoard(NewEpisode):
         max_length=128,
         description="the session whose ended episode a policy replays beside it",
     )
+    challenges: str | None = Field(
+        default=None,
+        max_length=128,
+        description="a finished episode: its terrain is played once more, against what was done there",
+    )
+
+    @model_validator(mode="after")
+    def _challenger_is_alone(self) -> NewBoard:
+        if self.challenges is None:
+            return self
+        if self.player != "human" or self.rival is not None or self.replays is not None:
+            raise ValueError(
+                "a person alone takes up a challenge: leave out player, rival and replays"
+            )
+        if not self.leaves_terrain:
+            raise ValueError("a challenge has the terrain of its episode: name no other")
+        return self
 
 
 class HistoryRequest(Message):

@@ -170,7 +170,7 @@ class PageBoards:
     async def _begin(self, wanted: WantedBoard, player_id: str) -> tuple[Session, bool]:
         found = await self._open(player_id)
         is_ranked = wanted.player == HUMAN and wanted.rival is None
-        terrain = self._lobby.task.first(wanted)
+        terrain = await self._lobby.first_terrain(wanted)
         waiting = _waiting(found, terrain.config) if is_ranked and not terrain.is_chosen else None
         played = [board for board in found if board.shown.steps and board is not waiting]
         left = played if wanted.replays is None else []

@@ -148,6 +148,16 @@ class Subscriber:
 
 HUMAN, SCRIPT = "human", "script"
 
+SessionKind = Literal["ranked", "practice", "challenge", "watch", "daily", "study"]
+"""What an episode on a board is.
+
+ranked     a person's alone, on a terrain that the server drew: it counts, unless something comes between
+practice   beside a policy, on a terrain that was chosen, or moved by a script
+challenge  a person's on the terrain of a finished episode, against what was done there
+watch      a policy's
+daily, study  a person's attempt at the day's terrain, a participant's
+"""
+
 
 UNKEPT = "the key press before this move could not be recorded: nothing has changed; press again in a moment"
 
@@ -356,11 +366,24 @@ class Session:
         return self._is_second
 
     @property
+    def kind(self) -> SessionKind:
+        """What the board's current episode is."""
+        if not self.is_human:
+            return "watch"
+        if self.participation is not None:
+            return "study"
+        if self.current.day is not None:
+            return "daily"
+        if self.row.challenges is not None:
+            return "challenge"
+        is_drawn = not (self.current.assisted or self.current.seed_chosen)
+        return "ranked" if is_drawn and self.takes_persons_moves else "practice"
+
+    @property
     def counts(self) -> bool:
         """Return whether the episode, as far as can be said while it runs, counts for the volunteers' figure."""
         row = self.current
-        is_persons = self.is_human and self.takes_persons_moves and row.driver == HUMAN
-        is_known = is_persons and not (row.assisted or row.seed_chosen or row.series)
+        is_known = self.kind == "ranked" and row.driver == HUMAN and not row.terrain_met_before
         level = None if self.attested is None else self.attested.level
         return is_known and (level is None or level_reaches(level, "attested"))
 

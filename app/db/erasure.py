@@ -165,6 +165,7 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
         outdated = mark_outdated_releases(conn, person["study"], person["joined_ms"], now)
     for session in sessions:
         conn.execute("DELETE FROM sessions WHERE id = ?", [session])
+    _forget_challenges(conn)
     volunteers.renew(conn)
     if not elsewhere:
         _delete_player(conn, person["player_id"])
@@ -189,6 +190,7 @@ def forget_player(database: Path, name: str) -> int:
         things += [Thing("episode", each) for each in episodes]
         _delete_episodes(conn, episodes, now)
         conn.executemany("DELETE FROM sessions WHERE id = ?", [(each,) for each in sessions])
+        _forget_challenges(conn)
         volunteers.renew(conn)
         _delete_player(conn, player)
         _renew_chain(conn, things, {}, {})
@@ -266,6 +268,12 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
         for table in ("event_batches", "input_events", "steps", "series_episodes", "rated_games"):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
+
+
+def _forget_challenges(conn: sqlite3.Connection) -> None:
+    """Let no board name an episode that is gone as the one it is played against."""
+    gone = "challenges NOT IN (SELECT id FROM episodes)"
+    conn.execute(f"UPDATE sessions SET challenges = NULL WHERE {gone}")
 
 
 def _rename(conn: sqlite3.Connection, person: dict[str, Any]) -> dict[str, str]:

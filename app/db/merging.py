@@ -181,6 +181,8 @@ def _visible(
     if "id" in MERGED[table].names():
         names["id"] = table
     for row in found:
+        if row.get("challenges") in hidden["episodes"]:
+            row["challenges"] = None
         if not any(row[name] in hidden.get(of, ()) for name, of in names.items()):
             yield row
 

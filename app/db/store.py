@@ -95,7 +95,11 @@ next commit, and reads from the system's own cache what it had no room for."""
 
 @dataclass(frozen=True)
 class SessionRow:
-    """A board and who drives it: `driver_name` is "human" or a policy's name."""
+    """A board and who drives it.
+
+    driver_name  "human" or a policy's name
+    challenges   the finished episode that is played against here, if any
+    """
 
     id: str
     player_id: str | None
@@ -105,6 +109,7 @@ class SessionRow:
     moves_per_second: float
     created_ms: int
     control: Control = "bearer"
+    challenges: str | None = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ class Closing(NamedTuple):
 
 
 _ADD_SESSION = """INSERT INTO sessions VALUES
-    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8)"""
+    (?1, ?2, coalesce(?2, (SELECT owner_id FROM sessions WHERE id = ?4)), ?3, ?4, ?5, ?6, ?7, ?8, ?9)"""
 _STEP = TABLES["steps"].names()
 # The guard makes a lost or doubled step impossible: the next one, of an open episode, or nothing. Nothing, too, where it would
 # be a script's in an episode that is a person's still.
@@ -698,14 +703,15 @@ class Store(Reader):
                 (mode, moves_per_second, session_id),
             )
 
-    def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> None:
-        """Close the given episodes and open the next ones, all of it or nothing."""
+    def next_episode(self, closing: Sequence[Closing], rows: Sequence[Trial]) -> list[Trial]:
+        """Close the given episodes, open the next ones and return these as stored; all of it or nothing."""
         with self.transaction():
             for each in closing:
                 self._close(Closing(*each))
-            met = [self._has_met(row) for row in rows]
-            for row, met_before in zip(rows, met, strict=True):
-                self._open(row, met_before)
+            opened = [replace(row, terrain_met_before=self._has_met(row)) for row in rows]
+            for row in opened:
+                self._db.table("episodes").insert(row.row())
+        return opened
 
     def add_step(self, row: StepRow, closing: Record | None = None) -> None:
         """Commit a step, and close its episode when `closing` is its record.
@@ -787,9 +793,6 @@ class Store(Reader):
 
     def _has_met(self, row: Trial) -> bool:
         return bool(self._conn.execute(_MET, (row.terrain_hash, row.session_id)).fetchone()[0])
-
-    def _open(self, row: Trial, met_before: bool) -> None:
-        self._db.table("episodes").insert(replace(row, terrain_met_before=met_before).row())
 
     def _close(self, closing: Closing) -> None:
         episode_id, record, at_ms, attestation, reason, events = closing

@@ -52,6 +52,8 @@ async def session_summary(lobby: Lobby, session: Session) -> dict[str, Any]:
     told = None if session.participation is not None else finished
     return {
         "session": session.id,
+        "kind": session.kind,
+        "challenges": session.row.challenges,
         "player": session.row.driver_name,
         "task": describe(lobby.task),
         **lobby.task.describe(current),
@@ -185,6 +187,8 @@ def board_router(messages: Messages) -> APIRouter:
         `session` in the answer cannot be guessed: whoever knows it can watch and drive. `frame.episode` and `frame.step` go
         into the first act. A player cookie is set when you send none. Moves on such a board are a script's and never count.
 
+        `kind` is ranked, practice, challenge, watch, daily or study: what the episode is. `challenges` makes it a challenge.
+
         Whoever has `watch` can watch the board at /watch/{watch}, one episode after the other, and do nothing else.
 
         A page of this server sends its Origin, and the board then belongs to the player's cookie alone. `counts` says whether
@@ -193,7 +197,7 @@ def board_router(messages: Messages) -> APIRouter:
         wanted = wanted or messages.board()
         player_id = player_of(request) or _lobby(request).sources.player_id()
         with bad_input():
-            terrain = _lobby(request).task.first(wanted)
+            terrain = await _lobby(request).first_terrain(wanted)
             await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
             if wanted.replays is not None:
                 await controlled_session(request, wanted.replays)
@@ -259,6 +263,9 @@ def board_router(messages: Messages) -> APIRouter:
         if session.current.day is not None:
             once = "this board is of a daily terrain, which is played once"
             raise HTTPException(409, f"{once}; POST /api/sessions begins another")
+        if session.row.challenges is not None:
+            one = "this board is a challenge's, which has one terrain"
+            raise HTTPException(409, f"{one}; POST /api/sessions begins another")
         with bad_input():
             terrain = lobby.task.next(session.current, wanted)
             await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)

@@ -3,14 +3,16 @@
 /** @returns {GameState} */
 export function initialState() {
   return { mode: "practice", level: "random", size: 21, counts: false, player: null, rival: null, link: "connecting", task: null,
-    notices: [], nextNotice: 1, opponent: null };
+    notices: [], nextNotice: 1, challenges: null, opponent: null };
 }
 
-/** @param {About} about @returns {Mode} the mode that a session stands for */
-export function modeOf(about) {
-  if (about.player !== "human") return "watch";
-  return about.rival ? "practice" : "ranked";
-}
+/** Return whether a person drives the player's board from here.
+ * @param {GameState} state */
+export const isDriven = ({ mode }) => mode !== "watch" && mode !== "spectator";
+
+/** Return whether nothing counts, so that keys may repeat and a terrain be played again.
+ * @param {GameState} state */
+export const isPractice = ({ mode }) => mode === "practice" || mode === "challenge";
 
 /** @param {Task} task @param {string} session @param {string} name @param {Frame} frame @param {Board | null} before
  * @returns {Board} */
@@ -70,10 +72,10 @@ function withOpponent(state) {
   if (!opponent || !task || player?.frame.episode !== opponent.episode) return state;
   const { course } = opponent;
   const step = player.frame.outcome ? course.actions.length : Math.min(player.frame.step, course.actions.length);
-  if (state.mode === "practice" && rival?.session === "" && rival.frame.step === step) return state;
+  if (rival?.session === "" && rival.frame.step === step) return state;
   const { frame, trail } = task.boardAt(course, step);
   const progress = Array.from({ length: step + 1 }, (_, at) => task.progressAt(course, at));
-  return { ...state, mode: "practice", rival: { session: "", name: course.name, frame, trail, progress, hasGap: false, pace: null, isReplay: true } };
+  return { ...state, rival: { session: "", name: course.name, frame, trail, progress, hasGap: false, pace: null, isReplay: true } };
 }
 
 /** @param {Task | null} task @param {string} text of the server @returns the text with the plain names of policies */
@@ -96,7 +98,7 @@ function applied(state, event) {
       const link = about.session === state.player?.session ? state.link : "connecting"; // another session has a socket of its own
       const isNext = state.player !== null && player.frame.episode !== state.player.frame.episode;
       const notices = isNext ? [] : state.notices;
-      return { ...state, task, mode: modeOf(about), level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link, notices };
+      return { ...state, task, mode: about.kind, challenges: about.challenges, level: about.map ?? about.level, size: about.size, counts: about.counts, player, rival, link, notices };
     }
     case "watched": {
       const { level, size, frame, episode: session, history, task } = event.watched;

@@ -68,8 +68,10 @@ type ChartLook = {
 type Bin = {from: number, to: number, count: number};
 type Named = {name: string, moves: number};
 type Role = "player" | "rival";
+/** What the server says that an episode on a board is (app/board/session.py). */
+type Kind = "practice" | "ranked" | "challenge" | "watch" | "daily" | "study";
 /** Spectator: of an episode without a session here, live or ended. */
-type Mode = "practice" | "ranked" | "watch" | "spectator";
+type Mode = Kind | "spectator";
 /** What a path is made of: the task's own. */
 type Mark = unknown;
 /** One board. `trail[k]` and `progress[k]` belong to step k; `hasGap` says that steps are missing from them. */
@@ -82,6 +84,7 @@ type GameState = {
   mode: Mode, level: string, size: Size, counts: boolean, player: Board | null,
   rival: Board | null, link: "connecting" | "open" | "lost", task: Task | null,
   notices: {id: number, text: string, tone: "error" | "note"}[], nextNotice: number, opponent: Opponent | null,
+  challenges: string | null,
 };
 /** What was done before on the terrain of one's own `episode`, which is to be beaten. */
 type Opponent = {episode: string, course: Course};
@@ -114,9 +117,10 @@ type Remade = {kind: "remade", episode: string, done: number, of: number};
 /** The answer to input events: all are kept, or none for a reason that will not pass; none and no reason: send them again. */
 type Kept = {kind: "kept", episode: string, count: number, reason: string | null};
 type FromServer = Frame | MoveHistory | Refused | Problem | Pace | ClockState | Remade | Kept;
-/** What POST api/sessions answers; watch: the id by which anybody may watch the board. */
+/** What POST api/sessions answers. watch: the id by which anybody may watch the board; challenges: the episode that is
+ * played against. */
 type About = {
-  session: string, player: string, level: string, map: string | null, size: Size, counts: boolean,
+  session: string, kind: Kind, challenges: string | null, player: string, level: string, map: string | null, size: Size, counts: boolean,
   attestation: string | null, not_attested: string | null, watch: string | null, frame: Frame,
   rival: null | {session: string, policy: string, pace: Pace, frame: Frame}, task: Task,
 };

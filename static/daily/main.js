@@ -2,7 +2,7 @@
 import { api, ApiError, request, withTask } from "../common/api.js";
 import { boardColours, by, copied, create, createRepaint, createSizes, paintLink, paintNotices, partsOf, put } from "../common/page.js";
 import { paintDistribution } from "../common/distribution.js";
-import { apply, initialState } from "../common/game_state.js";
+import { apply, initialState, isDriven } from "../common/game_state.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
@@ -31,10 +31,10 @@ const repaint = createRepaint(paint);
 addEventListener("theme", () => repaint());
 
 const { moves, telemetry, clock } = startInput({
-  task, onClock: () => (state.mode === "ranked" ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
+  task, onClock: () => (isDriven(state) ? state.player : null), board: root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, pad: by("dock"), frames: [viewer],
   announce: (text) => { by("announcer").textContent = text; }, isPractice: () => false, isHeld: () => state.link === "connecting", onEnter: () => false,
   send: (message) => connections.send("player", message), painted: () => painted?.frame ?? null,
-  driven: () => (state.mode === "ranked" ? state.player?.frame ?? null : null),
+  driven: () => (isDriven(state) ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost" && state.mode !== "spectator",

@@ -1,18 +1,17 @@
 // Wires everything: messages -> apply -> one scheduled repaint. The only module that knows all the others.
 import { api, ApiError } from "../common/api.js";
 import { paintLegend, paintProgress } from "../common/chart.js";
-import { apply, ghostOf, initialState } from "../common/game_state.js";
+import { apply, ghostOf, initialState, isDriven, isPractice } from "../common/game_state.js";
 import { all, boardColours, by, chartColours, copyOnClick, createRepaint, createSizes, createSlow, paintLink, paintNotices, put } from "../common/page.js";
 import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
 import { notCounted } from "../common/words.js";
 import { personalText, ratingText } from "../me/words.js";
-import { challengedIn, createChallenge } from "./challenge.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
 import { createPanel, hasTwoBoards, offerPolicies, paintBar, paintEndCard, paintPace, paintPanel, paintPick, startDialog, startPace, startTabs } from "./panels.js";
-import { createLeaving, createSessions, findBoard, patiently, showInstead } from "./sessions.js";
+import { createLeaving, createSessions, findBoard, modeOn, patiently, showInstead } from "./sessions.js";
 
 const ROLES = /** @type {const} */ (["player", "rival"]);
 
@@ -65,13 +64,7 @@ function onFailure({ status, message }) {
   paintNotices(by("notices"), state.notices, dismiss);
 }
 
-const challenge = createChallenge({ api, storage: sessionStorage, dispatch, note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
-/** @returns {ReturnType<typeof findBoard>} */
-async function find() {
-  const against = challengedIn(location.hash);
-  return (against && await challenge.open(against)) || findOwn();
-}
-const findOwn = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
+const find = () => findBoard({ api, hash: location.hash, storage: sessionStorage, watch: (id) => showInstead(id, api.watched, location),
   note: (text) => dispatch({ kind: "notice", text, tone: "note" }) });
 const [found, served, levels, policies, maps] = await patiently(() => Promise.all([
   find(), api.task(), api.levels(), api.policies(), api.maps()]), onFailure);
@@ -87,7 +80,7 @@ const parts = {
     tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
-  onStart: (wish) => setTimeout(() => leaving.start(state.mode, wish)), // once the dialog is closed
+  onStart: (wish) => setTimeout(() => leaving.start(modeOn(state.mode, wish), wish)), // once the dialog is closed
   onWrong: (text) => dispatch({ kind: "notice", text }),
 });
 /** What is chosen where no dialog of terrains is: which policies play. @type {Play.Wish | null} */
@@ -95,7 +88,7 @@ const chosen = policies.length ? { map: null, seed: null, player: policies[0].na
 if (!modules) /** @type {HTMLElement} */ (document.querySelector(".modes")).hidden = !chosen;
 const wish = () => (terrainDialog ? terrainDialog.wish() : chosen);
 const sessions = createSessions({
-  api, dispatch, wish, storage: sessionStorage, setHash: (hash) => { if (!challenge.keepsAddress()) history.replaceState(null, "", hash); },
+  api, dispatch, wish, storage: sessionStorage, setHash: (hash) => history.replaceState(null, "", hash),
   onBegun(about) {
     if (about.task.name !== task.name) location.reload();
     terrainDialog?.show(about);
@@ -103,11 +96,11 @@ const sessions = createSessions({
 });
 const leaving = createLeaving(by("leave-dialog", HTMLDialogElement), window, { state: () => state, start: sessions.start });
 const { moves, telemetry, clock } = startInput({
-  task, onClock: () => (state.mode === "practice" || state.mode === "ranked" ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
-  isPractice: () => state.mode === "practice", isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
+  task, onClock: () => (isDriven(state) ? state.player : null), board: panels.player.root, settings: { repeat: by("repeat", HTMLSelectElement), sound: by("sound") }, announce,
+  isPractice: () => isPractice(state), isHeld: (on) => state.link === "connecting" || sessions.isMadeAgain(on), pad: by("dock"),
   frames: ROLES.map((role) => panels[role].viewer), onEnter,
   send: (message) => connections.send("player", message), painted: () => painted?.player?.frame ?? null,
-  driven: () => (state.mode === "practice" || state.mode === "ranked" ? state.player?.frame ?? null : null),
+  driven: () => (isDriven(state) ? state.player?.frame ?? null : null),
 });
 const connections = startBoards({
   moves, telemetry, dispatch, isLost: () => state.link === "lost",
@@ -219,12 +212,12 @@ function paint() {
 }
 
 function paintVisit() {
-  const { mode, player, link } = state;
-  const isDriven = isFirstVisit() && (mode === "practice" || mode === "ranked");
+  const { player, link } = state;
+  const isFirst = isFirstVisit() && isDriven(state);
   const frame = player?.frame;
-  part.prompt.hidden = task.clock !== null || !isDriven || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
+  part.prompt.hidden = task.clock !== null || !isFirst || !frame || frame.step > 0 || frame.outcome !== null || link === "lost";
   if (!part.prompt.hidden) put(part["prompt-text"], promptText(matchMedia("(pointer: coarse)").matches));
-  part.coach.hidden = !isDriven || !isCoaching || !hint || !frame || frame.step === 0;
+  part.coach.hidden = !isFirst || !isCoaching || !hint || !frame || frame.step === 0;
   put(part["coach-gain"], hint?.gain ?? "");
   put(part["coach-line"], hint?.line ?? "");
 }
@@ -276,10 +269,9 @@ async function sayOwn(episode) {
   part["end-own"].hidden = !text;
 }
 
-/** Whether the board is that of a challenge: its session has no rival, so the next terrain on it would be a ranked one. */
-const isChallenge = () => state.opponent !== null && state.opponent.episode === state.player?.frame.episode;
 function goNext() {
-  if (isChallenge()) sessions.start("practice");
+  // practice goes on as practice: alone on this board, the next terrain would be a ranked one
+  if (isPractice(state) && !state.rival?.session) sessions.start("practice");
   else if (state.player) sessions.next(state.player.session, null);
 }
 /** Go to the next terrain with Enter once the episode is over, unless Enter belongs to another button. */
@@ -316,10 +308,8 @@ keepFocusOnBoard({ board: panels.player.root, next: () => (state.player?.frame.o
 part.next.addEventListener("click", goNext);
 copyOnClick(part["copy-replay"], () => /** @type {HTMLAnchorElement} */ (part["replay-link"]).href, announce);
 part.again.addEventListener("click", () => {
-  if (isChallenge()) {
-    challenge.forget();
-    location.reload();
-  } else if (state.player) sessions.again(state.player.session, state.player.frame.episode);
+  if (state.challenges) sessions.challenge(state.challenges);
+  else if (state.player) sessions.again(state.player.session, state.player.frame.episode);
 });
 for (const role of ROLES) {
   offerPolicies(panels[role], task, policies.map(({ name }) => name));

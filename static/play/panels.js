@@ -72,11 +72,11 @@ export function offerPolicies({ part }, task, names) {
   part.pick.replaceChildren(...names.map((name) => new Option(task.nameOf(name), name)));
 }
 
-/** Paint the choice of a policy in the place of its name; a person's board has none.
+/** Paint the choice of a policy in the place of its name; a person's board has none, nor what is to be beaten.
  * @param {Play.Panel} panel @param {Board | null} board */
 export function paintPick({ part }, board) {
   const pick = /** @type {HTMLSelectElement} */ (part.pick);
-  const isOffered = Boolean(board) && [...pick.options].some(({ value }) => value === board?.name);
+  const isOffered = Boolean(board?.session) && [...pick.options].some(({ value }) => value === board?.name);
   pick.hidden = !isOffered;
   part.name.classList.toggle("unseen", isOffered);
   if (board && isOffered && pick.value !== board.name) pick.value = board.name;
@@ -130,7 +130,7 @@ export function paintBar(state, rival) {
   put(by("standing"), standing(state, rival));
   const named = (/** @type {Board | null} */ board) => (task && board && state.mode === "watch" ? task.nameOf(board.name) : null);
   put(by("tab-player"), named(player) ?? "You");
-  const beside = task && state.opponent && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
+  const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
   put(by("tab-rival"), beside ?? "Policy");
   put(by("key-player"), named(player) ?? "you");
   put(by("key-rival"), beside ?? "policy");
@@ -142,7 +142,7 @@ export function paintBar(state, rival) {
 export function standing({ mode, counts, player, task }, rival) {
   if (mode !== "ranked" || !player) return task?.standing ?? "";
   const what = counts ? "This ranked episode counts from your first move on, however it ends. Leaving it, or a long time without a move, counts as abandoned."
-    : `This episode does not count: its ${task?.round} was chosen or met before, or a script has moved.`;
+    : `This episode does not count: you have met its ${task?.round} before, or a script has moved.`;
   return rival ? `${what} After the end, ${task?.nameOf(rival) ?? rival} plays the same ${task?.round} beside you.` : what;
 }
 

@@ -2,6 +2,7 @@
 import { ApiError } from "../common/api.js";
 import { put } from "../common/page.js";
 import { many } from "../common/words.js";
+import { challengedIn, challengeHash, opponentOf } from "./challenge.js";
 
 /** @param {Play.Wish | null} wish null where the task leaves nothing to be chosen @param {number | null} [seed] */
 function terrainOf(wish, seed = wish?.seed ?? null) {
@@ -14,6 +15,13 @@ export function sessionWish(mode, wish) {
   const terrain = terrainOf(wish);
   if (mode === "ranked" || !wish) return { ...terrain, player: "human" };
   return { ...terrain, player: mode === "watch" ? wish.player : "human", rival: wish.rival };
+}
+
+/** Return the way of playing that begins on a terrain: one that is chosen, by its seed or as a map, never counts.
+ * @param {Mode} mode that is on the page now @param {Play.Wish} wish @returns {Mode} */
+export function modeOn(mode, { seed, map }) {
+  if (mode === "watch") return mode;
+  return mode === "ranked" && seed === null && !map ? "ranked" : "practice";
 }
 
 /** Return the id that an address lets anybody watch, if any: a board's or an episode's.
@@ -41,7 +49,8 @@ const orNull = (asked) => asked.catch((error) => {
 });
 
 /** Return the board that the address or this tab stands for, else the newest of this browser's player, if any;
- * undefined when somebody else's board is watched instead.
+ * undefined when somebody else's board is watched instead. A link that challenges stands for the board on which this tab has
+ * taken it up, else for a new one.
  *   storage   of this tab: its session, and the id for watching that it put into the address
  *   watch     shows somebody else's board; ApiError 404 when there is none
  * @param {{api: Api, hash: string, storage: Storage,
@@ -49,6 +58,7 @@ const orNull = (asked) => asked.catch((error) => {
  * @returns {Promise<{about: About | null, isNewest: boolean} | undefined>} */
 export async function findBoard({ api, hash, storage, watch, note }) {
   const watched = watchedInHash(hash);
+  const challenged = challengedIn(hash);
   const session = storage.getItem("mars.session");
   if (watched && watched !== storage.getItem("mars.watch")) {
     const about = await api.mySession({ watch: watched });
@@ -57,6 +67,14 @@ export async function findBoard({ api, hash, storage, watch, note }) {
     note("This link leads to no episode that can be watched; this is a board of your own.");
   }
   const about = session ? await orNull(api.about(session)) : null;
+  if (challenged && about?.challenges !== challenged) {
+    try {
+      return { about: await api.createSession({ challenges: challenged }), isNewest: false };
+    } catch (error) {
+      if (!(error instanceof ApiError) || error.status === 0) throw error;
+      note(`This challenge cannot be opened: ${error.message} This is a board of your own.`);
+    }
+  }
   return about ? { about, isNewest: false } : { about: await api.mySession(), isNewest: true };
 }
 
@@ -88,39 +106,44 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
     await attempt(work);
     isBusy = false;
   }
+  const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
   /** @param {About} about */
-  function begin(about) {
+  async function begin(about) {
+    const opponent = await opponentOf(api, about).catch((error) => error);
     storage.setItem("mars.session", about.session);
-    if (about.watch) {
-      storage.setItem("mars.watch", about.watch);
-      setHash(`#watch=${about.watch}`);
-    }
+    if (about.watch) storage.setItem("mars.watch", about.watch);
     dispatch({ kind: "begun", about });
+    if (about.challenges) setHash(challengeHash(about.challenges));
+    else if (about.watch) setHash(`#watch=${about.watch}`);
+    if (opponent instanceof Error) note(`What is to be beaten here cannot be shown: ${opponent.message}`);
+    else if (opponent) dispatch({ kind: "challenged", opponent });
     onBegun(about);
   }
-  const note = (/** @type {string} */ text) => dispatch({ kind: "notice", text, tone: "note" });
   /** @param {Mode} mode @param {Play.Wish | null} [chosen] */
   const start = (mode, chosen = wish()) => once(async () => begin(await api.createSession(sessionWish(mode, chosen))));
   return {
     start,
+    /** Take up a challenge, once more where it was taken up before.
+     * @param {string} challenges the finished episode */
+    challenge: (challenges) => once(async () => begin(await api.createSession({ challenges }))),
     /** Go on with a board of one's own, or begin one.
      * @param {{about: About | null, isNewest: boolean}} found */
     async resume({ about, isNewest }) {
       if (!about) return start(wish()?.level ? "practice" : "ranked");
-      begin(about);
+      await begin(about);
       if (isNewest && about.counts && about.frame.step > 0 && !about.frame.outcome) note("You are back in your ranked episode, where you left it.");
     },
     /** Begin the next terrain of the same session.
      * @param {string} session @param {number | null} seed */
     next: (session, seed) => once(async () => {
-      begin(await api.nextEpisode(session, terrainOf(wish(), seed)));
+      await begin(await api.nextEpisode(session, terrainOf(wish(), seed)));
     }),
     /** Begin the terrain just finished once more.
      * @param {string} session @param {string} episode */
     again: (session, episode) => once(async () => {
       const { seed } = await api.episode(episode);
       const chosen = wish();
-      begin(await api.nextEpisode(session, seed === null ? {} : terrainOf(chosen && { ...chosen, map: null }, seed))); // a map stays when nothing is said
+      await begin(await api.nextEpisode(session, seed === null ? {} : terrainOf(chosen && { ...chosen, map: null }, seed))); // a map stays when nothing is said
     }),
     /** Begin the terrain of the player's finished episode once more, in practice, and make its first moves again.
      * @param {GameState} state @param {number} moves @param {(episode: string) => void} onBegun with the new episode */
@@ -133,7 +156,7 @@ export function createSessions({ api, wish, dispatch, storage, setHash, onBegun 
       const { session, frame: { episode } } = about;
       onBegun(episode);
       again = { episode, moves };
-      begin(about);
+      await begin(about);
       for (const [step, action] of actions.slice(0, moves).entries()) {
         await api.act(session, { episode, step, action }).catch((error) => { again.moves = 0; throw error; });
       }

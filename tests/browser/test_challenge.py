@@ -20,7 +20,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     begun = me.state()
     assert page.url.endswith(f"#challenge={against.id}")
     assert (me.state("mode"), me.state("counts"), me.state("rival.frame.step")) == (
-        "practice",
+        "challenge",
         False,
         0,
     )
@@ -30,6 +30,12 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     page.reload()
     me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
     assert me.state()["episode"] == begun["episode"]
+    page.goto(f"{server.url}/leaderboard")  # left, and come back to
+    page.get_by_role("link", name="Play", exact=True).click()
+    me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
+    assert (me.state("mode"), me.state()["episode"]) == ("challenge", begun["episode"])
+    assert (me.state("rival.name"), me.state("rival.frame.step")) == ("A script", 3)
+    assert page.url.endswith(f"#challenge={against.id}")
     mine = me.explore(policy, lambda frame: frame["outcome"])
     theirs = me.state("rival.frame")
     done = page.request.get(f"{server.url}/api/episodes/{against.id}").json()

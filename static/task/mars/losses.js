@@ -150,7 +150,7 @@ export function createLosses({ part, canvas, chart, state, load, tryFrom, storag
     /** Show the question where a person's episode has ended, and nothing of another episode. */
     paint() {
       const [{ mode }, player] = [state(), playerOf()];
-      const isAsked = mode === "practice" || mode === "ranked";
+      const isAsked = mode !== "watch";
       const ended = player?.frame.outcome && isAsked ? player.frame.episode : null;
       if (episode !== null && episode === ended) return;
       episode = null;

@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { apply, ghostOf, initialState, modeOf, withFrame } from "../../../static/common/game_state.js";
+import { apply, ghostOf, initialState, isDriven, isPractice, withFrame } from "../../../static/common/game_state.js";
 
 /** @param {object} [changes] */
 export const frame = (changes = {}) => ({ kind: "frame", episode: "e1", step: 0, rows: 2, cols: 3, grid: ["@.?", "#??"], position: [0, 0],
   discovered: 3, cells: 6, coverage: 0.5, heading: "east", reward: 0, return: 0, score: 0.4, outcome: null, ...changes });
 const task = taskOf();
-const about = (changes = {}) => ({ task, session: "s1", player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
+const about = (changes = {}) => ({ task, session: "s1", kind: "practice", challenges: null, player: "human", level: "random", size: [2, 3], counts: false, frame: frame(),
   rival: { session: "r1", policy: "frontier-cost", pace: { kind: "pace", mode: "follow", moves_per_second: 4 }, frame: frame({ episode: "x" }) }, ...changes });
 const begun = (changes) => apply(initialState(), { kind: "begun", about: about(changes) });
 const receive = (state, message, role = "player") => apply(state, { kind: "received", role, message });
@@ -28,9 +28,24 @@ test("another session is connecting until its own socket is open", () => {
   assert.equal(apply(open, { kind: "begun", about: about({ session: "s2" }) }).link, "connecting");
 });
 
-test("the mode follows from who plays and whether there is a rival", () => {
-  assert.equal(modeOf(about({ rival: null })), "ranked");
-  assert.equal(modeOf(about({ player: "frontier-cost" })), "watch");
+test("what is played is what the server says, whoever plays and whatever is beside it", () => {
+  const kinds = { ranked: [true, false], practice: [true, true], challenge: [true, true], daily: [true, false], watch: [false, false] };
+  for (const [kind, [driven, practice]] of Object.entries(kinds)) {
+    const states = [{ rival: null }, {}, { player: "ppo" }].map((changes) => begun({ kind, ...changes }));
+    assert.deepEqual(states.map(({ mode }) => mode), [kind, kind, kind]);
+    assert.deepEqual([isDriven(states[0]), isPractice(states[0])], [driven, practice]);
+  }
+});
+
+test("a challenge has its opponent beside it, as far as the player", () => {
+  const run = { name: "A person", actions: ["east", "east"] };
+  const stub = { ...task, boardAt: (course, step) => ({ frame: frame({ episode: "theirs", step }), trail: [[0, 0]] }), progressAt: () => 0.5 };
+  const state = apply(begun({ task: stub, kind: "challenge", challenges: "e0", rival: null }), { kind: "challenged", opponent: { episode: "e1", course: run } });
+  assert.deepEqual([state.mode, state.challenges, state.rival.name, state.rival.frame.step], ["challenge", "e0", "A person", 0]);
+  const moved = receive(state, frame({ step: 1, position: [0, 1] }));
+  assert.deepEqual([moved.mode, moved.rival.frame.step], ["challenge", 1]);
+  const next = receive(moved, frame({ episode: "e2" }));
+  assert.equal(next.rival, null);
 });
 
 test("each step lengthens trail and curve, and the state before is left as it was", () => {

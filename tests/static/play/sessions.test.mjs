@@ -1,13 +1,20 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { ApiError } from "../../../static/common/api.js";
-import { createSessions, findBoard, patiently, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
+import { createSessions, findBoard, modeOn, patiently, sessionWish, watchedInHash } from "../../../static/play/sessions.js";
 
 test("each mode asks for its own kind of session", () => {
   const wish = { level: "random", size: 21, seed: null, rival: "ppo", player: "random" };
   assert.deepEqual(sessionWish("practice", wish), { level: "random", size: 21, player: "human", rival: "ppo" });
   assert.deepEqual(sessionWish("ranked", wish), { level: "random", size: 21, player: "human" });
   assert.deepEqual(sessionWish("watch", { ...wish, seed: 0 }), { level: "random", size: 21, seed: 0, player: "random", rival: "ppo" });
+});
+
+test("a terrain that is chosen is practice, unless it is watched", () => {
+  const wish = { level: "random", map: null, size: 21, seed: null, rival: "ppo", player: "random" };
+  const cases = [["ranked", {}, "ranked"], ["ranked", { seed: 0 }, "practice"], ["ranked", { map: "office" }, "practice"],
+    ["practice", {}, "practice"], ["challenge", {}, "practice"], ["watch", { seed: 7 }, "watch"], ["watch", {}, "watch"]];
+  for (const [mode, changes, wanted] of cases) assert.equal(modeOn(mode, { ...wish, ...changes }), wanted);
 });
 
 test("a map is asked for by its name alone", () => {
@@ -33,22 +40,42 @@ function restored({ hash = "", kept = {}, api }) {
   const restore = async () => { const found = await patiently(find, () => done.push("link")); if (found) await sessions.resume(found); };
   return { restore, done };
 }
-const about = (session) => ({ session, player: "human", counts: false, watch: `${session}-watch`, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
+const about = (session, challenges = null) => ({ session, challenges, player: "human", counts: false, watch: `${session}-watch`, frame: { episode: `${session}-episode`, step: 0, outcome: null } });
 const unknown = async () => { throw new ApiError("unknown", 404); };
 
 test("a reload goes on with the tab's own board, a copied address is watched, a new browser begins", async () => {
   const own = restored({ hash: "#watch=mine", kept: { "mars.session": "s1", "mars.watch": "mine" }, api: { about: async () => about("s1") } });
   await own.restore();
-  assert.deepEqual(own.done, ["#watch=s1-watch", "begun"]);
+  assert.deepEqual(own.done, ["begun", "#watch=s1-watch"]);
   const copied = restored({ hash: "#watch=theirs", api: { mySession: async () => null } });
   await copied.restore();
   assert.deepEqual(copied.done, ["watch theirs"]);
   const fresh = restored({ api: { mySession: async () => null } });
   await fresh.restore();
-  assert.deepEqual(fresh.done, ["new board", "#watch=new-watch", "begun"]);
+  assert.deepEqual(fresh.done, ["new board", "begun", "#watch=new-watch"]);
   const gone = restored({ kept: { "mars.session": "s1" }, api: { about: unknown, mySession: async () => about("s2") } });
   await gone.restore();
-  assert.deepEqual(gone.done, ["#watch=s2-watch", "begun"]);
+  assert.deepEqual(gone.done, ["begun", "#watch=s2-watch"]);
+});
+
+test("a link that challenges stands for the board on which it was taken up, else for a new one", async () => {
+  const replay = async (episode) => ({ run: { name: episode, actions: [] } });
+  const createSession = async ({ challenges }) => about("new", challenges);
+  const begun = ["begun", "#challenge=e000", "challenged"];
+  for (const hash of ["#challenge=e000", ""]) {
+    const again = restored({ hash, kept: { "mars.session": "s1" }, api: { replay, createSession: unknown, about: async () => about("s1", "e000") } });
+    await again.restore();
+    assert.deepEqual(again.done, begun);
+  }
+  const taken = restored({ hash: "#challenge=e000", kept: { "mars.session": "s1" }, api: { replay, createSession, about: async () => about("s1", "e111") } });
+  await taken.restore();
+  assert.deepEqual(taken.done, begun);
+  const gone = restored({ hash: "#challenge=e000", api: { createSession: unknown, mySession: async () => about("s2") } });
+  await gone.restore();
+  assert.deepEqual(gone.done, ["note", "begun", "#watch=s2-watch"]);
+  const untold = restored({ hash: "#challenge=e000", api: { replay: unknown, createSession } });
+  await untold.restore();
+  assert.deepEqual(untold.done, ["begun", "#challenge=e000", "notice"]);
 });
 
 test("an answer that does not come begins no board, which would abandon a ranked episode", async () => {
@@ -57,7 +84,7 @@ test("an answer that does not come begins no board, which would abandon a ranked
     const mySession = async () => { if (asked++ === 0) throw new ApiError("not now", status); return about("s1"); };
     const { restore, done } = restored({ api: { mySession } });
     await restore();
-    assert.deepEqual(done, ["link", "#watch=s1-watch", "begun"]);
+    assert.deepEqual(done, ["link", "begun", "#watch=s1-watch"]);
   }
   await assert.rejects(patiently(async () => { throw new TypeError("a mistake"); }, assert.fail), TypeError);
 });
