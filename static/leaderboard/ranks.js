@@ -4,7 +4,7 @@ import { paintChart, paintLegend } from "../common/chart.js";
 import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create } from "../common/page.js";
 import { many } from "../common/words.js";
-import { coverageEnd, curveText, intervalText, shown, source } from "./standing.js";
+import { coverageEnd, curveText, intervalText, missingText, shown, source } from "./standing.js";
 
 /** @param {HTMLTableElement} table @param {HTMLElement} marks where the scale's numbers go
  * @param {Leaderboard.Row[]} rows @param {Leaderboard.Scale} scale @param {Leaderboard.Measure} measure */
@@ -47,12 +47,14 @@ export function paintRanks(table, marks, rows, scale, measure) {
 /** @param {string} name @param {string} style where it stands */
 const mark = (name, style) => create("i", [], { class: name, style });
 
-/** @param {Leaderboard.BoardListing} board @returns the row of people where nobody has played: it invites */
-export function invitation({ study }) {
+/** @param {Leaderboard.BoardListing} board @returns the row of people without a mean: it invites */
+export function invitation(board) {
+  const { study } = board;
+  const text = missingText(board);
   const head = create("th", [create("i", [], { class: "swatch" }), study ? "People" : "Volunteers"], { scope: "row" });
   const line = study
     ? create("span", "Nobody finished this study.")
-    : create("span", ["Nobody has played this ranked yet. ", create("a", "Be the first", { href: "./", "data-testid": "be-the-first" })]);
+    : create("span", [`${text[0].toUpperCase()}${text.slice(1)} `, create("a", board.players ? "Play ranked" : "Be the first", { href: "./", "data-testid": "be-the-first" })]);
   const cell = create("td", create("div", line, { class: "idle" }), { colspan: "6" });
   return create("tr", [head, cell], { "data-who": "nobody", "data-testid": "rank-nobody" });
 }

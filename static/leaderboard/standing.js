@@ -52,6 +52,20 @@ function movesTo({ steps, mean }, share) {
   return at < 0 ? null : steps[at];
 }
 
+/** @param {Leaderboard.BoardListing} board @returns why the volunteers have no mean */
+export function missingText({ players, episodes, missing }) {
+  if (!players || !missing) return "nobody has played this ranked yet.";
+  const lacks = `${missing.players} ${missing.players === 1 ? "is" : "are"} missing`;
+  return `${many(players, "player")} and ${many(episodes, "ranked episode")} so far, and no mean yet. `
+    + `It needs ${missing.of} players with ${missing.episodes} ranked episodes each: ${lacks}.`;
+}
+
+/** @param {Leaderboard.People} people @returns who is behind a mean of people */
+function peopleText({ players, episodes, abandoned, entering }) {
+  const whole = `${many(players, "player")} and ${many(episodes, "episode")}${abandoned ? `, ${abandoned} of them abandoned` : ""}`;
+  return entering === undefined ? whole : `the ${many(entering, "player")} with enough episodes, of ${whole}`;
+}
+
 /** @param {Pick<Task, "target">} task @param {Leaderboard.Detail} detail @returns the sentence under the heading */
 export function headline({ target }, { board, people, policies }) {
   const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
@@ -61,19 +75,18 @@ export function headline({ target }, { board, people, policies }) {
   const terrain = `${levelName(board.level)} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;
-    return `Volunteers on this playground: nobody has played ${terrain} ranked yet.${policy}`;
+    return `Volunteers on this playground, ${terrain}: ${missingText(board)}${policy}`;
   }
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
   const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
-  const abandoned = people.abandoned ? `, ${people.abandoned} of them abandoned` : "";
-  const from = `${many(people.players, "player")} and ${many(people.episodes, "episode")}${abandoned}`;
+  const from = peopleText(people);
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${policy}`;
 }
 
 /** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */
 export function reading({ board, people }) {
   if (!board.study) {
-    return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. Each player weighs once, however much they played, so the interval is over players.",
+    return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
       `Policies and frontier rules play ${board.terrains} fixed terrains of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
   }
   const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";

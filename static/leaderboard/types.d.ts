@@ -10,7 +10,7 @@ declare namespace Leaderboard {
     episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null,
     visits: number[][] | null,
   };
-  type People = Figure & {players: number, trials: Trial[], set?: string, claim?: string, abandoned?: number};
+  type People = Figure & {players: number, trials: Trial[], set?: string, claim?: string, abandoned?: number, entering?: number};
   type Policy = {
     name: string, state: "ready" | "missing" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
     error: string | null, human_likeness?: number | null, summary?: string,
@@ -18,8 +18,10 @@ declare namespace Leaderboard {
   };
   type BoardListing = {
     id: string, title: string, study: string | null, level: string, rows: number, cols: number, max_steps: number,
-    terrains: number, players: number, episodes: number,
+    terrains: number, players: number, episodes: number, missing: Missing | null,
   };
+  /** Players that a mean still needs, of how many, and how many ranked episodes each. */
+  type Missing = {players: number, of: number, episodes: number};
   type Detail = {board: BoardListing, people: People | null, policies: Policy[]};
   type ChartPlace = {chart: HTMLElement, legend: HTMLElement, note: HTMLElement};
   type Measure = "steps" | "score";

@@ -9,5 +9,7 @@ export const challengeHash = (episode) => `#challenge=${encodeURIComponent(episo
 /** Return what is to be beaten on a board: the course of the episode that it challenges; null on any other board.
  * @param {Api} api @param {About} about @returns {Promise<Opponent | null>} */
 export async function opponentOf(api, { challenges, frame }) {
-  return challenges ? { episode: frame.episode, course: (await api.replay(challenges)).run } : null;
+  if (!challenges) return null;
+  const { run } = await api.replay(challenges);
+  return { episode: frame.episode, course: run.name === "You" ? { ...run, name: "Your replay" } : run };
 }

@@ -2,13 +2,17 @@
 
 import threading
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from app.db.store import Store
 from app.tasks.mars.policies import PolicyCatalogue
 from app.web.leaderboard import entries
+from marsexplorer.config import EnvConfig
 from tests.support.browser import NO_3D, judged
+from tests.support.recorded import play
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
 
@@ -214,7 +218,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     page.get_by_test_id("view-policies").click()
     until(page, "window.mars && window.mars.state.detail")
     assert page.url.split("#")[0] == f"{server.url}/leaderboard"
-    said = "Volunteers on this playground: nobody has played Scattered 21 × 21 ranked yet"
+    said = "Volunteers on this playground, Scattered 21 × 21: nobody has played this ranked yet"
     assert page.get_by_test_id("sentence").inner_text().startswith(said)
     assert "0 of 10 people" in page.get_by_test_id("people").inner_text()
     assert page.get_by_test_id("rank-people").count() == 0
@@ -225,11 +229,34 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     look(page, "leaderboard-empty")
 
     client = server.page()
-    for _ in range(2):
-        play_for_the_score(server, client)
+    server.explore(client, client.post("/api/sessions").json()["session"])
+    eventually(lambda: client.get("/api/human-level").json()["figures"])
     page.reload()
+    until(page, "window.mars && window.mars.state.detail")
+    lacks = (
+        "1 player and 1 ranked episode so far, and no mean yet. "
+        "It needs 5 players with 5 ranked episodes each: 5 are missing."
+    )
+    assert lacks in page.get_by_test_id("sentence").inner_text()
+    assert page.get_by_test_id("rank-nobody").inner_text().startswith(f"Volunteers\t{lacks}")
+    assert page.get_by_test_id("rank-people").count() == 0
+    assert me.errors == []
+
+
+def test_the_leaderboard_shows_people_once_they_are_enough(serve, player, quick, tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for seed in range(27):
+            play(
+                store, seed, f"player-{seed // 5}", explore=True, config=EnvConfig.of("random", 21)
+            )
+    me = player(serve(policies=QuickPolicies()), NO_3D)
+    page = me.page
+    page.goto(f"{me.url}/leaderboard#random-21x21")
     until(page, "window.mars && window.mars.state.detail && window.mars.state.detail.people")
-    assert "from 1 player and 2 episodes" in page.get_by_test_id("sentence").inner_text()
+    page.get_by_test_id("evaluate").click()
+    until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
+    whole = "from the 5 players with enough episodes, of 6 players and 27 episodes"
+    assert whole in page.get_by_test_id("sentence").inner_text()
     people = page.get_by_test_id("rank-people")
     assert people.locator(".human").count() == 1, "the human level is a line"
     steps = [float(text) for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()]
@@ -241,7 +268,7 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     with zipfile.ZipFile(downloading.value.path()) as bundle:
         assert bundle.namelist() == ["episodes.csv", "steps.csv", "DATASHEET.md"]
         moves = bundle.read("steps.csv").count(b"\n") - 1
-        assert f"2 episodes, {moves} moves" in bundle.read("DATASHEET.md").decode()
+        assert f"27 episodes, {moves} moves" in bundle.read("DATASHEET.md").decode()
     page.get_by_test_id("by-score").click()
     texts = page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
     scores = [float(text.replace("−", "-")) for text in texts]
@@ -251,9 +278,3 @@ def test_the_leaderboard_is_honest_when_empty_and_fills_as_people_play(serve, pl
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     look(page, "leaderboard")
     assert me.errors == []
-
-
-def play_for_the_score(server, client):
-    """A counted episode: the person's own cookie, keys, our page's Origin."""
-    server.explore(client, client.post("/api/sessions").json()["session"])
-    eventually(lambda: client.get("/api/human-level").json()["figures"])

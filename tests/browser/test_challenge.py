@@ -31,7 +31,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
     assert me.state()["episode"] == begun["episode"]
     page.goto(f"{server.url}/leaderboard")  # left, and come back to
-    page.get_by_role("link", name="Play", exact=True).click()
+    page.locator("nav.pages").get_by_role("link", name="Play").click()
     me.wait("window.mars?.state.player?.frame.step === 3 && window.mars.state.link === 'open'")
     assert (me.state("mode"), me.state()["episode"]) == ("challenge", begun["episode"])
     assert (me.state("rival.name"), me.state("rival.frame.step")) == ("A script", 3)

@@ -1,9 +1,10 @@
 """The figure of the playground's volunteers: for each configuration, the mean of the players' means with its interval.
 
 Volunteers chose to play, and how often: they are no sample of anybody, and their figure is not called the human level, which is
-a closed study's alone. Every player weighs the same, however much they played, because one player's episodes resemble each
-other. The interval is the one that reports print (`app.report.statistics.intervals`). Only counted episodes enter
-(`app.db.reader.HUMAN_SCORE_CONDITION`); one that was abandoned is among them.
+a closed study's alone. A mean is over the players with at least LEAST_EPISODES ranked episodes, and needs LEAST_PLAYERS of
+them. Every player weighs the same, however much they played, because one player's episodes resemble each other. The interval
+is a report's for fixed terrains (`app.report.statistics.intervals`), since no two players have the same ones. Only counted
+episodes enter (`app.db.reader.HUMAN_SCORE_CONDITION`); one that was abandoned is among them.
 """
 
 from __future__ import annotations
@@ -20,10 +21,16 @@ from app.db.trial import parse_config
 from app.db.volunteers import Sums, played_configs, players_of
 from app.report.statistics.exclusion_sets import MetricName
 from app.report.statistics.formatting import counted
-from app.report.statistics.intervals import Interval, estimate_of_means, is_a_few_players
-from app.report.statistics.study_figures import metric_bounds
-from app.task import rules_of
-from marsexplorer.intervals import t_interval
+from app.report.statistics.intervals import estimate
+from app.report.statistics.study_figures import metric_bounds, worst_value
+from app.task import Configuration, Rules, rules_of
+from marsexplorer.intervals import Floats, t_interval
+
+LEAST_PLAYERS, LEAST_EPISODES = 5, 5
+"""A mean needs so many players with so many ranked episodes each; who has fewer episodes is not in it."""
+
+MEANS = ("as_played", "score", "steps", "completed")
+"""What a figure has only once it has enough players."""
 
 NOBODY_PLAYED = "Volunteers on this playground: nobody has played a ranked episode yet."
 
@@ -76,16 +83,8 @@ def mean_interval(values: Sequence[float]) -> dict[str, float | None]:
 def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, Any]:
     rules, config = rules_of(task), parse_config(task, config_json)
     values = config.to_dict()
-    failed = np.array([each.failed for each in players], np.float64)
-    counts = np.array([each.episodes for each in players], np.float64)
-    is_guaranteed = len(players) > 1 and bool(is_a_few_players(failed, counts))
-    spoilt = sum(each.spoilt for each in players)
-    as_played = {
-        "score": _mean([each.played_score / each.episodes for each in players]),
-        "steps": _mean([each.played_steps / each.episodes for each in players]),
-    }
-    scores = [each.score / each.episodes for each in players]
-    steps = [each.steps / each.episodes for each in players]
+    entering = [each for each in players if each.episodes >= LEAST_EPISODES]
+    missing = max(0, LEAST_PLAYERS - len(entering))
     return {
         "task": task,
         "level": config.level,
@@ -94,23 +93,40 @@ def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, A
         "config_hash": config.hash,
         "config": values,
         "population": "volunteers",
-        "headline": "guaranteed" if is_guaranteed else "printed",
         "players": len(players),
         "episodes": sum(each.episodes for each in players),
         "abandoned": sum(each.abandoned for each in players),
-        "spoilt": spoilt,
-        "as_played": as_played if spoilt else None,
-        "score": _interval_of(scores, metric_bounds(rules, config, "score"), is_guaranteed),
-        "steps": _interval_of(steps, metric_bounds(rules, config, "steps"), is_guaranteed),
+        "spoilt": sum(each.spoilt for each in players),
+        "entering": len(entering),
+        "missing": {"players": missing, "of": LEAST_PLAYERS, "episodes": LEAST_EPISODES}
+        if missing
+        else None,
+        **(dict.fromkeys(MEANS) if missing else _means(rules, config, entering)),
+    }
+
+
+def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> dict[str, Any]:
+    """The means over players, by the names in MEANS."""
+    as_played = {
+        "score": _mean([each.played_score / each.episodes for each in players]),
+        "steps": _mean([each.played_steps / each.episodes for each in players]),
+    }
+    scores = np.array([each.score / each.episodes for each in players])
+    steps = np.array([each.steps / each.episodes for each in players])
+    return {
+        "as_played": as_played if any(each.spoilt for each in players) else None,
+        "score": _interval_of(rules, config, "score", scores),
+        "steps": _interval_of(rules, config, "steps", steps),
         "completed": _mean([1 - each.failed / each.episodes for each in players]),
     }
 
 
 def _interval_of(
-    means: Sequence[float], bounds: Interval, is_guaranteed: bool
+    rules: Rules, config: Configuration, metric: MetricName, means: Floats
 ) -> dict[str, float | None]:
-    """Return mean, low and high over players as a report prints them; low and high None for one player."""
-    found = estimate_of_means(np.array(means, np.float64), bounds, is_guaranteed)
+    """Mean, low and high over players; each has terrains of their own, so these are no term of it."""
+    bounds, worst = metric_bounds(rules, config, metric), worst_value(rules, config, metric)
+    found = estimate(means[:, np.newaxis], bounds, worst, terrains_drawn=False)
     low, high = found.interval or (None, None)
     return {"mean": found.mean, "low": low, "high": high}
 
@@ -120,22 +136,24 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _sentence(figure: dict[str, Any]) -> str:
-    """Return a figure in plain words."""
-    who = f"{counted(figure['players'], 'player')}, {counted(figure['episodes'], 'episode')}"
-    abandoned = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
-    if found := figure["as_played"]:
-        abandoned += f", of these {figure['spoilt']} spoilt, as played {found['steps']:.1f} steps"
-    where = figure["where"]
-    score = f"mean score {figure['score']['mean']:.3f}{_interval(figure, 'score', '.3f')}"
-    steps = f"{figure['steps']['mean']:.1f} {rules_of(figure['task']).words.steps}{_interval(figure, 'steps', '.1f')}"
-    figures = f"{score}, {steps}, {figure['completed']:.0%} completed."
-    text = f"Volunteers on this playground, self-selected: {where} ({who}{abandoned}): {figures}"
-    return text if figure["players"] > 1 else f"{text} One player gives no interval."
+    """A figure in plain words."""
+    who = f"{counted(figure['players'], 'player')} and {counted(figure['episodes'], 'episode')}"
+    left = f", {figure['abandoned']} of them abandoned" if figure["abandoned"] else ""
+    left += f" ({figure['spoilt']} spoilt)" if figure["spoilt"] else ""
+    place = f"Volunteers on this playground, self-selected: {figure['where']}"
+    if missing := figure["missing"]:
+        lacks = f"{missing['players']} {'is' if missing['players'] == 1 else 'are'} missing"
+        least = f"{missing['of']} players with {missing['episodes']} ranked episodes each"
+        return f"{place}: {who} so far{left}, and no mean yet. It needs {least}: {lacks}."
+    score = f"mean score {_with_interval(figure['score'], '.3f')}"
+    steps = f"{_with_interval(figure['steps'], '.1f', rules_of(figure['task']).words.steps)}"
+    means = f"{score}, {steps}, {figure['completed']:.0%} completed"
+    if played := figure["as_played"]:
+        means += f"; with spoilt episodes as they were played {played['steps']:.1f} steps"
+    entering = f"the {figure['entering']} players with at least {LEAST_EPISODES} episodes"
+    return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 
 
-def _interval(figure: dict[str, Any], metric: MetricName, form: str) -> str:
-    low, high = figure[metric]["low"], figure[metric]["high"]
-    if low is None or high is None:
-        return ""
-    kind = "guaranteed 95 % interval" if figure["headline"] == "guaranteed" else "95 % interval"
-    return f" ({kind} {low:{form}} to {high:{form}})"
+def _with_interval(value: dict[str, float], form: str, unit: str = "") -> str:
+    ends = f"95 % interval {value['low']:{form}} to {value['high']:{form}}"
+    return f"{value['mean']:{form}}{unit and f' {unit}'} ({ends})"

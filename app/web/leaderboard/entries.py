@@ -93,7 +93,7 @@ class LeaderboardEntry:
             "id": self.id, "title": self.title, "study": self.study, "level": config.level,
             "rows": config.rows, "cols": config.cols, "max_steps": config.limit,
             "config_hash": config.hash, "terrains": len(self.seeds),
-            "players": human["players"], "episodes": human["episodes"],
+            "players": human["players"], "episodes": human["episodes"], "missing": human.get("missing"),
         }  # fmt: skip
 
 

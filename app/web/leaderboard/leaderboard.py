@@ -13,7 +13,7 @@ from typing import Any
 from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Jobs
-from app.report.statistics.human_level import VolunteerFigures
+from app.report.statistics.human_level import LEAST_EPISODES, VolunteerFigures
 from app.report.statistics.summaries import (
     EpisodeSummary,
     coverage_curve,
@@ -96,16 +96,16 @@ class Leaderboard:
         for (name, each), state in zip(wanted.items(), states, strict=True):
             said = {"name": name, "summary": summaries.get(each.policy, "")}
             policies.append({**said, **state, "human_likeness": likeness.get(name)})
-        sentence = None if people else "Nobody has played this ranked yet."
-        board = found.to_dict()
-        return {"board": board, "people": people, "policies": policies, "sentence": sentence}
+        return {"board": found.to_dict(), "people": people, "policies": policies}
 
     def _people_of(self, entry: LeaderboardEntry) -> dict[str, Any] | None:
         if entry.human is None or entry.study is not None:
             return entry.human
+        if entry.human["missing"]:
+            return None
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             pictures = self._people.pictures(reader, entry.config, entry.human)
-        plain = ("players", "episodes", "abandoned", "score", "steps", "completed")
+        plain = ("players", "episodes", "abandoned", "entering", "score", "steps", "completed")
         return {**{name: entry.human[name] for name in plain}, **pictures}
 
 
@@ -181,7 +181,7 @@ def _pictures(
             now[course] = known[course] if course in known else _replayed(reader, trial)
         if (summary := now[course]) is not None:
             people.setdefault(trial.owner_id or "", []).append(summary)
-    groups = list(people.values())
+    groups = [own for own in people.values() if len(own) >= LEAST_EPISODES]
     if not groups:
         return {"curve": None, "visits": None, "trials": []}
     curve, visits = coverage_curve(config, groups), visit_counts(config, groups)

@@ -18,9 +18,9 @@ WIDE = EnvConfig("1-1-1", 7, 9, sensor_radius=2)
 @pytest.fixture
 def store(tmp_path):
     store = Store(tmp_path / "play.db")
-    for seed in range(5):
-        play(store, seed, f"player-{seed % 3}", explore=seed > 0)
-    play(store, 1, "player-1", config=WIDE)
+    for seed in range(25):
+        play(store, seed, f"player-{seed // 5}", explore=seed > 0)
+        play(store, 100 + seed, f"player-{seed // 5}", config=WIDE)
     yield store
     store.close()
 
@@ -49,24 +49,24 @@ def test_only_the_episodes_that_have_come_are_replayed(store, replayed):
     kept = HumanSummaries()
     first = pictures(kept, store)
     assert pictures(kept, store) == first
-    assert replayed == [SMALL] * 5
-    row = play(store, 9, "player-9", explore=True)
+    assert replayed == [SMALL] * 25
+    row = play(store, 50, "player-1", explore=True)
     found = pictures(kept, store)
-    assert replayed == [SMALL] * 6
+    assert replayed == [SMALL] * 26
     assert found == pictures(HumanSummaries(), store) != first
     with store.transaction():
         store.connection.execute("UPDATE episodes SET driver = 'script' WHERE id = ?", [row.id])
         volunteers.renew(store.connection)
     del replayed[:]
     assert pictures(kept, store) == first == pictures(HumanSummaries(), store)
-    assert replayed == [SMALL] * 5, "by the new ones alone"
+    assert replayed == [SMALL] * 25, "by the new ones alone"
 
 
 def test_the_pictures_are_of_the_newest_episodes(store, monkeypatch):
     monkeypatch.setattr(leaderboard, "MAX_EPISODES", 2)
     kept = HumanSummaries()
     pictures(kept, store)
-    newest = store.query("SELECT trajectory_hash AS hash FROM episodes WHERE seed IN (3, 4)")
+    newest = store.query("SELECT trajectory_hash AS hash FROM episodes WHERE seed IN (23, 24)")
     assert {hash_ for hash_, *_ in kept._replays[SMALL.hash]} == {row["hash"] for row in newest}
 
 
@@ -82,7 +82,7 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
         volunteers.renew(store.connection)
     assert pictures(kept, store) == pictures(HumanSummaries(), store)
     assert gone["trajectory_hash"] not in repr(kept._replays)
-    assert len(kept._replays[SMALL.hash]) == 4
+    assert len(kept._replays[SMALL.hash]) == 24
 
 
 def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, tmp_path):
@@ -90,7 +90,7 @@ def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, t
     for entry in board.entries():
         board._people_of(entry)
     assert set(board._people._made) == set(board._people._replays) == {SMALL.hash, WIDE.hash}
-    play(store, 9, "player-9")
+    play(store, 50, "player-9")
     with store.transaction():
         store.connection.execute(
             "UPDATE episodes SET driver = 'script' WHERE config_hash = ?", [WIDE.hash]
@@ -109,13 +109,13 @@ def test_the_replays_that_are_kept_have_a_bound_and_those_of_the_latest_board_st
     assert list(kept._replays) == [WIDE.hash, SMALL.hash], "there is room for both"
     most = 4 * leaderboard.OVERHEAD
     monkeypatch.setattr(leaderboard, "MAX_MOVES", most)
-    play(store, 20, explore=True)
+    play(store, 40, explore=True)
     assert pictures(kept, store) == pictures(HumanSummaries(), store)
     fit = kept._replays[SMALL.hash]
     assert list(kept._replays) == [SMALL.hash]
-    assert 0 < len(fit) < 6
+    assert 0 < len(fit) < 26
     assert sum(leaderboard.OVERHEAD + len(each.path) for each in fit.values()) <= most
-    play(store, 21, explore=True)
+    play(store, 41, explore=True)
     del replayed[:]
     pictures(kept, store)
-    assert len(replayed) == 7 - len(fit), "what did not fit is replayed again"
+    assert len(replayed) == 27 - len(fit), "what did not fit is replayed again"

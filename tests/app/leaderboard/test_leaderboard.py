@@ -144,8 +144,8 @@ def settled(client, board):
 def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick, tmp_path):
     config = EnvConfig("random", 5, 7)
     store = Store(tmp_path / "playground.db")
-    for seed in (1, 2, 3):
-        play(store, seed, "ada", explore=True, config=config)
+    for seed in range(100, 126):
+        play(store, seed, f"player-{min(4, seed // 5 - 20)}", explore=seed > 103, config=config)
     play(store, 4, "bob", config=config)
     play(store, 5, "rob", config=config, driver="script")
     play(store, 6, "eve", explore=True, config=config, assisted=True)
@@ -154,12 +154,13 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     server = serve()
     client = server.client()
     first = client.get("/api/leaderboard").json()[0]
-    assert (first["id"], first["players"], first["episodes"]) == ("random-5x7", 2, 4)
+    assert (first["id"], first["players"], first["episodes"]) == ("random-5x7", 6, 27)
+    assert first["missing"] is None
 
     found = settled(client, "random-5x7")
     level = client.get("/api/human-level").json()["figures"][0]
     assert found["people"]["score"] == level["score"], "the page's one human level"
-    assert [each["players"] for each in found["people"]["trials"]] == [2, 1, 1]
+    assert [each["players"] for each in found["people"]["trials"]] == [5, 5, 5, 5, 5, 1]
     assert np.shape(found["people"]["visits"]) == (5, 7)
     assert found["people"]["curve"]["mean"][0] < found["people"]["curve"]["mean"][-1] <= 1
 
@@ -178,11 +179,23 @@ def test_a_board_shows_people_and_policies_and_what_is_made_is_kept(serve, quick
     assert [each["figure"] for each in again] == [each["figure"] for each in found["policies"]]
 
 
+def test_too_few_people_have_no_mean_no_curve_and_no_map(serve, quick, tmp_path):
+    with closing(Store(tmp_path / "playground.db")) as store:
+        for seed in range(8):
+            play(store, seed, f"player-{seed // 5}", explore=True, config=EnvConfig("random", 5, 7))
+    found = serve().client().get("/api/leaderboard/random-5x7").json()
+    assert (found["people"], found["board"]["players"], found["board"]["episodes"]) == (None, 2, 8)
+    assert found["board"]["missing"] == {"players": 4, "of": 5, "episodes": 5}
+
+
 def test_nobody_has_played(serve, quick):
     client = serve().client()
     found = client.get("/api/leaderboard/random-21x21").json()
-    assert found["people"] is None
-    assert "Nobody has played" in found["sentence"]
+    assert (found["people"], found["board"]["players"], found["board"]["missing"]) == (
+        None,
+        0,
+        None,
+    )
     assert not any(policy["figure"] for policy in found["policies"]), "none before it is asked for"
     missing = client.get("/api/leaderboard/random-9x9")
     assert (missing.status_code, missing.json()["detail"][:24]) == (404, "no board 'random-9x9' on")

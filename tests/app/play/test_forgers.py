@@ -130,8 +130,8 @@ def test_no_forger_of_the_playground_counts_as_played_and_the_person_does(server
         assert about["not_attested"], name
     spoilt = counted(server) - {honest}
     (figure,) = server.client().get("/api/human-level").json()["figures"]
-    assert (figure["episodes"], figure["spoilt"]) == (1 + len(spoilt), len(spoilt))
-    assert figure["completed"] == pytest.approx(1 / (1 + len(spoilt)))
+    whole = (1 + len(spoilt), len(spoilt), len(spoilt))
+    assert (figure["episodes"], figure["spoilt"], figure["abandoned"]) == whole
 
 
 def test_an_episode_with_the_timing_of_another_is_spoilt_and_verified_as_it_is_stored(

@@ -9,7 +9,7 @@ import pytest
 from app.db.reader import Reader
 from app.db.store import Closing, Store
 from app.db.trial import Trial
-from app.report.statistics.human_level import human_level
+from app.db.volunteers import players_of
 from app.series.verification import verify_database
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
@@ -55,11 +55,14 @@ def test_a_ranked_episode_that_is_spoilt_counts_as_abandoned_and_one_never_begun
     assert (about["counts"], about["attestation"]) == (True, "spoilt")
     (figure,) = server.client().get("/api/human-level").json()["figures"]
     assert (figure["players"], figure["episodes"], figure["spoilt"]) == (2, 2, 1)
-    assert (figure["abandoned"], figure["completed"]) == (1, 0.5)
+    assert figure["abandoned"] == 1
     stored = server.services.store.find_episode(frame["episode"]).episode
-    assert stored.forfeited().steps_to_target == CONFIG.limit > figure["as_played"]["steps"]
-    assert figure["as_played"]["steps"] < figure["steps"]["mean"]
-    assert figure["as_played"]["score"] > figure["score"]["mean"]
+    with closing(Reader.open(server.services.store.path)) as reader:
+        sums = sorted(players_of(reader, CONFIG.hash))
+    (own,) = (each for each in sums if each.spoilt)
+    assert stored.forfeited().steps_to_target == CONFIG.limit == own.steps > own.played_steps
+    assert own.score < own.played_score
+    assert [each.failed for each in sums] == [each.spoilt for each in sums]
     assert "1 spoilt" in server.client().get("/api/human-level").json()["sentence"]
     assert verify_database(server.services.store.path).findings == ()
 
@@ -99,7 +102,8 @@ def test_choosing_what_to_spoil_gains_no_step(tmp_path):
                 made = _play(store, seed, how, worse_than=moves[9])
                 assert made
             with closing(Reader.open(store.path)) as reader:
-                figures.append(human_level(reader)["figures"][0]["steps"]["mean"])
+                (own,) = players_of(reader, CONFIG.hash)
+                figures.append(own.steps / own.episodes)
     played, left, spoilt = figures
     assert spoilt == left > played
 

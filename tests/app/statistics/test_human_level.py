@@ -1,5 +1,6 @@
 """The volunteers' figure: players are the unit, one figure a configuration, nothing where nobody has played."""
 
+import itertools
 import math
 
 import numpy as np
@@ -14,8 +15,8 @@ from app.report.statistics.human_level import (
     human_level,
     mean_interval,
 )
-from app.report.statistics.intervals import estimate_of_means
-from app.report.statistics.study_figures import metric_bounds
+from app.report.statistics.intervals import estimate
+from app.report.statistics.study_figures import metric_bounds, worst_value
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from tests.support.recorded import SMALL, add_session, open_episode, play
@@ -31,57 +32,66 @@ def test_nobody_has_played(store):
     assert human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
 
 
-def test_one_player_gives_a_mean_without_an_interval(store):
-    rows = [play(store, seed=seed, explore=True) for seed in (1, 2)]
+MISSING = {"of": 5, "episodes": 5}
+NONE = dict.fromkeys(("as_played", "score", "steps", "completed"))
+
+
+def play_each(store, episodes):
+    """Let players play so many ranked episodes each, the first of them without a move."""
+    seeds = itertools.count()
+    for number, count in enumerate(episodes):
+        for left in range(count):
+            play(store, next(seeds), f"player-{number}", explore=left > 0)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "missing", "said"),
+    [
+        ([1], 5, "1 player and 1 episode so far, 1 of them abandoned"),
+        ([5], 4, "1 player and 5 episodes so far, 1 of them abandoned"),
+        ([9, 4, 4, 4, 4, 4], 4, "6 players and 29 episodes so far, 6 of them abandoned"),
+        ([5, 5, 5, 5, 4], 1, "5 players and 24 episodes so far, 5 of them abandoned"),
+    ],
+)
+def test_there_is_no_mean_below_five_players_with_five_episodes_each(
+    store, episodes, missing, said
+):
+    play_each(store, episodes)
     found = human_level(store)
     (figure,) = found["figures"]
-    scores = [store.episode(row.id)["score"] for row in rows]
-    assert (figure["players"], figure["episodes"], figure["completed"]) == (1, 2, 1.0)
-    assert figure["score"] == {"mean": pytest.approx(np.mean(scores)), "low": None, "high": None}
+    assert figure | NONE | {"missing": MISSING | {"players": missing}} == figure
+    assert (figure["players"], figure["episodes"]) == (len(episodes), sum(episodes))
+    assert said in found["sentence"]
+    lacks = f"{missing} {'is' if missing == 1 else 'are'} missing."
+    assert found["sentence"].endswith(f"It needs 5 players with 5 ranked episodes each: {lacks}")
+
+
+def test_the_mean_is_that_of_players_with_enough_episodes_each_of_whom_weighs_the_same(store):
+    play_each(store, [5, 5, 6, 9, 5, 4, 1])
+    found = human_level(store)
+    (figure,) = found["figures"]
+    for name, value in (("score", "score"), ("steps", "steps_to_target")):
+        own = {}
+        for row in store.query("SELECT id, session_id FROM episodes"):
+            (session,) = store.query(
+                "SELECT player_id FROM sessions WHERE id = ?", [row["session_id"]]
+            )
+            own.setdefault(session["player_id"], []).append(store.episode(row["id"])[value])
+        means = np.array([math.fsum(each) / len(each) for each in own.values() if len(each) >= 5])
+        bounds, worst = (
+            each(rules_of("mars"), SMALL, name) for each in (metric_bounds, worst_value)
+        )
+        whole = estimate(means[:, None], bounds, worst, terrains_drawn=False)
+        assert tuple(figure[name].values()) == pytest.approx((whole.mean, *whole.interval))
+    assert (figure["players"], figure["entering"], figure["missing"]) == (7, 5, None)
+    assert figure["population"] == "volunteers"
+    assert figure["completed"] == pytest.approx(np.mean([4 / 5, 4 / 5, 5 / 6, 8 / 9, 4 / 5]))
     assert (figure["level"], figure["rows"], figure["cols"]) == ("random", 5, 7)
-    assert figure["config_hash"] == SMALL.hash
-    assert EnvConfig(**figure["config"]) == SMALL
-    assert "1 player, 2 episodes" in found["sentence"]
-    assert "One player gives no interval." in found["sentence"]
-
-
-def test_each_player_weighs_the_same_however_much_they_played(store):
-    seeds = iter(range(100))
-    own = {"ada": [True], "bob": [True, False, False, False], "cid": [False]}
-    episodes = {
-        p: [store.episode(play(store, next(seeds), p, e).id) for e in plays]
-        for p, plays in own.items()
-    }
-    (figure,) = human_level(store)["figures"]
-    means = [np.mean([each["score"] for each in played]) for played in episodes.values()]
-    interval = estimate_of_means(
-        np.array(means), metric_bounds(rules_of("mars"), SMALL, "score")
-    ).interval
-    assert (figure["players"], figure["episodes"], figure["population"]) == (3, 6, "volunteers")
-    assert tuple(figure["score"].values()) == pytest.approx((np.mean(means), *interval))
-    assert figure["completed"] == pytest.approx(np.mean([1, 0.25, 0]))
-
-
-@pytest.mark.parametrize(("failing", "headline"), [("player-1", "guaranteed"), (None, "printed")])
-def test_the_figures_are_those_of_the_whole_estimate(store, failing, headline):
-    scores, steps = {}, {}
-    for seed in range(24):
-        player = f"player-{seed % 8}"
-        row = store.episode(play(store, seed, player, explore=player != failing).id)
-        scores.setdefault(player, []).append(row["score"])
-        steps.setdefault(player, []).append(row["steps_to_target"])
-    (figure,) = human_level(store)["figures"]
-    assert figure["headline"] == headline
-    for name, values in (("score", scores), ("steps", steps)):
-        means = np.array([math.fsum(own) / len(own) for own in values.values()])
-        whole = estimate_of_means(
-            means,
-            metric_bounds(rules_of("mars"), SMALL, name),
-            is_guaranteed=headline == "guaranteed",
-        )
-        assert tuple(figure[name].values()) == pytest.approx(
-            (whole.mean, *whole.interval), rel=1e-12
-        )
+    assert (figure["config_hash"], EnvConfig(**figure["config"])) == (SMALL.hash, SMALL)
+    assert found["sentence"].endswith(
+        "Each of the 5 players with at least 5 episodes weighs the same; "
+        "7 players and 35 episodes in all, 7 of them abandoned."
+    )
 
 
 @pytest.fixture
@@ -146,8 +156,8 @@ LAST = "(SELECT id FROM episodes WHERE seed = 3)"
     ],
 )
 def test_an_episode_that_leaves_or_changes_does_so_in_the_next_reading(store, changes):
-    for seed in range(4):
-        play(store, seed, f"player-{seed}", explore=seed > 0)
+    for seed in range(30):
+        play(store, seed, f"player-{seed % 5}", explore=seed > 0)
     kept = VolunteerFigures()
     before = kept.human_level(store)
     with store.transaction():
@@ -167,18 +177,6 @@ def test_nothing_of_erased_people_is_kept_after_the_next_reading(store):
         volunteers.renew(store.connection)
     assert kept.human_level(store) == {"figures": [], "sentence": NOBODY_PLAYED}
     assert kept._made == {}
-
-
-def test_an_abandoned_episode_counts_max_steps_and_is_named(store):
-    play(store, seed=1)
-    found = human_level(store)
-    (figure,) = found["figures"]
-    assert figure["steps"]["mean"] == SMALL.limit
-    assert figure["abandoned"] == 1
-    assert found["sentence"].startswith(
-        "Volunteers on this playground, self-selected: level random, 5 x 7 (1 player, 1 episode, 1 of "
-    )
-    assert figure["completed"] == 0.0
 
 
 def test_the_interval_is_the_t_interval_of_the_mean():

@@ -9,8 +9,8 @@ const interval = (mean, half = null) => ({ mean, low: half === null ? null : mea
 const figure = (steps, score, half = 2) => ({ episodes: 100, score: interval(score, 0.01), steps: interval(steps, half), completed: 1, curve: null, visits: null });
 const ready = (name, steps, score) => ({ name, state: "ready", done: 100, of: 100, figure: figure(steps, score), error: null });
 const waiting = (name) => ({ name, state: "waiting", done: 0, of: 100, figure: null, error: null });
-const board = { id: "random-21x21", title: "", study: null, level: "random", rows: 21, cols: 21, max_steps: 441, terrains: 100, players: 2, episodes: 9 };
-const people = { ...figure(90, 0.9), players: 2, episodes: 9, trials: [] };
+const board = { id: "random-21x21", title: "", study: null, level: "random", rows: 21, cols: 21, max_steps: 441, terrains: 100, players: 7, episodes: 40, missing: null };
+const people = { ...figure(90, 0.9), players: 7, episodes: 40, entering: 5, trials: [] };
 
 test("the best stands first by either measure, whoever has no figure last", () => {
   const detail = { board, people, policies: [waiting("planner"), ready("ppo", 78, 0.95), ready("random", 441, 0.2)] };
@@ -53,11 +53,19 @@ test("ticks are round and few", () => {
   assert.equal(tickText(-0.1), "\u22120.1");
 });
 
-test("honest words when nobody has played, one player, and several", () => {
+test("honest words when nobody has played, too few for a mean, and enough", () => {
   const policies = [ready("ppo", 78, 0.95)];
-  assert.match(headline({ target: "99 %" }, { board, people: null, policies }), /^Volunteers on this playground: nobody has played Scattered 21 \u00d7 21 ranked yet\./);
-  assert.match(headline({ target: "99 %" }, { board, people: { ...people, players: 1, steps: interval(90) }, policies }), /one player gives no interval/);
-  assert.match(headline({ target: "99 %" }, { board, people, policies }), /^Volunteers on this playground, Scattered 21 \u00d7 21: 90\.0 moves to 99 % \(95 % interval 88\.0 to 92\.0\), from 2 players and 9 episodes\. The best policy, Expert, takes 78\.0/);
+  const of = (changes) => headline({ target: "99 %" }, { board: { ...board, ...changes }, people: null, policies });
+  assert.match(of({ players: 0, episodes: 0 }), /^Volunteers on this playground, Scattered 21 \u00d7 21: nobody has played this ranked yet\. The best policy, Expert, takes 78\.0/);
+  const few = [[1, 1, 5, "1 player and 1 ranked episode so far", "5 are missing"], [6, 26, 1, "6 players and 26 ranked episodes so far", "1 is missing"]];
+  for (const [players, episodes, missing, so_far, lacks] of few) {
+    const text = of({ players, episodes, missing: { players: missing, of: 5, episodes: 5 } });
+    assert.ok(text.includes(`: ${so_far}, and no mean yet. It needs 5 players with 5 ranked episodes each: ${lacks}. The best policy`), text);
+    assert.doesNotMatch(text, /moves to 99|interval/);
+  }
+  const claim = "Human level";
+  assert.match(headline({ target: "99 %" }, { board: { ...board, study: "dunes" }, people: { ...people, claim, players: 1, entering: undefined, steps: interval(90) }, policies }), /one player gives no interval\), from 1 player and/);
+  assert.match(headline({ target: "99 %" }, { board, people, policies }), /^Volunteers on this playground, Scattered 21 \u00d7 21: 90\.0 moves to 99 % \(95 % interval 88\.0 to 92\.0\), from the 5 players with enough episodes, of 7 players and 40 episodes\. The best policy, Expert, takes 78\.0/);
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies: [...policies, waiting("planner")] }), /best policy/, "not before all are known");
 });
 
@@ -66,7 +74,7 @@ test("a study's board says so, and who enters it", () => {
   const policies = [ready("ppo", 78, 0.95)];
   assert.match(headline({ target: "99 %" }, { board: study, people: { ...people, claim: "Human level (supervised)" }, policies }), /^Human level \(supervised\) in the study dunes, Scattered 21 \u00d7 21: 90\.0/);
   assert.deepEqual(rows({ board: study, people, policies }, "steps").map(({ name }) => name), ["ppo", "People"]);
-  assert.match(headline({ target: "99 %" }, { board, people: { ...people, abandoned: 2 }, policies }), /9 episodes, 2 of them abandoned\./);
+  assert.match(headline({ target: "99 %" }, { board, people: { ...people, abandoned: 2 }, policies }), /40 episodes, 2 of them abandoned\./);
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
   assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
   assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
