@@ -8,7 +8,7 @@ import { loadTask, paintNumbers, promptText } from "../common/task.js";
 import { keepFocusOnBoard } from "../play/focus.js";
 import { startInput } from "../play/input.js";
 import { capital, many } from "../common/words.js";
-import { countdown, dayText, pastText, peopleText, policyText, rankText, resultText, shareText, streakText } from "./words.js";
+import { countdown, dayText, pastText, peopleText, policyRows, rankText, resultText, shareText, streakText } from "./words.js";
 
 let state = initialState();
 /** @type {Daily.Today | null} */
@@ -146,8 +146,8 @@ function row(who, what, kind, episode) {
   return create("li", [name, create("b", what)], { class: kind });
 }
 
-/** @param {Daily.PolicyResult[]} policies */
-const policyRows = (policies) => policies.map((policy) => row(task.nameOf(policy.name), policyText(policy), "policy"));
+/** @param {Daily.PolicyRow[]} rows */
+const policyItems = (rows) => rows.map(({ name, text }) => row(name, text, "policy"));
 
 /** @param {Daily.Past[]} past the oldest first */
 function paintCalendar(past) {
@@ -183,13 +183,14 @@ let days = 0;
 function paintResults({ day, attempt, people, policies }) {
   if (!attempt) return;
   put(by("end-title"), capital(resultText(task, attempt)));
-  put(by("end-rank"), rankText(attempt, people, policies));
+  const rows = policyRows(task, policies, people.you?.moves ?? null);
+  put(by("end-rank"), rankText(attempt, people, rows));
   area.value = shareText(task, day, attempt, policies, new URL("daily", document.baseURI).href, state.player?.progress, days);
   by("replay").setAttribute("href", `watch/${encodeURIComponent(attempt.episode)}`);
   const marks = policies.flatMap(({ name, moves }) => (moves === null || name === "lookahead" ? [] : [{ name: task.nameOf(name), moves }]));
   paintDistribution(by("distribution"), { target: task.target, counts: people.moves, you: attempt.outcome === "explored" ? attempt.moves : null, marks });
   put(by("people-note"), peopleText(task, people));
-  by("policies").replaceChildren(...policyRows(policies));
+  by("policies").replaceChildren(...policyItems(rows));
   by("end").hidden = by("results").hidden = false;
 }
 
@@ -218,7 +219,7 @@ async function showYesterday({ day, commitment, key }) {
   const { attempt, people, policies } = /** @type {Daily.Results} */ (await request(`daily/${day}/results`));
   put(by("yesterday-title"), `Yesterday, ${dayText(day)}`);
   const best = people.table.slice(0, 5).map((each) => row(`${each.rank}. ${each.you ? "You" : "A person"}`, resultText(task, { ...each, moves: each.moves ?? 0 }).replace(" after 0 moves", ""), each.you ? "you" : "person", each.episode));
-  by("yesterday-rows").replaceChildren(...best, ...policyRows(policies.filter(({ moves }) => moves !== null)));
+  by("yesterday-rows").replaceChildren(...best, ...policyItems(policyRows(task, policies.filter(({ moves }) => moves !== null), null)));
   put(by("yesterday-note"), peopleText(task, people));
   by("yesterday").hidden = false;
   const first = people.table[0]?.episode ?? null;

@@ -13,6 +13,7 @@ declare namespace Daily {
     score: number | null, unranked: string | null,
   };
   type PolicyResult = {name: string, state: string, moves: number | null, coverage: number | null};
+  type PolicyRow = {name: string, text: string, isReady: boolean, isBeaten: boolean};
   type PersonResult = {
     outcome: string, moves: number | null, coverage: number, you: boolean, rank: number, episode?: string,
   };

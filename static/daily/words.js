@@ -54,18 +54,26 @@ export function shareText(task, day, attempt, policies, link, progress = [], day
   return `${task.title} daily ${day}: ${resultText(task, attempt)}${compared}\n${line && `${line}\n`}${link}`;
 }
 
-/** Return where a player stands among the people and the policies of the day.
- * @param {Daily.Attempt} attempt @param {Daily.People} people @param {Daily.PolicyResult[]} policies */
-export function rankText(attempt, people, policies) {
+/** Return the policies of the day as the page lists them: what each came to, and whether it is ready and took more moves.
+ * @param {Task} task @param {Daily.PolicyResult[]} policies @param {number | null} moves of the player, null where it was not mapped
+ * @returns {Daily.PolicyRow[]} */
+export const policyRows = (task, policies, moves) => policies.map((policy) => ({
+  name: task.nameOf(policy.name), text: policyText(policy), isReady: policy.state === "ready",
+  isBeaten: policy.state === "ready" && moves !== null && (policy.moves === null || policy.moves > moves),
+}));
+
+/** Return where a player stands among the people of the day and the policies that are listed.
+ * @param {Daily.Attempt} attempt @param {Daily.People} people @param {Daily.PolicyRow[]} rows */
+export function rankText(attempt, people, rows) {
   if (!people.you) return attempt.unranked ? `This attempt has no rank: ${attempt.unranked}.` : "";
-  const { rank, moves } = people.you;
-  const others = people.players - 1;
-  const among = others ? `Rank ${rank} of ${many(people.players, "person", "people")} today` : "You are the first person today";
-  const known = policies.filter(({ name, state }) => state === "ready" && name !== "lookahead");
-  if (!known.length) return `${among}.`;
-  const beaten = known.filter((policy) => moves !== null && (policy.moves === null || policy.moves > moves)).map(({ name }) => name);
-  const than = beaten.length === known.length ? "better than every policy" : beaten.length ? `better than ${beaten.length} of ${many(known.length, "policy", "policies")}` : "not better than any policy";
-  return `${among}, and ${than}.`;
+  const among = people.players > 1 ? `Rank ${people.you.rank} of ${people.players} people today` : "You are the first person today";
+  const ready = rows.filter(({ isReady }) => isReady).length;
+  const beaten = rows.filter(({ isBeaten }) => isBeaten).length;
+  if (!ready) return `${among}.`;
+  const isWhole = ready === rows.length;
+  if (ready === 1) return `${among}, and ${beaten ? "" : "not "}better than the one policy${isWhole ? "" : " that is ready"}.`;
+  const share = beaten === 0 ? "none of" : beaten === ready ? "all" : `${beaten} of`;
+  return `${among}, and better than ${share} ${ready} policies${isWhole ? "" : " that are ready"}.`;
 }
 
 /** @param {Task} task @param {Daily.People} people @returns how many people stand behind a distribution */

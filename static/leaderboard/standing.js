@@ -71,7 +71,8 @@ export function headline({ target }, { board, people, policies }) {
   const fair = policies.filter(({ name }) => name !== "lookahead"); // what knows how terrains are made is not compared with people here
   const ready = fair.filter(({ figure }) => figure).sort((a, b) => (a.figure?.steps.mean ?? 0) - (b.figure?.steps.mean ?? 0));
   const best = ready.length === fair.length ? ready[0] : undefined;
-  const policy = best?.figure ? ` The best policy, ${policyName(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
+  const which = fair.length < policies.length ? "The best policy that does not know how terrains are made" : "The best policy";
+  const policy = best?.figure ? ` ${which}, ${policyName(best.name)}, takes ${shown(best.figure.steps.mean, "steps")} moves on average.` : "";
   const terrain = `${levelName(board.level)} ${board.rows} \u00d7 ${board.cols}`;
   if (!people) {
     if (board.study) return `No person finished the study ${board.study}, so it has no figure of people.${policy}`;

@@ -26,7 +26,9 @@ export function personalText({ episodes, bests }, episode) {
   if (best?.episode === episode) return before.length ? "Your best so far." : "";
   const mean = before.reduce((sum, { moves }) => sum + moves, 0) / before.length;
   const better = before.length === LAST && own.moves < mean ? `Better than your last ten, which took ${mean.toFixed(1)} moves on average.` : "";
-  return [better, best ? `Your best is ${best.moves}.` : ""].filter(Boolean).join(" ");
+  const why = best && own.moves < best.moves ? "This one is no best: its terrain was chosen or met before, or a script has moved." : "";
+  const record = best ? `Your best on a terrain that was new to you is ${many(best.moves, "move")}.` : "";
+  return [better, record, why].filter(Boolean).join(" ");
 }
 
 /** @param {Me.Best} best @returns where a player's ranked episodes stand among the volunteers' */

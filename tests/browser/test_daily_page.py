@@ -65,6 +65,13 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     shared = page.evaluate("() => navigator.clipboard.readText()")
     assert shared.startswith("MarsExplorer daily 20")
     assert shared.endswith(f"{server.url}/daily")
+    # the sentence counts the rows that stand below it
+    eventually(lambda: "still exploring" not in page.get_by_test_id("policies").inner_text())
+    took = page.locator("#policies li b").all_inner_texts()
+    beaten = sum("stopped" in text or int(text.split()[0]) > moves for text in took)
+    counted = {0: "none of", len(took): "all"}.get(beaten, f"{beaten} of")
+    said = f"better than {counted} {len(took)} policies."
+    eventually(lambda: page.get_by_test_id("end-rank").inner_text().endswith(said))
     line = shared.splitlines()[1]
     assert len(line) == 8, "how much was mapped when, and nothing of where"
     assert set(line) <= set("▁▂▃▄▅▆▇█")

@@ -1,6 +1,6 @@
 // MarsExplorer in words; no document here, so that node can test every sentence.
 import { axisOfShares } from "../../common/chart_scale.js";
-import { many, percent, score } from "../../common/words.js";
+import { many, percent, score, within } from "../../common/words.js";
 import { levelName } from "./names.js";
 import { CELL_STATES, cellAfter, markAt, WAYS } from "./ground.js";
 
@@ -90,9 +90,10 @@ export const words = {
     const [a, b] = [stepsToGoal(mine), stepsToGoal(theirs)];
     const scored = theirs.score === null ? "" : `, score ${score(theirs.score)}`;
     if (a === null && b !== null) return `${rival} reached ${TARGET} in ${many(b, "move")}${scored}.`;
+    const other = within(rival);
     if (a === null || b === null) return `${rival} did not reach ${TARGET}${a === null ? " here either" : ""}: ${words.status(theirs.outcome)} after ${many(theirs.step, "move")}.`;
-    if (a === b) return `${who} and ${rival} both needed ${many(a, "move")}.`;
-    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${rival} (${b}${scored}).`;
+    if (a === b) return `${who} and ${other} both needed ${many(a, "move")}.`;
+    return `${who} needed ${many(Math.abs(a - b), "move")} ${a < b ? "fewer" : "more"} than ${other} (${b}${scored}).`;
   },
   inWords(frame, name) {
     const rows = frame.grid.map((line) => runs(line).map(([, length, mark]) =>

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { countdown, dayText, peopleText, policyText, rankText, resultText, shareText, streakText } from "../../../static/daily/words.js";
+import { countdown, dayText, peopleText, policyRows, policyText, rankText, resultText, shareText, streakText } from "../../../static/daily/words.js";
 
 const task = taskOf();
 const explored = { state: "ended", episode: "e1", outcome: "explored", moves: 87, coverage: 0.9932, score: 0.9, unranked: null };
@@ -19,13 +19,31 @@ test("each ending has words of its own", () => {
   assert.equal(new Set(said).size, 5);
 });
 
+test("the rank counts the very policies that are listed", () => {
+  const mine = (moves) => ({ outcome: "explored", moves, coverage: 0.99, you: true, rank: 2 });
+  const named = (name, moves, state = "ready") => ({ name, moves, state, coverage: 0.9 });
+  const seven = ["ppo", "frontier-cost", "frontier-utility", "frontier-priced", "planner", "lookahead", "random"].map((name, at) => named(name, name === "random" ? null : 70 + at));
+  const cases = [
+    [seven, 72, "better than 4 of 7 policies"], [seven, 60, "better than all 7 policies"], [seven, 76, "better than 1 of 7 policies"],
+    [seven, null, "better than none of 7 policies"], [[named("ppo", 80)], 70, "better than the one policy"],
+    [[named("ppo", 70)], 70, "not better than the one policy"], [[named("ppo", 80), named("slow", null, "waiting")], 70, "better than the one policy that is ready"],
+    [[...seven, named("slow", null, "computing"), named("gone", null, "failed")], 72, "better than 4 of 7 policies that are ready"],
+  ];
+  for (const [policies, moves, said] of cases) {
+    const rows = policyRows(task, policies, moves);
+    assert.deepEqual(rows.map(({ name, text }) => [name, text]), policies.map((policy) => [task.nameOf(policy.name), policyText(policy)]));
+    assert.equal(rankText(explored, people(mine(moves)), rows), `Rank 2 of 3 people today, and ${said}.`);
+  }
+});
+
 test("the rank names people and policies, or says why there is none", () => {
+  const rowsOf = (...policies) => policyRows(task, policies, 87);
   const mine = { outcome: "explored", moves: 87, coverage: 0.99, you: true, rank: 2 };
-  assert.equal(rankText(explored, people(mine), [ppo, { ...ppo, name: "slow", moves: 99 }]), "Rank 2 of 3 people today, and better than 1 of 2 policies.");
-  assert.equal(rankText(explored, people(mine), [ppo]), "Rank 2 of 3 people today, and not better than any policy.");
-  assert.equal(rankText(explored, people({ ...mine, rank: 1 }, 1), [{ ...ppo, moves: 90 }]), "You are the first person today, and better than every policy.");
-  assert.equal(rankText(explored, people(mine), [{ ...ppo, state: "waiting", moves: null }]), "Rank 2 of 3 people today.");
-  assert.match(rankText({ ...explored, unranked: "a move was a script's" }, people(null), [ppo]), /no rank: a move was a script's/);
+  assert.equal(rankText(explored, people(mine), rowsOf(ppo, { ...ppo, name: "slow", moves: 99 })), "Rank 2 of 3 people today, and better than 1 of 2 policies.");
+  assert.equal(rankText(explored, people(mine), rowsOf(ppo)), "Rank 2 of 3 people today, and not better than the one policy.");
+  assert.equal(rankText(explored, people({ ...mine, rank: 1 }, 1), rowsOf({ ...ppo, moves: 90 })), "You are the first person today, and better than the one policy.");
+  assert.equal(rankText(explored, people(mine), rowsOf({ ...ppo, state: "waiting", moves: null })), "Rank 2 of 3 people today.");
+  assert.match(rankText({ ...explored, unranked: "a move was a script's" }, people(null), rowsOf(ppo)), /no rank: a move was a script's/);
 });
 
 test("times, days, streaks and counts are said as people say them", () => {

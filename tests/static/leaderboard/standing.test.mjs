@@ -113,6 +113,6 @@ test("later points that rest on fewer people say so", () => {
 test("a policy that knows how terrains are made is not what people are compared with", () => {
   const policies = ["lookahead", "ppo"].map((name, at) => ({ name, state: "ready", figure: { steps: { mean: 60 + at } } }));
   const detail = { board: { study: null, level: "random", rows: 21, cols: 21 }, people: null, policies };
-  assert.match(headline({ target: "99 %" }, detail), /The best policy, Expert, takes 61/);
+  assert.match(headline({ target: "99 %" }, detail), /The best policy that does not know how terrains are made, Expert, takes 61/);
   assert.deepEqual(rows(detail, "steps").map(({ name }) => name), ["lookahead", "ppo"]);
 });

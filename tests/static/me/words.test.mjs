@@ -27,8 +27,9 @@ test("an episode is measured by one's own best and by the last ten on terrains l
   const older = Array.from({ length: 12 }, (_, at) => played(12 - at, 100)), other = played(13, 1, { rows: 42 });
   const history = (newest, best) => ({ total: 14, episodes: [newest, other, ...older], bests: [{ level: "random", rows: 21, cols: 21, best }] });
   assert.equal(personalText(history(played(14, 80), played(14, 80)), "e14"), "Your best so far.");
-  assert.equal(personalText(history(played(14, 90), played(3, 70)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best is 70.");
-  assert.equal(personalText(history(played(14, 110), played(3, 70)), "e14"), "Your best is 70.");
+  assert.equal(personalText(history(played(14, 90), played(3, 70)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 70 moves.");
+  assert.equal(personalText(history(played(14, 110), played(3, 70)), "e14"), "Your best on a terrain that was new to you is 70 moves.");
+  assert.equal(personalText(history(played(14, 60), played(3, 82)), "e14"), "Better than your last ten, which took 100.0 moves on average. Your best on a terrain that was new to you is 82 moves. This one is no best: its terrain was chosen or met before, or a script has moved.");
   assert.equal(personalText(history(played(14, 90, { outcome: "collided" }), played(3, 70)), "e14"), "");
   assert.equal(personalText({ total: 1, episodes: [played(1, 80)], bests: [{ level: "random", rows: 21, cols: 21, best: played(1, 80) }] }, "e1"), "", "a first one has nothing before it");
 });

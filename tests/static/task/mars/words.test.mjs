@@ -55,6 +55,9 @@ test("the comparison says who needed fewer moves", () => {
   assert.equal(words.compare(mine, board({ outcome: "explored" }), "ppo"), "You and ppo both needed 60 moves.");
   assert.match(words.compare(mine, board(), "ppo"), /still exploring: 60 moves, 50.0 %/);
   assert.match(words.compare(mine, board({ outcome: "timed_out" }), "ppo"), /did not reach 99 %: out of moves/);
+  assert.equal(words.compare(mine, board({ outcome: "explored", step: 70 }), "Your replay"), "You needed 10 moves fewer than your replay (70, score 0.900).");
+  assert.equal(words.compare(mine, board({ outcome: "explored" }), "A person"), "You and a person both needed 60 moves.");
+  assert.match(words.compare(mine, board({ outcome: "timed_out" }), "A script"), /^A script did not reach 99 %/);
   assert.equal(words.compare(mine, null, "ppo"), "");
 });
 
