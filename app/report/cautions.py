@@ -9,7 +9,8 @@ from app.db.trial import Trial
 from app.report import measured_coverage
 from app.report.statistics.exclusion_sets import Cohort, ended_ranked
 from app.report.statistics.formatting import counted, percent
-from app.report.statistics.intervals import TAIL, Estimate
+from app.report.statistics.intervals import Estimate
+from app.report.statistics.likelihood import TAIL
 from app.series.data import StudyData
 from app.series.policy_episodes import closed_seeds
 from app.series.protocol import protocol_hash

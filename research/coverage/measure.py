@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from app.report.measured_coverage import Cell, ScorePopulation
 from app.report.statistics.crossed import crossed_interval, crossed_p
 from app.report.statistics.intervals import (
-    TAIL,
     Ends,
     guaranteed_covers,
     is_a_few_players,
     printed_interval,
 )
+from app.report.statistics.likelihood import TAIL
 from app.report.statistics.spread import iqm, iqm_shares
 from marsexplorer.intervals import Floats, t_interval
 from research.coverage.simulated_studies import (

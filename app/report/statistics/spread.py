@@ -12,7 +12,8 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.statistics.crossed import can_be_crossed, crossed_components
-from app.report.statistics.intervals import TAIL, Interval, printed_interval
+from app.report.statistics.intervals import Interval, printed_interval
+from app.report.statistics.likelihood import TAIL
 from marsexplorer.intervals import Floats
 
 
