@@ -254,14 +254,15 @@ def _comparisons_in(
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
+    worst, drawn = worst_value(protocol.rules, protocol.env_config, metric), protocol.terrains_drawn
     rows = {
-        name: compare_policy(name, metric, own, players, random) for name, own in values.items()
+        name: compare_policy(name, metric, own, players, random, worst, drawn)
+        for name, own in values.items()
     }
     family = [name for name in tested_policies(protocol) if name in rows]
     if not is_tested or not family or len(players) < FEWEST_TO_TEST:
         return list(rows.values())
-    worst = worst_value(protocol.rules, protocol.env_config, metric)
-    p_of = partial(policy_p, players, None, worst=worst, terrains_drawn=protocol.terrains_drawn)
+    p_of = partial(policy_p, players, None, worst=worst, terrains_drawn=drawn)
     p_values = np.array([p_of(values[name]) for name in family])
     if not np.isnan(p_values).any():
         for name, p, adjusted in zip(family, p_values, holm(p_values), strict=True):

@@ -1,10 +1,10 @@
-"""Policies compared with people on the same terrains: differences, ratios and shares, by one test over players and terrains.
+"""Policies compared with people on the same terrains: differences, ratios and shares by one test.
 
-A study is a table float64[players, terrains] of one metric, NaN where a player did not finish a terrain. The unit is the
-player: the figure is the mean of the players' means, never of pooled episodes. A policy plays every terrain once, so what is
-tested are the cells policy - player: players and terrains are both drawn (`crossed`). Every interval for new
-terrains holds exactly those values that this test at 5 % does not reject; so a difference without 0, a ratio without 1 and a
-normalized score without 1 are one and the same statement, and so is a p below 0.05. Nothing is drawn at random.
+A study is a table float64[participants, terrains] of one metric, NaN where a participant did not
+finish a terrain. A policy plays every terrain once, so what is tested are the cells policy - person.
+Every interval holds exactly those values that the test at 5 % does not reject; so a difference
+without 0, a ratio without 1 and a normalized score without 1 are one and the same statement, and so
+is a p below 0.05.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from app.report.statistics.crossed import can_be_crossed, crossed_interval, crossed_p
-from app.report.statistics.intervals import Interval, p_value, printed_interval
+from app.report.statistics.intervals import Interval, interval, p_value
 from marsexplorer.intervals import CONFIDENCE, Floats
 
 FEWEST_TO_TEST = 5
@@ -29,11 +28,8 @@ def player_means(table: Floats) -> Floats:
 
 
 def new_terrains_interval(table: Floats) -> Interval | None:
-    """Return the 95 % interval of the mean over players and terrains alike; None where the table is too small for one.
-
-    It never reaches less far than the interval for these terrains.
-    """
-    return _ends(crossed_interval(table)) if can_be_crossed(table) else None
+    """The 95 % interval of the mean over participants and terrains; None if there is none."""
+    return _ends(interval(table, None))
 
 
 def _ends(ends: tuple[Floats, Floats]) -> Interval | None:
@@ -72,28 +68,47 @@ class PolicyComparison:
 
 
 def compare_policy(
-    policy: str, metric: str, values: Floats, table: Floats, random: Floats | None = None
+    policy: str,
+    metric: str,
+    values: Floats,
+    table: Floats,
+    random: Floats | None = None,
+    worst: float | None = None,
+    terrains_drawn: bool = True,
 ) -> PolicyComparison:
-    """Return the comparison of a policy's values float64[terrains] with the players' table float64[players, terrains].
+    """Compare a policy with the people on the same terrains.
 
-    random    of the policy `random` on the same terrains, None where it was not played
+    Args:
+        policy: its name.
+        metric: "score" or "steps".
+        values: the policy's, float64[terrains].
+        table: the people's, float64[participants, terrains], NaN for a gap.
+        random: the values of the policy `random`; None where it was not played.
+        worst: the worst value that a participant's episode can have; None if none is declared.
+        terrains_drawn: whether the intervals are for other terrains too.
     """
     differences = values - table
-    several, can_be_drawn = len(table) > 1, can_be_crossed(table)
-    ratio, ratio_interval = _ratio(values, table)
-    zero = random if policy != "random" else None
-    normalized, normalized_interval = _normalized(values, zero, table)
+    lowest = None if worst is None else values - worst
+    ratio, ratio_interval = None, None
+    if player_means(table).mean() > 0:
+        ratio, ratio_interval = quotient_interval(values, table, worst, terrains_drawn)
+    normalized, normalized_interval = None, None
+    if random is not None and policy != "random":
+        above = None if worst is None else worst - random
+        normalized, normalized_interval = quotient_interval(
+            values - random, table - random, above, terrains_drawn
+        )
     return PolicyComparison(
         policy=policy,
         metric=metric,
         mean=float(values.mean()),
         terrains=len(values),
         difference=float(player_means(differences).mean()),
-        these=_ends(printed_interval(player_means(differences))) if several else None,
-        new=_ends(crossed_interval(differences)) if can_be_drawn else None,
+        these=_ends(interval(differences, lowest, terrains_drawn=False)),
+        new=_ends(interval(differences, lowest, terrains_drawn)),
         ratio=ratio,
         ratio_interval=ratio_interval,
-        normalized=normalized,
+        normalized=None if normalized_interval is None else normalized,
         normalized_interval=normalized_interval,
     )
 
@@ -127,42 +142,39 @@ def policy_p(
     return np.where(finished.shape[-2] >= FEWEST_TO_TEST, larger, np.nan)
 
 
-def _ratio(values: Floats, table: Floats) -> tuple[float | None, Interval | None]:
-    """Return policy / people and its interval; no ratio where the people's mean is not positive."""
-    if not player_means(table).mean() > 0:
-        return None, None
-    return quotient_interval(np.where(np.isnan(table), np.nan, values), table)
-
-
-def _normalized(
-    values: Floats, random: Floats | None, table: Floats
+def quotient_interval(
+    top: Floats,
+    people: Floats,
+    worst: float | Floats | None = None,
+    terrains_drawn: bool = True,
 ) -> tuple[float | None, Interval | None]:
-    """Return (policy - random) / (people - random) and its interval; nothing where people may be as good as random."""
-    if random is None or player_means(table - random).mean() == 0:
-        return None, None
-    above = np.where(np.isnan(table), np.nan, values - random)
-    quotient, interval = quotient_interval(above, table - random)
-    return (quotient, interval) if interval is not None else (None, None)
+    """The quotient of two means, and the values q that the test of top - q people = 0 keeps.
 
+    No quotient where the people's mean is 0, and no interval where the test cannot tell it from 0,
+    since then there are no bounds (Fieller 1954, J. R. Statist. Soc. B 16(2)).
 
-def quotient_interval(top: Floats, bottom: Floats) -> tuple[float, Interval | None]:
-    """Return the quotient of two means over players and terrains, and the values q that the test of top - q bottom = 0 keeps.
-
-    Fieller 1954, J. R. Statist. Soc. B 16(2), with the variance over players and terrains. No interval where the test cannot
-    tell the denominator from 0, since then it has no bounds, nor where the table is too small.
-
-    top, bottom  float64[players, terrains], with the same gaps; the mean of `bottom` is not 0
+    Args:
+        top: float64[terrains].
+        people: float64[participants, terrains], NaN for a gap.
+        worst: the worst value of the people's cells, a scalar or float64[terrains].
+        terrains_drawn: whether the interval is for other terrains too.
     """
-    quotient = float(player_means(top).mean() / player_means(bottom).mean())
-    if not can_be_crossed(bottom) or not crossed_p(bottom) < 1 - CONFIDENCE:
+    middle = float(player_means(people).mean())
+    if middle == 0:
+        return None, None
+    above = np.where(np.isnan(people), np.nan, top)
+    quotient = float(player_means(above).mean()) / middle
+    if not p_value(people, worst, terrains_drawn) < 1 - CONFIDENCE:
         return quotient, None
 
     def kept(q: float) -> float:
-        return float(crossed_p(top - q * bottom)) - (1 - CONFIDENCE)
+        """How far the interval of top - q people reaches beyond 0 on its nearer side."""
+        lowest = None if worst is None else top - q * np.asarray(worst)
+        low, high = interval(above - q * people, lowest, terrains_drawn)
+        return float(min(high, -low))
 
-    middle = float(player_means(bottom).mean())
-    start = (float(crossed_interval(bottom)[1]) - middle) / abs(middle)
-    step = max(abs(quotient), 1e-3) * max(start, 1e-9)
+    low, high = interval(people, worst, terrains_drawn)
+    step = max(abs(quotient), 1e-3) * max(float(high - low) / abs(middle), 1e-9)
     return quotient, (_end(kept, quotient, -step), _end(kept, quotient, step))
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy
 
 from app.db.reader import Reader
 from app.report.regret import (
@@ -99,7 +98,7 @@ def test_regret_is_given_beside_the_policys_own_by_kind_paired_by_terrain(reader
         if np.ptp(means):
             low, high = map(float, printed_interval(np.sort(means)))
             assert part.interval == pytest.approx((max(0, low), high)), kind
-            assert part.excess_interval[0] <= part.excess <= part.excess_interval[1]
+            assert part.excess_interval is None, "three players"
     assert found.by_kind["ended early"].mean > 0  # an episode was given up
     assert sum(each.excess for each in found.by_kind.values()) == pytest.approx(found.total.excess)
     assert (found.phase, found.episodes, found.policy) == ("ranked", 6, "ppo")
@@ -107,16 +106,15 @@ def test_regret_is_given_beside_the_policys_own_by_kind_paired_by_terrain(reader
 
 def test_what_players_lose_as_the_policy_does_on_a_terrain_is_no_excess():
     policy = np.array([40.0, 0.0, 10.0, 3.0])
-    players = np.array([[1.0], [2.0], [4.0]])
+    players = np.array([[1.0], [2.0], [4.0], [2.5], [2.5]])
     found = _part(policy + players, policy)
     low, high = new_terrains_interval(np.repeat(players, 4, axis=1))
     assert (found.excess, found.excess_interval) == (
-        pytest.approx(7 / 3),
+        pytest.approx(2.4),
         pytest.approx((low, high)),
     )
-    t = scipy.stats.t.ppf(0.975, 2) * np.std(players, ddof=1) / 3**0.5
-    assert found.excess_interval[0] == pytest.approx(7 / 3 - t), "the terrains add no doubt"
-    assert found.mean == pytest.approx(policy.mean() + 7 / 3)
+    assert found.excess_interval == pytest.approx((1, 4)), "the terrains add no doubt"
+    assert found.mean == pytest.approx(policy.mean() + 2.4)
     same = _part(np.zeros((3, 4)), np.zeros(4))
     assert (same.interval, same.excess_interval) == (None, None), "nothing was lost by anybody"
 
