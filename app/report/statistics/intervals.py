@@ -240,7 +240,7 @@ def _level_at_zero(margins: _Margins) -> Floats:
         near[places[is_above]], ends[0, places[is_above]] = level[is_above], end[is_above]
         far[places[~is_above]], ends[1, places[~is_above]] = level[~is_above], end[~is_above]
         is_open &= far - near > 1
-    share = ends[0] / np.where(ends[0] > ends[1], ends[0] - ends[1], 1.0)
+    share = np.clip(ends[0] / np.where(ends[1] <= 0, ends[0] - ends[1], 1.0), 0.0, 1.0)
     level = np.exp(np.log(LEVELS[near]) + share * np.log(LEVELS[far] / LEVELS[near]))
     return np.where(mean > 0, np.where(ends[1] > 0, LEVELS[-1], level), 0.5)
 
