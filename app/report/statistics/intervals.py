@@ -80,7 +80,12 @@ class Estimate:
     widened: str | None = None
 
 
-def interval(table: Floats, worst: float | Floats | None, terrains_drawn: bool = True) -> Ends:
+def interval(
+    table: Floats,
+    worst: float | Floats | None,
+    terrains_drawn: bool = True,
+    unseen: float = UNSEEN,
+) -> Ends:
     """The 95 % interval of the mean of participants' means, for other participants.
 
     Args:
@@ -88,13 +93,14 @@ def interval(table: Floats, worst: float | Floats | None, terrains_drawn: bool =
             Rows without a value are nobody. Leading axes are studies.
         worst: the worst value of a cell, a scalar or float64[..., terrains]; None if none is declared.
         terrains_drawn: whether the interval is for other terrains too; at least five terrains.
+        unseen: participants at the worst value, by whom the end on that side is moved.
 
     Returns:
         Low and high, float64[...] each; NaN below five participants.
     """
 
     def ends(studies: Floats, worst: Floats | None) -> Floats:
-        low, high = _with_the_unseen(studies, worst)
+        low, high = _with_the_unseen(studies, worst, unseen)
         at = np.full(len(studies), _AT_TAIL)
         lows = (
             _lowest(_Margins(low, terrains_drawn), at),
@@ -106,7 +112,12 @@ def interval(table: Floats, worst: float | Floats | None, terrains_drawn: bool =
     return both[..., 0], both[..., 1]
 
 
-def p_value(table: Floats, worst: float | Floats | None, terrains_drawn: bool = True) -> Floats:
+def p_value(
+    table: Floats,
+    worst: float | Floats | None,
+    terrains_drawn: bool = True,
+    unseen: float = UNSEEN,
+) -> Floats:
     """The two-sided p that the mean is 0: below 0.05 exactly where `interval` leaves 0 out.
 
     It is no lower than 2^-n for n participants, the chance that all are on one side of the mean.
@@ -115,10 +126,11 @@ def p_value(table: Floats, worst: float | Floats | None, terrains_drawn: bool = 
         table: of policy minus people, as in `interval`.
         worst: the policy's value minus the worst that a participant can have on a terrain.
         terrains_drawn: whether the test is for other terrains too.
+        unseen: as in `interval`.
     """
 
     def p_values(studies: Floats, worst: Floats | None) -> Floats:
-        low, high = _with_the_unseen(studies, worst)
+        low, high = _with_the_unseen(studies, worst, unseen)
         is_above = _means(low) > 0
         facing = np.where(is_above[:, None, None], low, -high)
         p = 2 * _level_at_zero(_Margins(facing, terrains_drawn))
@@ -150,11 +162,11 @@ def _by_participants(
     return found.reshape((*leading, *shape))
 
 
-def _with_the_unseen(studies: Floats, worst: Floats | None) -> tuple[Floats, Floats]:
-    """Two tables in which UNSEEN participants at the worst value move one end each."""
+def _with_the_unseen(studies: Floats, worst: Floats | None, unseen: float) -> tuple[Floats, Floats]:
+    """Two tables in which participants at the worst value move one end each."""
     if worst is None:
         return studies, studies
-    share = UNSEEN / studies.shape[1]
+    share = unseen / studies.shape[1]
     away = worst[:, None, :] - studies
     return studies + share * np.minimum(away, 0.0), studies + share * np.maximum(away, 0.0)
 
@@ -231,7 +243,8 @@ def _level_at_zero(margins: _Margins) -> Floats:
     mean = margins.participants.mean(-1)
     near, far = np.zeros(len(mean), np.int64), np.full(len(mean), len(LEVELS) - 1)
     ends = np.stack([mean, _lowest(margins, far)])
-    is_open = (mean > 0) & (ends[1] <= 0) & (far - near > 1)
+    is_between = (mean > 0) & (ends[1] <= 0)
+    is_open = is_between & (far - near > 1)
     while is_open.any():
         guess = near + (far - near) * ends[0] / np.where(is_open, ends[0] - ends[1], 1.0)
         level = np.clip(np.rint(guess), near + 1, far - 1).astype(np.int64)[is_open]
@@ -240,9 +253,9 @@ def _level_at_zero(margins: _Margins) -> Floats:
         near[places[is_above]], ends[0, places[is_above]] = level[is_above], end[is_above]
         far[places[~is_above]], ends[1, places[~is_above]] = level[~is_above], end[~is_above]
         is_open &= far - near > 1
-    share = np.clip(ends[0] / np.where(ends[1] <= 0, ends[0] - ends[1], 1.0), 0.0, 1.0)
+    share = np.divide(ends[0], ends[0] - ends[1], out=np.zeros_like(mean), where=is_between)
     level = np.exp(np.log(LEVELS[near]) + share * np.log(LEVELS[far] / LEVELS[near]))
-    return np.where(mean > 0, np.where(ends[1] > 0, LEVELS[-1], level), 0.5)
+    return np.where(is_between, level, np.where(mean > 0, LEVELS[-1], 0.5))
 
 
 def estimate(
