@@ -57,7 +57,7 @@ COMMANDS = {
     "evaluation": ("study.evaluation", "export", "Evaluate agents on terrains that stay sealed, with signed receipts."),
     "simulate": ("study.simulate", "study", "Let synthetic players take part in a study."),
     "report": ("study.report", "study", "Write a study's figures with their intervals, as a page and as JSON."),
-    "regret": ("study.report", "study", "Show where the players of a study lose moves."),
+    "costs": ("study.report", "study", "Show where the players of a study lose moves."),
     "policies": ("training.policies", "hub", "List policies, show their cards, share them on the Hugging Face hub."),
     "verify": ("database", "study", "Simulate every recorded episode again and compare."),
     "stamp": ("database", "study", "Have the end of the chain of hashes time-stamped by an authority."),

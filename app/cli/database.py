@@ -344,7 +344,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
     from app.db import erasure
-    from app.report.regret import forget_regrets
+    from app.report.costs import forget_costs
 
     if player:
         with failures(f"cannot write {database}"):
@@ -353,7 +353,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
                 what = f"Erase the player {participant} from {database} for good?"
                 click.confirm(what, abort=True, err=True)
             count = erasure.forget_player(database, participant)
-            forget_regrets(database)
+            forget_costs(database)
         echo(f"erased from {database}: the player {participant}, {count} episodes")
         return
     with failures(f"cannot write {database}"):
@@ -362,7 +362,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
         done = erasure.forget(database, participant, study)
-        forget_regrets(database)
+        forget_costs(database)
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {done.episodes} episodes"
     echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")

@@ -28,18 +28,17 @@ from app.release.minari_data import MinariWriter, dataset_id
 from app.release.pseudonyms import count_arrivals, write_pseudonymized
 from app.release.receipts import EVALUATIONS, Published, published_of
 from app.release.tables import QUERIES, released_episodes, write_tables
-from app.report.making import REPORT_STEMS, has_played, make_report, play_compared, report_files
-from app.report.regret import (
-    POLICY,
+from app.report.costs import (
+    CostRow,
     ProgressBar,
-    RegretRow,
-    has_regret,
+    cost_cache,
+    cost_rows,
+    costs_of_groups,
     no_bar,
-    regret_cache,
-    regret_rows,
-    regrets_of_groups,
     study_estimator,
+    why_not_judged,
 )
+from app.report.making import REPORT_STEMS, has_played, make_report, play_compared, report_files
 from app.report.statistics.formatting import utc
 from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
@@ -47,7 +46,7 @@ from app.series.files import now_ms
 from app.series.folder import SEALED, Advance, Folder
 from app.series.invitations import Invitation, Invitations
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
-from app.series.policy_files import FOLDER, PolicyFiles
+from app.series.policy_files import EXPERT, FOLDER, PolicyFiles
 from app.series.protocol import Protocol, StudyError, parse_protocol
 from app.series.verification import verify_moment
 from marsexplorer.files import replace_whole
@@ -152,7 +151,7 @@ def _write_report(
 ) -> ReleaseHeader:
     """Write the report, made from the release's own database, with what it is made from; return the header that says so.
 
-    The files of the policies go into the release; regrets are kept next to the database that it is made from.
+    The files of the policies go into the release; costs are kept next to the database that it is made from.
     """
     with closing(Reader.open(folder / BUNDLE_DATABASE)) as reader:
         data = load(reader, header.study).with_policies_in(folder / FOLDER)
@@ -160,29 +159,27 @@ def _write_report(
         compared, without = compared_policies(data.protocol), request.without_policies
         names = [name for name in compared if name not in without]
         episodes: tuple[PolicyEpisode, ...] = ()
-        regrets: list[RegretRow] = []
+        costs: list[CostRow] = []
         if request.with_report:
             kept = PolicyFiles.of(header.protocol, request.policy_folder)
-            kept.copy_to(folder / FOLDER, sorted({*names, POLICY}))
+            kept.copy_to(folder / FOLDER, sorted({*names, EXPERT}))
         if request.with_report and played:
             episodes = play_compared(data, closed_seeds(data), names, bar)
-        cache = regret_cache(request.database)
+        cache = cost_cache(request.database)
         for synthetic in (played or [False]) if request.with_report else ():
-            found = regrets_of_groups(reader, data, synthetic, bar, cache) if played else {}
+            found = costs_of_groups(reader, data, synthetic, bar, cache) if played else {}
             report = make_report(reader, data, episodes, synthetic, bar, found)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if request.with_report and played and has_regret(data.protocol):
+        if request.with_report and played and why_not_judged(data) is None:
             ranked = [each for each in data.trials if each.phase == "ranked"]
             estimator = study_estimator(data, cache)
-            with bar("regret of each move") as advance:
-                regrets = list(regret_rows(reader, data, ranked, estimator, advance))
-            source, players = data.policy_files.source(POLICY), data.protocol.rules.players
-            assert players is not None  # where there are regrets, there are policies
-            header = replace(header, regret_policy_hash=players.hash_of(source) or "")
+            with bar("cost of each move") as advance:
+                costs = list(cost_rows(reader, data, ranked, estimator, advance))
+            header = replace(header, expert_hash=data.policy_files.hashes[EXPERT])
         for name, path in request.evaluations.items():
             Published.read(path).write_to(folder / EVALUATIONS / name, data)
-    _write_derived(folder / BUNDLE_DATABASE, data, episodes, regrets)
+    _write_derived(folder / BUNDLE_DATABASE, data, episodes, costs)
     return header
 
 
@@ -297,7 +294,7 @@ def _write_files(
 
 
 def _write_derived(
-    database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], regrets: Sequence[RegretRow]
+    database: Path, data: StudyData, episodes: Sequence[PolicyEpisode], costs: Sequence[CostRow]
 ) -> None:
     """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
     names = list(dict.fromkeys(each.policy for each in episodes))
@@ -309,7 +306,7 @@ def _write_derived(
         "policy_episodes": [
             (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes
         ],
-        "move_regrets": map(astuple, regrets),
+        "move_costs": map(astuple, costs),
     }
     with closing(sqlite3.connect(database, isolation_level=None)) as conn, transaction(conn):
         for table in TABLES.values():

@@ -20,11 +20,11 @@ from app.db.releases import ReleaseRow, note_imported_release
 from app.db.resimulation import Finding
 from app.release.errors import ReleaseError
 from app.release.manifest import BUNDLE_DATABASE, check_files, read_manifest
-from app.report.regret import POLICY, RegretRow
+from app.report.costs import CostRow
 from app.series.data import load
 from app.series.folder import Advance
 from app.series.policy_episodes import PolicyEpisode
-from app.series.policy_files import FOLDER
+from app.series.policy_files import EXPERT, FOLDER
 from app.series.verification import Verification, verify_database
 from app.task import Rules
 
@@ -55,7 +55,7 @@ class Bundle:
             self.reader.close()
             raise
         played = {each.policy: each.policy_hash for each in self.policy_episodes}
-        recorded = {**played, POLICY: self.regret_policy_hash}
+        recorded = {**played, EXPERT: self.expert_hash}
         known = {name: digest for name, digest in recorded.items() if digest}
         hashes = {**data.policy_files.hashes, **known}
         files = replace(data.policy_files, hashes=hashes, folder=folder / FOLDER)
@@ -68,9 +68,9 @@ class Bundle:
         self.reader.close()
 
     @property
-    def regret_policy_hash(self) -> str | None:
-        """SHA-256 (hex) of the policy that its regrets are relative to; None without regrets."""
-        found: str | None = self.manifest.get("regret_policy_hash")
+    def expert_hash(self) -> str | None:
+        """SHA-256 (hex) of the policy that its moves are judged by; None without costs."""
+        found: str | None = self.manifest.get("expert_hash")
         return found
 
     def _policy_episodes(self, letters: str) -> tuple[PolicyEpisode, ...]:
@@ -87,10 +87,10 @@ class Bundle:
             for row in found
         )
 
-    def regrets(self) -> tuple[RegretRow, ...]:
-        """Return the recorded regrets of moves, by episode and move."""
-        found = self.reader.query("SELECT * FROM move_regrets ORDER BY episode_id, step")
-        return tuple(RegretRow(episode=row.pop("episode_id"), **row) for row in found)
+    def costs(self) -> tuple[CostRow, ...]:
+        """Return the recorded costs of moves, by episode and move."""
+        found = self.reader.query("SELECT * FROM move_costs ORDER BY episode_id, step")
+        return tuple(CostRow(episode=row.pop("episode_id"), **row) for row in found)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class ReleaseHeader:
     attestation ranked episodes of people by level; "" stands for those that have none
     withdrawn   people who agreed and withdrew later
     frozen_at, first_came_at  ISO 8601, UTC: when the protocol was frozen, and when the first participant came ("" for nobody)
-    regret_policy_hash  SHA-256 of the policy that the regrets are relative to; "" without regrets
+    expert_hash  SHA-256 of the policy that moves are judged by; "" without costs
     without_policies  of the protocol, which the report leaves out because their files were not at hand
     """
 
@@ -60,7 +60,7 @@ class ReleaseHeader:
     chain_head: str | None = None
     chain_entries: int = 0
     without_policies: tuple[str, ...] = ()
-    regret_policy_hash: str = ""
+    expert_hash: str = ""
     arrivals: Arrivals = field(default_factory=Arrivals)
     attestation: dict[str, int] = field(default_factory=dict)
     withdrawn: int = 0
@@ -98,7 +98,7 @@ class ReleaseHeader:
         return {
             "format": RELEASE_FORMAT,
             **{name: own[name] if name in own else getattr(self, name) for name in names},
-            "regret_policy_hash": self.regret_policy_hash or None,
+            "expert_hash": self.expert_hash or None,
             "arrivals": asdict(self.arrivals),
         }
 

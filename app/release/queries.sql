@@ -1,5 +1,5 @@
 -- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
--- `policy_episodes`, `input_summaries` and `move_regrets` are tables of the bundle alone: the policies' moves,
+-- `policy_episodes`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies' moves,
 -- and what the software computes of an episode's input (labels and pauses) and moves. All else is as the server recorded it,
 -- under pseudonyms.
 
@@ -147,16 +147,16 @@ SELECT
 FROM policy_episodes
 ORDER BY place, terrain_index;
 
--- table: move_regrets
+-- table: move_costs
 SELECT
   s.participant_id AS participant,
   m.episode_id AS episode,
   m.step,
   m.action,
-  m.regret,
-  m.best_action,
+  m.cost,
+  m.expert_action,
   m.kind
-FROM move_regrets m
+FROM move_costs m
 JOIN episodes e ON e.id = m.episode_id
 JOIN series_episodes s ON s.episode_id = e.id
 ORDER BY e.started_ms, e.id, m.step;

@@ -28,8 +28,8 @@ from app.db.trial import Trial
 from app.release import signing
 from app.release.errors import ReleaseError
 from app.report.agents import compare_agents
+from app.report.costs import ProgressBar, no_bar
 from app.report.making import load_with_folder
-from app.report.regret import ProgressBar, no_bar
 from app.series.beacon import Beacon
 from app.series.closing import UNNOTED
 from app.series.data import StudyData

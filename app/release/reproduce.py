@@ -19,18 +19,17 @@ from app.release.bundle import Bundle
 from app.release.manifest import check_files
 from app.release.receipts import EVALUATIONS, Published, check_opened, check_receipt, seed_of
 from app.release.signing import SignerCheck, check_signer, fingerprint_of
+from app.report.costs import (
+    CostSummary,
+    ProgressBar,
+    cost_rows,
+    costs_of_groups,
+    no_bar,
+    study_estimator,
+)
 from app.report.making import REPORT_STEMS, has_played, make_report, play_compared
 from app.report.model import Report
 from app.report.page import pages
-from app.report.regret import (
-    POLICY,
-    ProgressBar,
-    RegretSummary,
-    no_bar,
-    regret_rows,
-    regrets_of_groups,
-    study_estimator,
-)
 from app.series.evaluation import COMPARISON
 from app.series.policy_episodes import PolicyEpisode, closed_seeds, compared_policies
 from app.task import PolicyError
@@ -38,11 +37,11 @@ from app.task import PolicyError
 NOT_COMPARED = ("made_at", "software_version")
 """Keys of a report that tell when and by what it was made."""
 
-MOVE_KEYS = ("regret", "cautions")
-"""Keys of a group that cannot be derived without the policies that its moves are compared with."""
+MOVE_KEYS = ("costs", "no_costs", "cautions")
+"""Keys of a group that cannot be derived without the policies that its moves are judged by."""
 
 RELATIVE, ABSOLUTE = 1e-9, 1e-12
-SECTIONS = ["figures", "metrics", "comparisons", "players", "pictures", "regret", "flow", "labels"]
+SECTIONS = ["figures", "metrics", "comparisons", "players", "pictures", "costs", "flow", "labels"]
 SECTIONS += ["outcomes", "stages"]
 MOST_NAMED = 20
 """Differences that are kept with their values, in each section."""
@@ -140,7 +139,7 @@ class _Derivation:
         held = [synthetic for synthetic, stem in stems if (folder / f"{stem}.json").exists()]
         if held:
             with TemporaryDirectory() as cache:
-                kept = Path(cache) if self._compare_regrets(Path(cache)) else None
+                kept = Path(cache) if self._compare_costs(Path(cache)) else None
                 for synthetic in held:
                     self._compare_report(synthetic, kept)
             self._replay_policies()
@@ -157,32 +156,32 @@ class _Derivation:
         self, synthetic: bool, cache: Path | None, episodes: Sequence[PolicyEpisode]
     ) -> Report:
         reader = self._bundle.reader
-        regrets: dict[str, RegretSummary] | None = None
+        costs: dict[str, CostSummary] | None = None
         if cache is not None:
-            regrets = regrets_of_groups(reader, self._data, synthetic, self._bar, cache)
-        return make_report(reader, self._data, episodes, synthetic, self._bar, regrets)
+            costs = costs_of_groups(reader, self._data, synthetic, self._bar, cache)
+        return make_report(reader, self._data, episodes, synthetic, self._bar, costs)
 
-    def _compare_regrets(self, cache: Path) -> bool:
-        """Compare the regret of each move with the recorded one, and keep it in `cache`; return whether it could be derived.
+    def _compare_costs(self, cache: Path) -> bool:
+        """Compare the cost of each move with the recorded one, and keep it in `cache`; return whether it could be derived.
 
-        It cannot where nobody played, or where the policy that regrets are relative to is another one here.
+        It cannot where nobody played, or where the policy that judges moves is another one here.
         """
         reader, data = self._bundle.reader, self._data
-        if not (regrets := self._bundle.regrets()):
+        if not (costs := self._bundle.costs()):
             return False
         try:
-            data.policy_files.source(POLICY)
+            data.policy_files.expert()
         except PolicyError as error:
-            self._made.not_compared.append(f"regret of moves: {error}")
+            self._made.not_compared.append(f"cost of moves: {error}")
             return False
         ranked = [each for each in data.trials if each.phase == "ranked"]
-        with self._bar("regret of each move") as advance:
-            rows = regret_rows(reader, data, ranked, study_estimator(data, cache), advance)
+        with self._bar("cost of each move") as advance:
+            rows = cost_rows(reader, data, ranked, study_estimator(data, cache), advance)
             derived = {(each.episode, each.step): each for each in rows}
-        for row in regrets:
+        for row in costs:
             where = f"{row.episode}, move {row.step}"
             other = derived.get((row.episode, row.step))
-            self._made.compare("regret of each move", where, row, other)
+            self._made.compare("cost of each move", where, row, other)
         return True
 
     def _compare_report(self, synthetic: bool, cache: Path | None) -> None:
@@ -191,7 +190,7 @@ class _Derivation:
         json_name, html_name = f"{stem}.json", f"{stem}.html"
         recorded: dict[str, Any] = json.loads((self._bundle.folder / json_name).read_bytes())
         derived = self._derive(synthetic, cache, self._episodes)
-        has_moves = cache is not None or not self._bundle.regret_policy_hash
+        has_moves = cache is not None or not self._bundle.expert_hash
         mark = "scripts: " if synthetic else ""
         found = compare_reports(recorded, derived.to_dict(), () if has_moves else MOVE_KEYS)
         self._made.sections |= {mark + name: section for name, section in found.items()}

@@ -14,8 +14,8 @@ import numpy as np
 
 from app.report.cautions import cautions, deviations, study_deviations
 from app.report.checklist import checklist, exposure
+from app.report.costs import CostSummary, renamed, why_not_judged
 from app.report.model import SYNTHETIC, GroupReport, Metric, PlayerRow, PolicyRow, PolicyRun, Report
-from app.report.regret import RegretSummary, renamed
 from app.report.statistics.attestation_summary import attestation_summary
 from app.report.statistics.comparisons import (
     FEWEST_TO_TEST,
@@ -52,7 +52,7 @@ from app.series.data import StudyData
 from app.series.flow import participant_flow
 from app.series.policy_episodes import tested_policies
 from app.series.protocol import Protocol
-from app.task import rules_of
+from app.task import MARS, rules_of
 from marsexplorer.intervals import Floats
 
 ESTIMAND = (
@@ -67,20 +67,20 @@ def build(
     runs: Sequence[PolicyRun] = (),
     synthetic: bool = False,
     pictures: Pictures | None = None,
-    regrets: Mapping[str, RegretSummary] | None = None,
+    costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
     """Return the report of a study: over its people, or over its scripts when `synthetic`, never over both.
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
     pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    regrets   by group's name, what `app.report.regret.regrets_of_groups` gives; none: no regret
+    costs     by group's name, what `app.report.costs.costs_of_groups` gives; none: no costs
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]
     groups = []
     for cohort in cohorts:
         group = _group(data, cohort, runs, (pictures or {}).get(cohort.name, {}))
-        groups.append(_with_regret(data, cohort, group, regrets or {}))
+        groups.append(_with_costs(data, cohort, group, costs or {}))
     players = rules_of(data.protocol.task).players
     names = [run.name if players is None else str(players.title(run.name)) for run in runs]
     return Report(
@@ -159,13 +159,15 @@ def _group(
     )
 
 
-def _with_regret(
-    data: StudyData, cohort: Cohort, group: GroupReport, regrets: Mapping[str, RegretSummary]
+def _with_costs(
+    data: StudyData, cohort: Cohort, group: GroupReport, costs: Mapping[str, CostSummary]
 ) -> GroupReport:
-    """Return a group's report with its regret, under the report's names, and with its cautions."""
+    """Return a group's report with its costs, under the report's names, and with its cautions."""
     names = {person: f"P{number:02d}" for number, person in enumerate(members(cohort, {}), 1)}
-    found = regrets.get(cohort.name)
-    named = replace(group, regret=None if found is None else renamed(found, names))
+    found = costs.get(cohort.name)
+    own = None if found is None else renamed(found, names)
+    reason = why_not_judged(data) if data.protocol.task == MARS else None
+    named = replace(group, costs=own, no_costs=reason)
     return replace(named, cautions=cautions(data, named))
 
 

@@ -13,9 +13,9 @@ from app.db.reader import Reader
 from app.db.series import find_study, participants
 from app.db.study_rows import is_same_study
 from app.report.build import Pictures, build
+from app.report.costs import CostSummary, ProgressBar, cost_cache, costs_of_groups
 from app.report.model import PolicyRun, Report
 from app.report.page import pages
-from app.report.regret import ProgressBar, RegretSummary, regret_cache, regrets_of_groups
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
 from app.series.closing import UNNOTED
 from app.series.data import StudyData, load
@@ -51,10 +51,10 @@ def make_study_report(
             pictures = _pictures(reader, data, synthetic, bar)
         is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
         episodes = play_compared(data, seeds, names, bar) if with_policies and is_played else ()
-        regrets: Mapping[str, RegretSummary] = {}
+        costs: Mapping[str, CostSummary] = {}
         if with_moves and is_played and data.closed_ms is not None:
-            regrets = regrets_of_groups(reader, data, synthetic, bar, regret_cache(database))
-    return _built(data, episodes, synthetic, pictures, regrets)
+            costs = costs_of_groups(reader, data, synthetic, bar, cost_cache(database))
+    return _built(data, episodes, synthetic, pictures, costs)
 
 
 def make_report(
@@ -63,13 +63,13 @@ def make_report(
     episodes: Sequence[PolicyEpisode],
     synthetic: bool,
     bar: ProgressBar,
-    regrets: Mapping[str, RegretSummary] | None = None,
+    costs: Mapping[str, CostSummary] | None = None,
 ) -> Report:
     """Return the report of a study over its people or its scripts, compared with the policies' episodes.
 
-    regrets  by group's name
+    costs  by group's name
     """
-    return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), regrets)
+    return _built(data, episodes, synthetic, _pictures(reader, data, synthetic, bar), costs)
 
 
 def _pictures(reader: Reader, data: StudyData, synthetic: bool, bar: ProgressBar) -> Pictures:
@@ -82,10 +82,10 @@ def _built(
     episodes: Sequence[PolicyEpisode],
     synthetic: bool,
     pictures: Pictures,
-    regrets: Mapping[str, RegretSummary] | None,
+    costs: Mapping[str, CostSummary] | None,
 ) -> Report:
     runs = runs_of(episodes, data.protocol) if has_played(data, synthetic) else ()
-    return build(data, runs, synthetic, pictures, regrets)
+    return build(data, runs, synthetic, pictures, costs)
 
 
 def report_files(report: Report) -> dict[str, bytes]:

@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from app.report.regret import RegretSummary
+from app.report.costs import CostSummary
 from app.report.statistics.attestation_summary import AttestationSummary
 from app.report.statistics.comparisons import PolicyComparison
 from app.report.statistics.first_attempts import FirstAttempts
@@ -82,7 +82,8 @@ class GroupReport:
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
     no_p        why the tail rule forbids p values, a sentence; None where it does not
-    regret      where players lose moves; None where it was not worked out
+    costs       of the players' moves; None where they were not worked out
+    no_costs    why no move of the study is judged, a sentence; None where moves are
     first_attempts   as ARC-AGI-3 counts them; None for scripts
     exposure    who met which ranked terrains when, a sentence; None for scripts
     flow        of the people through the study; None for scripts
@@ -116,7 +117,8 @@ class GroupReport:
     attestation: AttestationSummary | None = None
     excluded: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, int] = field(default_factory=dict)
-    regret: RegretSummary | None = None
+    costs: CostSummary | None = None
+    no_costs: str | None = None
     pictures: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from app.db.trial import Attestation
+from app.report.costs import CostPart, CostSummary
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.regret import RegretPart, RegretSummary
 from app.report.statistics.exclusion_sets import METRICS
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Estimate, Interval
@@ -74,7 +74,7 @@ COMPARISON = (
 
 def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | None]:
     """Return the tables of a group by name, those of its comparisons as `score` and `steps`; None where there is nothing."""
-    regret = group.regret
+    costs = group.costs
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),
@@ -98,9 +98,9 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
             LEARNING,
             [_learning_column(metric) for metric in group.metrics],
         ),
-        "regret": regret_table(regret) if regret else None,
-        "by_tenth": _by_tenth(regret) if regret else None,
-        "regret_by_player": regret_by_player(regret) if regret else None,
+        "costs": cost_table(costs) if costs else None,
+        "by_tenth": _by_tenth(costs) if costs else None,
+        "costs_by_player": costs_by_player(costs) if costs else None,
         "first_attempts": _first_attempts(group),
     }
 
@@ -319,47 +319,41 @@ def _learning_column(metric: Metric) -> tuple[str, ...]:
     )
 
 
-def regret_table(found: RegretSummary) -> PageTable:
-    """Return the regret of all moves and of each kind of loss, beside the policy's own."""
-    who = f"{len(found.by_player)} players, {found.episodes} episodes"
-    parts = {"all moves": found.total, **found.by_kind}
-    caption = (
-        f"Regrets of an episode's moves, added up, over {who}; each is measured from its own move on, so their sum may exceed "
-        "the moves made"
-    )
-    return _regret_parts(caption, "loss", parts, found.policy)
-
-
-def _by_tenth(found: RegretSummary) -> PageTable:
-    parts = {f"{10 * at} to {10 * at + 10} %": each for at, each in enumerate(found.by_tenth)}
-    caption = "Regrets of an episode's moves, added up, by what was known before the move"
-    return _regret_parts(caption, "cells known", parts, found.policy)
-
-
-def _regret_parts(
-    caption: str, name: str, parts: Mapping[str, RegretPart], policy: str
-) -> PageTable:
+def cost_table(costs: CostSummary) -> PageTable:
+    """Return the players' moves beside Expert's, and what mistakes of each kind cost."""
+    players = counted(len(costs.by_player), "player")
+    caption = f"Moves an episode: {players}, {counted(costs.episodes, 'episode')}"
     rows = [
-        (
-            label,
-            _with_interval(each.mean, each.interval, 1),
-            number(each.policy, 1),
-            _with_interval(each.excess, each.excess_interval, 1),
-        )
-        for label, each in parts.items()
+        ("counted", number(costs.counts, 1)),
+        (f"{costs.policy} on the same terrains", number(costs.expert_moves, 1)),
+        _cost_row("cost: the difference", costs.total),
+        *(_cost_row(f"mistakes: {kind}", part) for kind, part in costs.by_kind.items()),
+        _cost_row("gained", costs.gained),
     ]
-    own = f"{policy}\u2019s own"
-    return PageTable(caption, (name, "mean of players", own, f"players minus {policy}"), rows)
+    return PageTable(caption, ("", "mean of players"), rows)
 
 
-def regret_by_player(found: RegretSummary) -> PageTable:
-    """Return each player's regret in all and of each kind of loss, means per episode."""
+def _by_tenth(costs: CostSummary) -> PageTable:
+    rows = [
+        _cost_row(f"{10 * at} to {10 * at + 10} %", part) for at, part in enumerate(costs.by_tenth)
+    ]
+    rows.append(_cost_row("an end without a move", costs.without_move))
+    caption = "Cost of the moves, by what was known before the move"
+    return PageTable(caption, ("cells known", "mean of players"), rows)
+
+
+def _cost_row(label: str, part: CostPart) -> tuple[str, str]:
+    return label, _with_interval(part.mean, part.interval, 1)
+
+
+def costs_by_player(costs: CostSummary) -> PageTable:
+    """Return each player's cost in all and by kind of mistake, means per episode."""
     rows = []
-    for each in found.by_player:
-        lost = [number(moves, 1) for moves in (each.mean, *each.by_kind.values())]
-        rows.append((each.player, str(each.episodes), *lost))
-    heads = ("player", "episodes", "regret", *found.by_kind)
-    return PageTable("Each player\u2019s mean regret per episode", heads, rows)
+    for player in costs.by_player:
+        moves = (player.mean, *player.by_kind.values(), player.gained)
+        rows.append((player.player, str(player.episodes), *(number(mean, 1) for mean in moves)))
+    heads = ("player", "episodes", "cost", *costs.by_kind, "gained")
+    return PageTable("Each player\u2019s mean cost per episode", heads, rows)
 
 
 def _first_attempts(group: GroupReport) -> PageTable | None:

@@ -30,7 +30,7 @@ from typing import Literal
 from app.db.study_rows import SeriesRow, is_same_study
 from app.series.beacon import Beacon
 from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
-from app.series.policy_files import FOLDER, REGRET_POLICY, PolicyFiles, record_files
+from app.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
 from app.series.protocol import (
     NAME,
     DraftStudyError,
@@ -470,7 +470,7 @@ def _record_policies(protocol: Protocol, folder: Path) -> dict[str, str]:
             players.load(policy, protocol.env_config)
         except PolicyError as error:
             raise StudyError(f"the policy {policy!r} cannot be loaded: {error}") from error
-    kept = {*named, REGRET_POLICY} if players.has_regret(protocol.env_config) else named
+    kept = {*named, EXPERT} if players.judges_moves() else named
     found = record_files(kept, folder, players)
     for policy, given in protocol.policy_hashes.items():
         if found.get(policy) != given:

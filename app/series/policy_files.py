@@ -21,8 +21,8 @@ from app.task import PolicyError, rules_of
 FOLDER = "policies"
 """The folder of the kept files, in a study's folder and in a release."""
 
-REGRET_POLICY = "ppo"
-"""The policy that regrets are relative to (`app.report.regret`), whether the protocol compares with it or not."""
+EXPERT = "ppo"
+"""The policy that moves are judged by, whether the protocol compares with it or not."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,17 @@ class PolicyFiles:
             f"the study compares with the policy {policy!r} of SHA-256 {expected}, and that file is not here; no other one is "
             f"played in its place. Copy it from the study's folder or from a release to {self.place(policy)}"
         )
+
+    def expert(self) -> str:
+        """Return the source of the file that the study's moves are judged by.
+
+        PolicyError where none was recorded when the study was frozen, and as `source`.
+        """
+        if EXPERT not in self.hashes:
+            raise PolicyError(
+                f"no file of {EXPERT} was kept when the study was frozen, so none of its moves is judged"
+            )
+        return self.source(EXPERT)
 
     def place(self, policy: str) -> Path:
         """Return where the file of a policy with a recorded hash is kept, or would be."""

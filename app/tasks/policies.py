@@ -164,13 +164,17 @@ class ProcessPolicies:
         """Return what reports call a policy: its name."""
         return name
 
-    def has_regret(self, config: Configuration) -> bool:
-        """Return False: what a better move would have been is not known."""
+    def judges_moves(self) -> bool:
+        """Return False: Expert plays MarsExplorer alone."""
         return False
 
     async def explanation_of(self, *record: Any) -> NoReturn:
-        """Raise ValueError: see `has_regret`."""
-        raise ValueError(f"moves of {self._rules.title} have no regrets")
+        """Raise ValueError: see `judges_moves`."""
+        self.unjudged()
+
+    def unjudged(self, *record: Any) -> NoReturn:
+        """Raise ValueError: see `judges_moves`."""
+        raise ValueError(f"moves of {self._rules.title} are not judged")
 
     def begin(self, config: Configuration, seed: int) -> Any:
         """Return a run at its start."""

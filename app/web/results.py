@@ -16,10 +16,11 @@ from app.db.reader import Reader
 from app.db.series import count_finished
 from app.db.trial import Trial
 from app.db.volunteers import player_sums, players_of
-from app.report.regret import POLICY, regret_cache
+from app.report.costs import cost_cache
+from app.series.policy_files import EXPERT, PolicyFiles
 from app.series.protocol import StudyError
 from app.series.texts import PAPER_PLAYERS, PAPER_STUDY
-from app.task import Configuration, Record
+from app.task import Configuration, PolicyError, Record
 from app.web.access import owner_of, player_of, services_of
 from app.web.leaderboard.leaderboard import UnknownEntryError
 
@@ -112,32 +113,41 @@ def get_episode(request: Request, episode_id: str) -> dict[str, Any]:
 
 
 @router.get(
-    "/episodes/{episode_id}/regret",
+    "/episodes/{episode_id}/costs",
     tags=["results"],
-    summary="Where moves were lost in a finished episode",
+    summary="What the moves of a finished episode cost",
 )
-async def get_regret(request: Request, episode_id: str) -> dict[str, Any]:
-    """Return how many moves the episode lost, its biggest losses, and for each move what the policy would have done instead.
+async def get_costs(request: Request, episode_id: str) -> dict[str, Any]:
+    """Return the episode beside Expert's, its greatest mistakes, and for each move what Expert would have done.
 
-    docs/evaluation.md says what a regret is.
+    docs/evaluation.md says what a cost is.
 
-    Each loss has the map as it was known before the move, and the cells that the better move would soon have shown.
-    The answer takes a second or two the first time. 404 as for the episode itself; 422 for a board
-    of more than 42x42 cells; 503 when too many ask.
+    Each mistake has the map as it was known before its costliest move, and the cells that Expert's move would soon have shown.
+    On boards of more than 42x42 cells and on given maps no move is judged: `reason` says so. 404 as for the episode itself;
+    503 when too many ask.
     """
     record = await asyncio.to_thread(_public_record, request, episode_id)
-    return {"episode": episode_id, "policy": POLICY, **await regret_of(request, record)}
+    return {"episode": episode_id, **await costs_of(request, record)}
 
 
-async def regret_of(request: Request, record: Record) -> dict[str, Any]:
-    """Return where moves were lost in an episode that the asker may see; HTTPException when that cannot be said."""
+async def costs_of(
+    request: Request, record: Record, files: PolicyFiles | None = None
+) -> dict[str, Any]:
+    """Return what the moves of an episode cost that the asker may see; HTTPException when that cannot be said.
+
+    files  of the study that the episode is of; None: the shipped ones
+    """
     services = services_of(request)
     if (players := services.lobby.task.players) is None:
-        raise HTTPException(422, f"moves of {services.lobby.task.title} have no regrets")
+        raise HTTPException(422, f"moves of {services.lobby.task.title} are not judged")
+    cache, owner = cost_cache(services.store.path), owner_of(request)
     try:
-        cache, owner = regret_cache(services.store.path), owner_of(request)
-        found: dict[str, Any] = await players.explanation_of(services.jobs, cache, record, owner)
-        return found
+        try:
+            expert = EXPERT if files is None else files.expert()
+        except PolicyError as error:
+            return {"policy": EXPERT, **players.unjudged(record, str(error))}
+        costs = await players.explanation_of(services.jobs, cache, record, owner, expert)
+        return {"policy": EXPERT, **costs}
     except ValueError as error:
         raise HTTPException(422, str(error)) from error
 

@@ -267,7 +267,7 @@ def _services(
     progress, health = ParticipantProgress(lobby, folder, study_store), Health(store.path)
     downloads, replayer = Downloads(store.path, jobs), Replayer()
     _add_gauges(store.metrics, lobby, health)
-    what = "Jobs that wait: ghosts, regrets, exports, evaluations."
+    what = "Jobs that wait: ghosts, costs, exports, evaluations."
     store.metrics.add_gauge("waiting_jobs", what, jobs.waiting)
     return Services(
         store=store,

@@ -16,7 +16,6 @@ from app.board.messages import PRINTABLE, Message
 from app.board.session import RefusedError
 from app.db.study_rows import Participant, participant_label
 from app.db.trial import Trial
-from app.report.regret import POLICY
 from app.series.debrief import NoTerrainError, Shown, own_trial
 from app.series.folder import Study
 from app.series.progress import NotJoinedError, ParticipantProgress, StageError, break_due
@@ -26,7 +25,7 @@ from app.series.templates import placeholder_values
 from app.task import describe
 from app.web.access import PARTICIPANT, participant_of, remember_player, services_of
 from app.web.api import session_summary
-from app.web.results import regret_of
+from app.web.results import costs_of
 
 router = APIRouter(prefix="/api/studies", tags=["studies"])
 Name = Annotated[str, Path(max_length=100, description="of the study")]
@@ -390,12 +389,12 @@ async def debrief(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dic
         return await services_of(asks.request).debriefs.replays(study, trials, phase, index)
 
 
-@router.get("/{name}/debrief/{index}/regret", summary="Where you lost moves on a terrain")
-async def debrief_regret(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
-    """Return the biggest losses of your own episode, once you are at the debrief; of a ranked one once the study is closed."""
+@router.get("/{name}/debrief/{index}/costs", summary="What your moves on a terrain cost")
+async def debrief_costs(asks: AskingOf, index: Index, phase: Shown = "warm_up") -> dict[str, Any]:
+    """Return what the moves of your own episode cost, once you are at the debrief; of a ranked one once the study is closed."""
     study, trials = await asks.trials_at_debrief()
     with answering_study_errors():
         own = own_trial(study, trials, phase, index)
     store = asks.progress.lobby.store
     record = await store.read(lambda: store.load_record(own.id))
-    return {"policy": POLICY, **await regret_of(asks.request, record)}
+    return await costs_of(asks.request, record, study.policy_files)

@@ -1,6 +1,6 @@
-"""What a better move would soon have shown: the cells, and when the player has seen them after all.
+"""What Expert's move would soon have shown: the cells, and when the player has seen them after all.
 
-It puts a regret into a picture. Like the regret it looks at the true terrain of a finished episode.
+It puts a cost into a picture. Like the cost it looks at the true terrain of a finished episode.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from marsexplorer.config import UNKNOWN
 from marsexplorer.episode import Episode, Record
-from marsexplorer.evaluation.losses import Loss
+from marsexplorer.evaluation.mistakes import Mistake
 from marsexplorer.evaluation.rollouts import GreedyRollouts
 from marsexplorer.policies.network.batch import ActionScorer
 
 SOON = 6
-"""Moves, the better one among them, in which a cell is seen soon."""
+"""Moves, Expert's among them, in which a cell is seen soon."""
 
 
 @dataclass(frozen=True, eq=False)
 class Missed:
-    """A loss as it looked to the player, and what the better move would have shown.
+    """A mistake as it looked to the player, and what Expert's move would have shown.
 
     codes     uint8[rows, cols], known before the move; discovered: their number
     position  (row, col) of the rover before the move
-    cells     int64[num, 2], (row, col): seen within SOON moves after the better action, the policy going on, and neither known
+    cells     int64[num, 2], (row, col): seen within SOON moves after Expert's action, Expert going on, and neither known
               before the move nor seen by the player within as many moves
     seen_at   moves that the player had made when the last of the cells was seen; None where some never was, or there are none
     """
@@ -39,26 +39,26 @@ class Missed:
     seen_at: int | None
 
 
-def find_missed(record: Record, losses: Sequence[Loss], net: ActionScorer) -> list[Missed]:
-    """Return what was missed by each of some losses of an episode, in their order."""
+def find_missed(record: Record, mistakes: Sequence[Mistake], net: ActionScorer) -> list[Missed]:
+    """Return what was missed by each of some mistakes of an episode, in their order."""
     first_seen = _first_seen(record)
     config = record.config
     player = GreedyRollouts(config, 1, net.rules_that_count(config.rows, config.cols))
     player.worlds.start_on(0, record.terrain_map(), record.start)
-    wanted = {loss.step: loss for loss in losses}
+    wanted = {mistake.step: mistake for mistake in mistakes}
     found: dict[int, Missed] = {}
     for step, action in enumerate(record.actions):
-        rover = player.mark_visited()
+        rover = player.watch()
         if step in wanted:
             codes = player.worlds.codes[0].copy()
-            shown = _seen_soon(player, wanted[step].best_action, net) & (codes == UNKNOWN)
+            shown = _seen_soon(player, wanted[step].expert_action, net) & (codes == UNKNOWN)
             late = np.argwhere(shown & (first_seen > step + SOON))
             last = int(first_seen[tuple(late.T)].max(initial=0))
             row, col = divmod(int(rover[0]), config.cols)
             seen_at = last if len(late) and last <= len(record.actions) else None
             found[step] = Missed(codes, int(np.count_nonzero(codes)), (row, col), late, seen_at)
         player.step(np.array([action]))
-    return [found[loss.step] for loss in losses]
+    return [found[mistake.step] for mistake in mistakes]
 
 
 def _first_seen(record: Record) -> NDArray[np.int64]:

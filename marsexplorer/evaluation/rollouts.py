@@ -93,6 +93,16 @@ class GreedyRollouts:
             actions[world] = self._guard_action(world, rovers[world])
         return Decisions(planes, moves, logits, actions, guarded)
 
+    def watch(self) -> NDArray[np.int64]:
+        """Remember what the worlds show as `decide` does, where another player decides.
+
+        Returns:
+            The rovers' cells, int64[num_worlds], row * cols + col.
+        """
+        cells = self.mark_visited()
+        self._update_guards(cells)
+        return cells
+
     def mark_visited(self) -> NDArray[np.int64]:
         """Mark where the rovers stand as visited and return those cells, int64[num_worlds], row * cols + col."""
         rovers = positions(self.worlds.scalars)

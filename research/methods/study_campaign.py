@@ -22,10 +22,10 @@ from app.db.erasure import forget
 from app.db.store import Store
 from app.db.study_rows import participant_label
 from app.release.build import build_release, request_of
+from app.report.costs import no_bar
 from app.report.making import make_study_report
 from app.report.model import Report
 from app.report.page import render
-from app.report.regret import no_bar
 from app.series.closing import close_study, note_closed
 from app.series.data import load
 from app.series.files import now_ms

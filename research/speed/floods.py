@@ -5,7 +5,7 @@
 `python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and `FOLDER/studies`.
 A server plays on a copy of the database, alone and behind the nginx of `deploy/`. Eight people make ten moves a second each.
 One client, at another address and with the processor's lowest priority, since elsewhere it is another machine's, floods the
-server in one way after the other. Quiet times and floods take turns. A last row is of another's ghosts while ghosts and regrets
+server in one way after the other. Quiet times and floods take turns. A last row is of another's ghosts while ghosts and costs
 are asked for. The exit code is 1 where a p99 is more than twice its quiet time.
 """
 
@@ -80,11 +80,11 @@ class Greedy:
             while connection.recv(1):
                 time.sleep(1)
 
-    def ghosts_and_regrets(self, number: int) -> None:
+    def ghosts_and_costs(self, number: int) -> None:
         """Ask for what takes long to work out, of another episode each time."""
         episode = random.choice(self._episodes)
-        regret = f"/api/episodes/{episode}/regret"
-        self._ask(number, "GET", regret if number % 2 else GHOST.format(episode, "planner"))
+        costs = f"/api/episodes/{episode}/costs"
+        self._ask(number, "GET", costs if number % 2 else GHOST.format(episode, "planner"))
 
     def garbage(self, number: int) -> None:
         """Send what is no request."""
@@ -130,7 +130,7 @@ class Greedy:
 FLOODS: dict[str, Callable[[Greedy, int], None]] = {
     "exports": Greedy.exports,
     "slow readers": Greedy.slow_readers,
-    "ghosts and regrets": Greedy.ghosts_and_regrets,
+    "ghosts and costs": Greedy.ghosts_and_costs,
     "garbage": Greedy.garbage,
     "new boards": Greedy.new_boards,
     "public reads": Greedy.public_reads,
@@ -269,7 +269,7 @@ def main() -> None:
         return ghosts(server, unseen, given.seconds)
 
     rows = [("moves", kind, moves) for kind in given.flood or FLOODS]
-    rows += [("ghosts", kind, asked) for _, kind, _ in rows if kind == "ghosts and regrets"]
+    rows += [("ghosts", kind, asked) for _, kind, _ in rows if kind == "ghosts and costs"]
     print(
         "| flood | port | what the others do | quiet p99, ms | flooded p99, ms | ratio | the client was answered |"
     )

@@ -4,7 +4,7 @@
 
 The episodes are copies of recorded ones (`tests.support.many_episodes`). One client asks a server of its own process for one
 route after the other: the first answer, then the median and the 95th percentile of the next ones. A request is not repeated for
-longer than a minute. Exports and what a job works out (regrets, ghosts, pictures of a replay) are left out.
+longer than a minute. Exports and what a job works out (costs, ghosts, pictures of a replay) are left out.
 """
 
 from __future__ import annotations

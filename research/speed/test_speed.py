@@ -118,15 +118,15 @@ def test_the_campaign_of_floods_prints_a_row_for_each_and_says_whether_one_is_to
         play(store, seed, explore=True)
     store.close()
     command = [sys.executable, "-m", "research.speed.floods", "--database", store.path, "--port", "bare",
-               "--rounds", "1", "--seconds", "0.5", "--flood", "ghosts and regrets", "--flood", "garbage"]  # fmt: skip
+               "--rounds", "1", "--seconds", "0.5", "--flood", "ghosts and costs", "--flood", "garbage"]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     rows = re.findall(
         r"^\| ([a-z ]+) \| bare \| (\w+) \| [\d.]+ \| [\d.]+ \| ([\d.]+) \|", done.stdout, re.M
     )
     kinds = [
-        ("ghosts and regrets", "moves"),
+        ("ghosts and costs", "moves"),
         ("garbage", "moves"),
-        ("ghosts and regrets", "ghosts"),
+        ("ghosts and costs", "ghosts"),
     ]
     assert [row[:2] for row in rows] == kinds, done.stderr
     assert done.returncode == any(float(row[2]) > floods.MOST_RATIO for row in rows)

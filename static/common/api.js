@@ -67,7 +67,7 @@ export const api = {
   rating: (episode) => request(`me/rating?episode=${encodeURIComponent(episode)}`),
   policies: () => request("policies"),
   episode: (id) => request(`episodes/${encodeURIComponent(id)}`),
-  regret: (id) => request(`episodes/${encodeURIComponent(id)}/regret`, undefined, 600_000),
+  costs: (id) => request(`episodes/${encodeURIComponent(id)}/costs`, undefined, 600_000),
   act: (id, move) => request(`${session(id)}/act`, move),
   createSession: (wish) => withTask(request("sessions", wish)),
   about: (id) => withTask(request(`${session(id)}/about`, undefined, 4000)),

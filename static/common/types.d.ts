@@ -33,7 +33,7 @@ type Api = {
   episode(id: string): Promise<{seed: number | null, level: string, rows: number, cols: number, actions: string[]}>,
   replay(id: string): Promise<ReplayData>,
   /** Of a finished episode. */
-  regret(id: string): Promise<Mars.Analysis>,
+  costs(id: string): Promise<Mars.Costs>,
   /** Make a move that no key made. */
   act(id: string, move: {episode: string, step: number, action: string}): Promise<Frame>,
   createSession(wish: Wished): Promise<About>, about(id: string): Promise<About>,
@@ -93,9 +93,6 @@ type GameEvent = {kind: "begun", about: About} | {kind: "received", role: Role, 
   | {kind: "link", link: GameState["link"]} | {kind: "watched", watched: Watched, name: string}
   | {kind: "replay", episode: string, about: About} | {kind: "notice", text: string, tone?: "error" | "note"}
   | {kind: "dismiss", id: number} | {kind: "moved"} | {kind: "challenged", opponent: Opponent};
-/** Step: the number of moves made before the loss; actions in words. */
-type Loss = {step: number, regret: number, action: string, best_action: string, kind: string};
-type Regret = {policy: string, total: number, given_up: number, by_kind: Record<string, number>, losses: Loss[]};
 type Action = string;
 /** A position, (row, col), row 0 at the north edge. */
 type Cell = [number, number];

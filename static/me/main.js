@@ -6,7 +6,7 @@ import { movesAxis, ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
-import { beatenText, bestText, lostText, standingText, summary, terrainText } from "./words.js";
+import { beatenText, bestText, gapsText, standingText, summary, terrainText } from "./words.js";
 
 /** @type {Task} */
 let task;
@@ -66,7 +66,7 @@ async function load() {
     more.disabled = false;
     by("nothing").hidden = history.total > 0;
     by("history").hidden = by("keep").hidden = history.total === 0;
-    by("lost").hidden = history.total === 0 || !task.play;
+    by("gap").hidden = history.total === 0 || !task.play;
     document.body.dataset.state = history.total ? "some" : "none";
   } catch (error) {
     put(by("sentence"), `${/** @type {Error} */ (error).message} Trying again.`);
@@ -100,36 +100,53 @@ async function setName(body) {
 
 /** How many of the newest episodes the curve has. */
 const CURVE = 20;
-/** How many moves each of them lost, the oldest first.
- * @type {number[]} */
-const lost = [];
+/** Each of them beside Expert's, the oldest first.
+ * @type {Me.Gap[]} */
+const gaps = [];
 
-/** Work out how many moves each of the newest episodes lost, the oldest first, and draw the curve as it comes. */
-async function workOut() {
-  by("work-out").hidden = true;
+/** Compare each of the newest episodes with Expert's, the oldest first, and draw the curve as it comes. */
+async function compare() {
+  by("compare").hidden = true;
   const { episodes } = /** @type {Me.History} */ (await request(`me/history?limit=${CURVE}`));
-  for (const [index, { episode }] of episodes.reverse().entries()) {
-    put(by("lost-note"), `Episode ${index + 1} of ${episodes.length}`);
-    const found = /** @type {{total: number} | null} */ (await request(`episodes/${encodeURIComponent(episode)}/regret`, undefined, 120_000).catch(() => null));
-    if (!found) continue; // too large a board, or today's terrain
-    lost.push(found.total);
-    paintLost();
+  for (const [index, { episode, outcome }] of episodes.reverse().entries()) {
+    put(by("gap-note"), `Episode ${index + 1} of ${episodes.length}`);
+    const costs = /** @type {Mars.Costs | null} */ (await request(`episodes/${encodeURIComponent(episode)}/costs`, undefined, 120_000).catch(() => null));
+    if (!costs || costs.total === null) continue; // today's terrain
+    gaps.push({ gap: costs.total, isFinished: outcome === "explored" });
+    paintGaps();
   }
-  put(by("lost-note"), lostText(lost));
+  put(by("gap-note"), gapsText(gaps));
 }
 
-function paintLost() {
-  if (!lost.length) return;
-  const chart = by("lost-chart");
+/** Draw the finished episodes as a line, and a cross at the top for each that was not. */
+function paintGaps() {
+  if (!gaps.length) return;
+  const chart = by("gap-chart");
   chart.hidden = false;
   const { inks, you, font } = chartColours(chart);
-  const most = Math.max(10, ...lost);
-  paintChart(chart, { inks, font, edges: { left: 44, right: 14, top: 8, bottom: 22 }, lines: [{ colour: you, dash: [], dot: 3.5, x: lost.map((_, index) => index + 1), y: lost }],
-    x: { ...movesAxis(lost.length), text: (at) => (at ? String(at) : "episode") }, y: { low: 0, high: most, ticks: ticks(0, most), text: tickText } });
-  chart.setAttribute("aria-label", lostText(lost));
+  const numbered = gaps.map(({ gap, isFinished }, index) => ({ at: index + 1, gap, isFinished }));
+  const finished = numbered.filter(({ isFinished }) => isFinished);
+  const moves = finished.map(({ gap }) => gap);
+  const [low, high] = [Math.min(0, ...moves), Math.max(10, ...moves)];
+  paintChart(chart, { inks, font, base: 0, edges: { left: 44, right: 14, top: 16, bottom: 22 },
+    lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
+    x: { ...movesAxis(gaps.length), text: (at) => (at ? String(at) : "episode") }, y: { low, high, ticks: ticks(low, high), text: tickText },
+    over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
+  chart.setAttribute("aria-label", gapsText(gaps));
+}
+/** @param {CanvasRenderingContext2D} context @param {number} x @param {number} y the middle, CSS pixels @param {string} colour */
+function paintCross(context, x, y, colour) {
+  context.strokeStyle = colour;
+  context.lineWidth = 2;
+  context.beginPath();
+  for (const slope of [1, -1]) {
+    context.moveTo(x - 4, y - 4 * slope);
+    context.lineTo(x + 4, y + 4 * slope);
+  }
+  context.stroke();
 }
 
-by("work-out").addEventListener("click", () => workOut().catch((error) => put(by("lost-note"), error.message)));
+by("compare").addEventListener("click", () => compare().catch((error) => put(by("gap-note"), error.message)));
 by("name-form").addEventListener("submit", (event) => {
   event.preventDefault();
   setName({ name: by("name", HTMLInputElement).value });
@@ -139,6 +156,6 @@ by("more").addEventListener("click", async () => {
   await load();
   by("more").focus({ preventScroll: true }); // which a disabled button has lost
 });
-addEventListener("theme", paintLost);
-new ResizeObserver(paintLost).observe(by("lost-chart"));
+addEventListener("theme", paintGaps);
+new ResizeObserver(paintGaps).observe(by("gap-chart"));
 load();

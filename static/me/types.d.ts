@@ -11,5 +11,7 @@ declare namespace Me {
     best: Episode | null, people: {means: number[], you: number | null, ranked: number},
   };
   type Standing = {name: string | null, rating: number | null, before?: number | null, rated?: boolean, games: number, days: number, beaten: Record<string, number>, hidden?: boolean};
+  /** An episode beside Expert's: the moves that it counts more, below 0 for fewer. */
+  type Gap = {gap: number, isFinished: boolean};
   type History = {total: number, episodes: Episode[], bests: Best[]};
 }

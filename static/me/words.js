@@ -1,5 +1,5 @@
 // The sentences of a player's own page; no document here, so that node can test every one.
-import { many, wholePercent } from "../common/words.js";
+import { many, signed, wholePercent } from "../common/words.js";
 import { levelName, policyName } from "../task/mars/names.js";
 
 /** @param {{level: string, rows: number | null, cols: number | null}} terrain without a size where a task has none */
@@ -63,11 +63,16 @@ export function bestText({ target }, { best, episodes, explored }) {
   return `${wholePercent(explored / episodes)} of ${many(episodes, "episode")} mapped to ${target}.`;
 }
 
-/** @param {number[]} lost moves, the oldest episode first @returns the curve in words */
-export function lostText(lost) {
-  if (!lost.length) return "No episode of yours can be judged: boards of up to 1764 cells are, and a daily terrain once its day is over.";
-  const half = Math.floor(lost.length / 2);
-  const mean = (/** @type {number[]} */ values) => values.reduce((sum, each) => sum + each, 0) / values.length;
-  const change = half ? ` ${mean(lost.slice(0, half)).toFixed(1)} in the first half, ${mean(lost.slice(-half)).toFixed(1)} in the second.` : "";
-  return `${mean(lost).toFixed(1)} moves lost an episode on average, over ${many(lost.length, "episode")}.${change}`;
+/** @param {Me.Gap[]} gaps the oldest episode first @returns the curve in words */
+export function gapsText(gaps) {
+  if (!gaps.length) return "No episode of yours can be compared yet: a daily terrain can once its day is over.";
+  const mean = (/** @type {number[]} */ moves) => moves.reduce((sum, each) => sum + each, 0) / moves.length;
+  const more = gaps.filter(({ isFinished }) => isFinished).map(({ gap }) => gap);
+  const open = gaps.length - more.length;
+  const unfinished = open ? ` ${many(open, "episode")} ${open === 1 ? "was" : "were"} not finished.` : "";
+  if (!more.length) return unfinished.trim();
+  const gap = mean(more);
+  const half = Math.floor(more.length / 2);
+  const change = half ? ` ${signed(mean(more.slice(0, half)))} in the first half, ${signed(mean(more.slice(-half)))} in the second.` : "";
+  return `You needed ${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than Expert ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
 }

@@ -52,7 +52,7 @@ const repaint = createRepaint((isWhole) => {
   if (!isReady) return;
   if (isWhole) painted = null;
   paint();
-  parts.losses?.paint();
+  parts.costs?.paint();
 });
 addEventListener("theme", () => repaint(true));
 
@@ -76,7 +76,7 @@ showTask(task);
 /** @type {Play.Parts} */
 const parts = {
   views: modules?.createViews({ panels: ROLES.map((role) => panels[role]), onChange: () => repaint(true) }) ?? null,
-  losses: modules?.createLosses({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.regret,
+  costs: modules?.createCosts({ part, canvas: panels.player.canvas, chart: by("chart"), state: () => state, load: api.costs,
     tryFrom: (...how) => sessions.tryFrom(...how), storage: sessionStorage, onChange: () => repaint(true) }) ?? null,
 };
 const terrainDialog = modules?.createTerrainDialog(by("terrain-dialog", HTMLDialogElement), {
@@ -153,10 +153,10 @@ function paintBoards(before, dpr) {
     const trail = ghostOf(state, role);
     if (!board || (before && board === before[role] && trail === ghostOf(before, role))) continue;
     const isMine = role === "player";
-    const shown = (isMine && parts.losses?.boardOf(board)) || board;
+    const shown = (isMine && parts.costs?.boardOf(board)) || board;
     const ghost = shown === board && trail ? { trail, accent: colours[isMine ? "rival" : "player"] } : null;
     task.paint(part.matrix, shown, { name: task.nameOf(board.name), accent: colours[role], ...sizes.of(part.matrix), dpr, has_range: true, ghost,
-      marks: isMine ? parts.losses?.marks() : null });
+      marks: isMine ? parts.costs?.marks() : null });
   }
   const now_ms = performance.now();
   if (state.player && !performance.getEntriesByName(FIRST_FRAME).length) performance.mark(FIRST_FRAME);
@@ -188,7 +188,7 @@ function paintCurves() {
   });
   paintLegend(by("legend"), curves.map(({ board, colour, isDashed }) =>
     ({ name: task.nameOf(board.name), colour, dash: isDashed ? "9 4" : "" })));
-  paintProgress(chart, task, curves, { font, inks, over: parts.losses?.overChart({ you, ground, ink: inks.goal }) });
+  paintProgress(chart, task, curves, { font, inks, over: parts.costs?.overChart({ you, ground, ink: inks.goal }) });
   const label = curves.map(({ board: { name, progress } }) =>
     `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
@@ -206,7 +206,7 @@ function paint() {
   clock.paint();
   paintVisit();
   paintBar(state, wish()?.rival ?? "");
-  const hasJustEnded = paintEndCard(panels.player.part, task, state, parts.losses?.triedText() ?? "");
+  const hasJustEnded = paintEndCard(panels.player.part, task, state, parts.costs?.triedText() ?? "");
   if (hasJustEnded && !document.querySelector("dialog[open]")) panels.player.part.next.focus({ preventScroll: true });
   if (state.notices !== before?.notices) paintNotices(by("notices"), state.notices, dismiss);
 }

@@ -18,6 +18,6 @@ declare namespace Play {
   /** The parts that a task may add to the playground. */
   type Parts = {
     views: ReturnType<typeof import("../task/mars/views.js").createViews> | null,
-    losses: ReturnType<typeof import("../task/mars/losses.js").createLosses> | null,
+    costs: ReturnType<typeof import("../task/mars/costs.js").createCosts> | null,
   };
 }

@@ -62,7 +62,9 @@ async function askExpert() {
   if (!thinks?.checked || expert) return;
   sayOfExpert("Expert plays on from every move of this episode. That can take a minute on a large board.");
   try {
-    expert = /** @type {{expert: Advice[]}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/regret`, undefined, 600_000)).expert;
+    const costs = /** @type {{expert: Advice[], reason: string | null}} */ (await request(`episodes/${encodeURIComponent(data.episode)}/costs`, undefined, 600_000));
+    if (costs.reason !== null) return thinks.checked && sayOfExpert(`${capital(costs.reason)}.`);
+    expert = costs.expert;
     repaint();
   } catch (error) {
     if (thinks.checked) sayOfExpert(error instanceof ApiError ? capital(error.message) : `Something went wrong on this page: ${error}`);

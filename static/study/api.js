@@ -47,6 +47,6 @@ export function createStudyApi(name) {
     supervise: (code) => ask("supervise", { code }),
     withdraw: () => ask("withdraw", {}),
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
-    losses: (index, phase) => request(`${path}/debrief/${index}/regret?phase=${phase}`, undefined, 600_000),
+    costs: (index, phase) => request(`${path}/debrief/${index}/costs?phase=${phase}`, undefined, 600_000),
   };
 }

@@ -22,10 +22,10 @@ export async function load(index) {
   const phase = index < warmUps ? "warm_up" : "ranked";
   const number = phase === "ranked" ? index - warmUps : index;
   try {
-    by("own-losses").replaceChildren();
+    by("own-costs").replaceChildren();
     show(index, await study.terrain(number, phase));
-    const regret = await study.losses(number, phase).catch(() => null); // a board too large for it, or a busy server: nothing is shown
-    if (regret && state.replay?.index === index) paintLosses(by("own-losses"), regret, ({ step }) => player?.goTo(step));
+    const costs = task.costsInWords ? await study.costs(number, phase).catch(() => null) : null; // a busy server: nothing is shown
+    if (costs && state.replay?.index === index) paintCosts(by("own-costs"), costs, ({ step }) => player?.goTo(step));
   } catch (error) {
     dispatch({ kind: "notice", text: /** @type {Error} */ (error).message });
   }
@@ -104,25 +104,16 @@ export function paintDebrief(before, look) {
   if (state.replay && (isNew || state.replay !== before.replay)) paintReplay(state.replay, look);
 }
 
-/** @param {Loss} loss @returns the sentence of one loss */
-function lossLine({ step, regret, action, best_action, kind }) {
-  const why = { "hidden pocket": ", leaving a pocket behind", "last cells": ", on the last cells" }[kind] ?? "";
-  return `Move ${step + 1}: you lost ${many(regret, "move")} going ${action} instead of ${best_action}${why}.`;
-}
-
-/** @param {Regret} regret @returns the sentence above the list */
-function regretLine({ policy, losses, given_up }) {
-  if (given_up > 0) return `Giving up cost ${many(given_up, "move")}: ${task.nameOf(policy)} would have finished from there.`;
-  if (!losses.length) return "No single move cost you much.";
-  return `Judged with the whole terrain known, and ${task.nameOf(policy)} going on after each move.`;
-}
-
-/** Fill a place with the losses of an episode, the greatest first, each with a button.
- * @param {HTMLElement} place @param {Regret} regret @param {(loss: Loss) => void} onChoose */
-function paintLosses(place, regret, onChoose) {
-  place.replaceChildren(create("p", regretLine(regret)), create("ol", regret.losses.map((loss) => {
-    const choose = create("button", "Show", { type: "button", class: "quiet", "aria-label": `Show: move ${loss.step + 1}` });
-    choose.addEventListener("click", () => onChoose(loss));
-    return create("li", [`${lossLine(loss)} `, choose]);
-  })));
+/** Fill a place with what the moves of an episode cost, the greatest mistake first, each with a button.
+ * @param {HTMLElement} place @param {Mars.Costs} costs @param {(mistake: Mars.Mistake) => void} onChoose */
+function paintCosts(place, costs, onChoose) {
+  const words = task.costsInWords?.(costs);
+  if (!words) return;
+  const list = words.mistakes.map((sentence, index) => {
+    const mistake = costs.mistakes[index];
+    const choose = create("button", "Show", { type: "button", class: "quiet", "aria-label": `Show: move ${mistake.step + 1}` });
+    choose.addEventListener("click", () => onChoose(mistake));
+    return create("li", [`${sentence} `, choose]);
+  });
+  place.replaceChildren(create("p", words.summary), create("ol", list), ...words.rest.map((text) => create("p", text)));
 }

@@ -55,6 +55,6 @@ declare namespace Study {
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
     settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(): Asked,
-    terrain(index: number, phase: Shown): Promise<Runs>, losses(index: number, phase: Shown): Promise<Regret>,
+    terrain(index: number, phase: Shown): Promise<Runs>, costs(index: number, phase: Shown): Promise<Mars.Costs>,
   };
 }

@@ -19,8 +19,9 @@ type Look = {
   name: string, accent: string, width_px: number, height_px: number, dpr: number, palette?: string,
   ghost?: {trail: Mark[], accent: string} | null, [more: string]: unknown,
 };
-/** What Expert would do before a move: shares 0..1 of the actions; needs and costs in moves, null where it does not get there. */
-type Advice = {shares: number[], action: Action, needs: number | null, costs: number | null};
+/** What Expert would do before a move: shares 0..1 of the actions; needs: moves, null where it does not get there; cost: of
+ * the move made. */
+type Advice = {shares: number[], action: Action, needs: number | null, cost: number};
 /** What a page knows of the ground of a move: it may be made; more is to be seen first; or why it would end the episode. */
 type Ground = "free" | "unknown" | {stop: string};
 type Sound = {kind: "gain", count: number} | {kind: "blocked" | "crash" | "finish" | "over"};
@@ -82,7 +83,9 @@ interface TaskOf<F, M, C, H> extends TaskAbout {
   paintEvents?(place: HTMLElement, course: C, step: number, look: Look): void;
   /** What Expert would do after some moves of a finished episode, in words. */
   adviceText?(advice: Advice, course: C, step: number): string;
-  /** Parts of the playground that this task alone has: a 3-D view, costly moves, a choice of
+  /** What the moves of a finished episode cost: above the list of mistakes, the list, and below it. */
+  costsInWords?(costs: Mars.Costs): {summary: string, mistakes: string[], rest: string[]};
+  /** Parts of the playground that this task alone has: a 3-D view, mistakes, a choice of
    * terrains. */
   play?(): Promise<typeof import("./mars/play.js")>;
 }

@@ -101,9 +101,9 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
     page.goto(f"{server.url}/me")
     best = min(played)
     assert page.get_by_test_id("best").inner_text() == str(best)
-    page.get_by_test_id("work-out").click()
+    page.get_by_test_id("compare").click()
     # two days are over, and their terrains no secret any more
-    page.get_by_text("moves lost an episode on average, over 2 episodes").wait_for()
+    page.get_by_text("on average, over 2 finished episodes").wait_for()
     check_screen(page, "me", wrong, ("light", "dark"))
     # the best may be today's, whose replay is as secret as its terrain; the first day is over
     page.get_by_test_id("history").get_by_role("link").last.click()
@@ -113,7 +113,7 @@ def test_a_visitor_plays_todays_terrain_by_the_prompt_and_sees_what_it_came_to(
 
 
 CURVE = """() => {
-  const place = document.getElementById("lost-chart");
+  const place = document.getElementById("gap-chart");
   const canvas = place.querySelector("canvas");
   return { fits: canvas.clientWidth <= place.clientWidth, drawn: canvas.toDataURL() };
 }"""
@@ -150,8 +150,8 @@ def test_the_page_of_ones_own_episodes_heals_and_shows_each_once(serve, player, 
     page.keyboard.press("Enter")
     page.get_by_test_id("more").wait_for(state="hidden")
     assert rows.count() == 5
-    page.get_by_test_id("work-out").click()
-    page.get_by_text("moves lost an episode on average, over 5 episodes").wait_for()
+    page.get_by_test_id("compare").click()
+    page.get_by_text("on average, over 5 finished episodes").wait_for()
     page.set_viewport_size({"width": 390, "height": 844})
     eventually(lambda: page.evaluate(CURVE)["fits"])
     before = page.evaluate(CURVE)

@@ -1,4 +1,4 @@
-"""The commands `report` and `regret`: a study's figures as a page, as JSON, on the terminal; where players lose moves."""
+"""The commands `report` and `costs`: a study's figures as a page, as JSON, on the terminal; where players lose moves."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from app.cli.console import failures, print_table, progress, study_errors, write
 from app.cli.options import DATABASE, STUDIES, flag, path_option
 
 if TYPE_CHECKING:
+    from app.report.costs import CostSummary
     from app.report.model import GroupReport, Report
-    from app.report.regret import RegretSummary
     from app.series.data import StudyData
     from app.series.folder import Folder
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @STUDIES
 @flag("--synthetic", "Report over the scripts instead of the people, marked SYNTHETIC throughout.")
 @flag("--no-policies", "Play no policies: no comparisons, done in a second.")
-@flag("--no-moves", "Leave out the regret of each move: done sooner.")
+@flag("--no-moves", "Leave out the cost of each move: done sooner.")
 def report(
     name: str, database: Path, html: Path | None, json_path: Path | None, folder: Folder, synthetic: bool,
     no_policies: bool, no_moves: bool,
@@ -83,7 +83,7 @@ def show(found: Report) -> None:
 
 
 def _show_group(found: Report, group: GroupReport) -> None:
-    """Print a group's figures, comparisons and regret as on the page, then deviations and cautions."""
+    """Print a group's figures, comparisons and costs as on the page, then deviations and cautions."""
     from app.report.tables import group_tables
 
     mark, tables = "SYNTHETIC, script " if found.synthetic else "", group_tables(found, group)
@@ -93,7 +93,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
         "score": f"{mark}score: policies minus {group.name}",
         "steps": f"{mark}steps: policies minus {group.name}",
     }
-    for name in (*titles, "regret"):
+    for name in (*titles, "costs"):
         if (table := tables[name]) is not None and table.rows:
             print_table(titles.get(name, table.caption), table.heads, table.rows)
     for line in (*group.deviations, *group.cautions):
@@ -104,46 +104,45 @@ def _show_group(found: Report, group: GroupReport) -> None:
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
 @DATABASE
 @STUDIES
-@path_option("--json", "json_path", "Write the summary and every move's regret to this file.")
-def regret(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
-    """Print the mean regret per episode of each player, and in which moves it lies.
+@path_option("--json", "json_path", "Write the summary and every move's cost to this file.")
+def costs(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
+    """Print the mean cost per episode of each player, and in which moves it lies.
 
-    The regret of a move is how many moves sooner 99 % would have been discovered after the best action, the policy ppo
-    going on from there; docs/evaluation.md says what that is worth. The ranked episodes are taken once the study is closed,
-    and the warm-up before. It takes about a second an episode the first time, and is kept next to the database.
+    The cost of a move is how much longer it makes the whole episode if the policy ppo plays on (docs/evaluation.md).
+    The ranked episodes are taken once the study is closed, and the warm-up before. Costs are kept next to the database.
 
     \b
     Examples:
-      marsexplorer regret --study pilot
-      marsexplorer regret --study pilot --json regret.json
+      marsexplorer costs --study pilot
+      marsexplorer costs --study pilot --json costs.json
     """
     from app.db.reader import Reader
+    from app.report.costs import costs_of_study
     from app.report.making import load_with_folder
-    from app.report.regret import regret_of_study
 
     try:
         with (
             failures(f"cannot read {database}"),
             study_errors(),
             closing(Reader.open(database)) as reader,
-            progress("regret of each move") as advance,
+            progress("cost of each move") as advance,
         ):
             data, _ = load_with_folder(reader, folder, name)
-            summary, rows = regret_of_study(reader, data, advance)
+            summary, rows = costs_of_study(reader, data, advance)
     except ValueError as error:
         raise ClickException(str(error)) from error
-    _show_regret(data, summary)
+    _show_costs(data, summary)
     if json_path is not None:
         found = {"study": name, "summary": asdict(summary), "moves": rows}
         write_file(json_path, json.dumps(found, indent=1).encode() + b"\n")
 
 
-def _show_regret(data: StudyData, found: RegretSummary) -> None:
+def _show_costs(data: StudyData, summary: CostSummary) -> None:
     """Print a row for each player, and the means."""
-    from app.report.tables import regret_by_player, regret_table
+    from app.report.tables import cost_table, costs_by_player
 
-    phase = "ranked" if found.phase == "ranked" else "warm-up"
-    title = f"{data.protocol.name}: regret per {phase} episode, moves"
-    players, table = regret_by_player(found), regret_table(found)
+    phase = "ranked" if summary.phase == "ranked" else "warm-up"
+    title = f"{data.protocol.name}: cost per {phase} episode, moves"
+    players, table = costs_by_player(summary), cost_table(summary)
     print_table(title, players.heads, players.rows)
     print_table(table.caption, table.heads, table.rows)

@@ -330,7 +330,7 @@ def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, databas
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
     With --sealed the secret is kept until an evaluation of agents on these terrains closes (`marsexplorer evaluation`), or the
-    study is closed again without it. Till then debrief, report, regret, replays, exports and release show nothing of them.
+    study is closed again without it. Till then debrief, report, costs, replays, exports and release show nothing of them.
 
     Episodes that are open are abandoned. While somebody has moved within the last ten minutes nothing is closed without --now;
     with it they count as interrupted. There is no way back: whoever knows the secret knows every terrain. A running server

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from app.jobs import Jobs
 from app.task import PolicyError
-from app.tasks.mars.explanation import explanation_of
+from app.tasks.mars.explanation import explanation_of, unjudged
 from app.tasks.mars.run import MarsRun
 from marsexplorer import policies
 from marsexplorer.config import ACTIONS, LEVELS, EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.evaluation.cost import CostEstimator, check_judged
 from marsexplorer.evaluation.episodes import (
     FEW_CHUNKS,
     Agreement,
@@ -28,8 +29,7 @@ from marsexplorer.evaluation.episodes import (
     play_out,
     play_terrain,
 )
-from marsexplorer.evaluation.losses import LossKind
-from marsexplorer.evaluation.regret import MAX_CELLS, RegretEstimator, check_size
+from marsexplorer.evaluation.mistakes import MistakeKind
 from marsexplorer.policies import find_shipped, is_rule, title
 from marsexplorer.policies.files.card import of_paper, shipped
 
@@ -39,9 +39,29 @@ OFFERED = (
 """The configurations that the page's terrain dialog offers: each has a board of figures, even if unplayed."""
 
 __all__ = [
-    "OFFERED", "Agreement", "LossKind", "NoisyPolicy", "RegretEstimator", "agreement_with", "begin", "check_size",
-    "explanation_of", "file_of", "find_shipped", "has_regret", "hash_of", "hash_with_code", "is_rule", "load", "of_paper",
-    "play", "play_all", "play_terrain", "shipped", "title",
+    "OFFERED",
+    "Agreement",
+    "CostEstimator",
+    "MistakeKind",
+    "NoisyPolicy",
+    "agreement_with",
+    "begin",
+    "check_judged",
+    "explanation_of",
+    "file_of",
+    "find_shipped",
+    "hash_of",
+    "hash_with_code",
+    "is_rule",
+    "judges_moves",
+    "load",
+    "of_paper",
+    "play",
+    "play_all",
+    "play_terrain",
+    "shipped",
+    "title",
+    "unjudged",
 ]  # fmt: skip
 
 
@@ -81,9 +101,9 @@ def hash_with_code(source: str) -> str:
     return found.hexdigest()
 
 
-def has_regret(config: EnvConfig) -> bool:
-    """Return whether moves on boards of this configuration have regrets."""
-    return config.n <= MAX_CELLS and not config.discoverable_only
+def judges_moves() -> bool:
+    """Return True: Expert judges moves, if not on every board (`check_judged`)."""
+    return True
 
 
 def begin(config: EnvConfig, seed: int) -> MarsRun:

@@ -1,6 +1,6 @@
 // The state matrix on a canvas (figure 2b of the paper): here, and only here, a (row, col) becomes pixels.
 import { boardColours, reader } from "../../common/page.js";
-import { paintLossMarks } from "./loss_marks.js";
+import { paintMistakeMarks } from "./mistake_marks.js";
 import { paintShares } from "./expert.js";
 import { describe, runs } from "./words.js";
 
@@ -37,7 +37,7 @@ export function paint(place, board, look) {
   if (look.has_range && !frame.outcome) paintRange(context, frame.position, size, { reach_px: LIDAR_CELLS * size, accent: look.accent, casing: soil.casing, dpr: look.dpr });
   if (look.shares) paintShares(context, look.shares, frame.position, size, { colour: boardColours(canvas).policy, dpr: look.dpr });
   paintRover(context, frame, size, { accent: look.accent, casing: soil.casing, dpr: look.dpr });
-  if (look.marks) paintLossMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
+  if (look.marks) paintMistakeMarks(context, look.marks, size, { made: look.accent, ...boardColours(canvas), dpr: look.dpr });
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Mars.Frame} frame @param {number} size @param {Mars.Soil} soil */

@@ -42,18 +42,17 @@ export function paintShares(context, shares, [row, col], size, { colour, dpr }) 
   context.restore();
 }
 
-/** Return what Expert would do after `step` moves of an episode and what the next move of it costs beside that, in moves.
+/** Return what Expert would do after `step` moves of an episode, and what the next move of it cost.
  * @param {Mars.Advice} advice @param {Mars.Course} course @param {number} step */
-export function adviceText({ action, needs, costs }, { actions, outcome }, step) {
+export function adviceText({ action, needs, cost }, { actions, outcome }, step) {
   const made = actions[step];
   const end = needs === null ? "does not get there in the moves that are left" : `needs ${many(needs, "more move")} from here`;
   if (made === action) return `Expert would go ${action} too, and ${end}.`;
   const isEnd = step === actions.length - 1 && (outcome === "collided" || outcome === "out_of_bounds");
-  return `Expert would go ${action} and ${end}; the move made, ${made}, ${isEnd ? "ended the episode" : costText(costs)}.`;
+  return `Expert would go ${action} and ${end}; the move made, ${made}, ${isEnd ? "ended the episode" : costText(cost)}.`;
 }
-/** @param {number | null} costs */
-function costText(costs) {
-  if (costs === null) return "cannot be compared";
-  if (costs === 0) return "costs no more";
-  return costs > 0 ? `costs ${costs} more` : `needs ${-costs} fewer, as it turned out`;
+/** @param {number} cost */
+function costText(cost) {
+  if (cost === 0) return "cost nothing";
+  return cost > 0 ? `cost ${many(cost, "move")}` : `gained ${many(-cost, "move")}, as it turned out`;
 }

@@ -1,6 +1,7 @@
 // MarsExplorer on the page: all that is drawn and said of rovers, lidar, rocks and maps.
 import { paint } from "./board.js";
 import { boardAt, courseOf, paintEvents, progressAt } from "./course.js";
+import { costsInWords } from "./cost_words.js";
 import { adviceText } from "./expert.js";
 import { ahead } from "./ground.js";
 import { policyName } from "./names.js";
@@ -15,7 +16,7 @@ const ABOUT = {
 
 /** @param {TaskAbout} [about] @returns {Mars.Task} */
 export const taskOf = (about = ABOUT) => ({
-  ...about, ...words, nameOf: policyName, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText,
+  ...about, ...words, nameOf: policyName, order: ["north", "west", "south", "east"], paint, ahead, courseOf, boardAt, progressAt, paintEvents, adviceText, costsInWords,
   mark: ({ position }) => position,
   progress: ({ discovered, cells }) => discovered / cells,
   path: ({ positions, discovered }, { cells }) => ({ trail: positions, progress: discovered.map((count) => count / cells) }),

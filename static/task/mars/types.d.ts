@@ -26,21 +26,25 @@ declare namespace Mars {
   /** A board of this world. */
   type Board = Omit<globalThis.Board, "frame" | "trail"> & {frame: Frame, trail: Cell[]};
   /** Has_range: how far the lidar sees is drawn as a ring; shares: of each move, drawn round the
-   * rover; marks: costly moves. */
+   * rover; marks: mistakes. */
   type Look = globalThis.Look & {
     ghost?: {trail: Cell[], accent: string} | null, has_range?: boolean, shares?: number[], marks?: Marks | null,
   };
   /** Chosen: the index of one of them. */
-  type Marks = {losses: CostlyMove[], chosen: number | null};
-  /** A move that cost much, with the board as it was known before it. `step` is the number of moves made before it,
-   * `previous` the last of them. `missed` are the cells that the better move would soon have shown, and `seen_at` the
+  type Marks = {mistakes: Mistake[], chosen: number | null};
+  /** Moves that together cost something, with the board as it was known before the costliest, which has the number `step`
+   * from 0; `previous` is the one before it. `missed` are the cells that Expert's would soon have shown, and `seen_at` the
    * moves made when the last of them was seen. */
-  type CostlyMove = {
-    step: number, regret: number, action: Action, best_action: Action, kind: string, previous: Action | null,
+  type Mistake = {
+    first: number, last: number, step: number, cost: number, action: Action, expert_action: Action, kind: string, previous: Action | null,
     position: Cell, grid: string[], discovered: number, missed: Cell[], seen_at: number | null,
   };
   type Advice = globalThis.Advice;
-  type Analysis = {policy: string, total: number, given_up: number, losses: CostlyMove[]};
+  /** An episode beside Expert's, in moves. reason: why no move is judged; expert_moves: null where Expert's file is missing. */
+  type Costs = {
+    policy: string, reason: string | null, counts: number, expert_moves: number | null, total: number | null,
+    given_up: number | null, gained: number | null, mistakes: Mistake[],
+  };
   type Level = Choice & {pays_bonus?: boolean, example: number[]};
   type GivenMap = Choice & {size: [number, number]};
 }

@@ -317,7 +317,7 @@ def test_a_release_of_the_study_holds_it_and_derives_it_again(closed, tmp_path, 
         capsys, "release", "--study", "agents", "--out", tmp_path / "no", *paths(closed)
     )
     assert (code, "is an evaluation of agents" in said) == (1, True)
-    for words in (("report", "--study", "agents"), ("regret", "--study", "agents")):
+    for words in (("report", "--study", "agents"), ("costs", "--study", "agents")):
         code, _, said = command(capsys, *words, *paths(closed))
         assert code != 0
         assert "is an evaluation of agents: its figures are on its page" in said

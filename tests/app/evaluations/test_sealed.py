@@ -113,7 +113,7 @@ def test_no_route_tells_anything_of_a_sealed_terrain(serve, root):
 
 
 def test_every_command_refuses_a_sealed_terrain_with_a_sentence(root, capsys, tmp_path):
-    for words in (["report"], ["regret"], ["release", "--out", tmp_path / "bundle"]):
+    for words in (["report"], ["costs"], ["release", "--out", tmp_path / "bundle"]):
         for name in ("dunes", "agents"):
             code, out, said = command(capsys, words[0], "--study", name, *words[1:], *paths(root))
             if (words[0], name) != ("release", "agents"):
@@ -163,7 +163,7 @@ def test_a_participant_is_shown_no_ranked_terrain_before_the_evaluation_closes(s
     person.play_on()
     folder.close("small", seals=True)
     sealed(tmp_path / "studies")
-    for url in ("debrief/0?phase=ranked", "debrief/0/regret?phase=ranked"):
+    for url in ("debrief/0?phase=ranked", "debrief/0/costs?phase=ranked"):
         answer = person.client.get(f"/api/studies/small/{url}")
         assert (answer.status_code, "'small' is sealed" in answer.json()["detail"]) == (409, True)
     assert person.client.get("/api/studies/small/debrief/0").status_code == 200  # warm-up

@@ -314,7 +314,7 @@ OPENING = {
     "study open": "open --database FILE --studies studies",
     "study power": "--half-width 0.1 --study open --database FILE",
     "report": "--study closed --database FILE --studies studies",
-    "regret": "--study closed --database FILE --studies studies",
+    "costs": "--study closed --database FILE --studies studies",
     "verify": "--database FILE",
     "stamp": "--authority http://127.0.0.1:9 --database FILE",
     "release": "--study closed --out new --author Ada --database FILE --studies studies",

@@ -127,7 +127,7 @@ def test_once_the_study_is_closed_its_episodes_are_public_and_the_debrief_shows_
     ranked = [
         f"{done.url}/debrief/{index}{end}?phase=ranked"
         for index in range(3)
-        for end in ("", "/regret")
+        for end in ("", "/costs")
     ]
     assert {done.client.get(url).status_code for url in ranked} == {409}
     assert done.me()["debrief"]["ranked_terrains"] == 0
@@ -147,7 +147,7 @@ def test_once_the_study_is_closed_its_episodes_are_public_and_the_debrief_shows_
             "the policy drives on the same terrain"
         )
         assert (
-            done.client.get(f"{done.url}/debrief/{index}/regret?phase=ranked").json()["policy"]
+            done.client.get(f"{done.url}/debrief/{index}/costs?phase=ranked").json()["policy"]
             == "ppo"
         )
     assert done.client.get(f"{done.url}/debrief/{count}?phase=ranked").status_code == 404

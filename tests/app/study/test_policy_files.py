@@ -57,7 +57,7 @@ def moves(study, mine, files=None):
 
 
 def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
-    ppo = find_file("ppo")  # the policy that regrets are relative to
+    ppo = find_file("ppo")  # the policy that costs are relative to
     assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
     kept = tmp_path / "studies" / "dunes" / "policies"
     assert {path.name: path.read_bytes() for path in kept.iterdir()} == {

@@ -86,8 +86,8 @@ def test_an_episode_played_by_keys_is_attested_shown_and_verified(lake, tmp_path
     assert [frame["picture"] for frame in again["frames"]] == [frame["picture"] for frame in frames]
     answer = client.get(f"/watch/{last['episode']}", follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, f"../replay/{last['episode']}")
-    answer = client.get(f"/api/episodes/{last['episode']}/regret")
-    assert (answer.status_code, "have no regrets" in answer.text) == (422, True)
+    answer = client.get(f"/api/episodes/{last['episode']}/costs")
+    assert (answer.status_code, "have no costs" in answer.text) == (422, True)
     assert verify_database(tmp_path / "playground.db").findings == ()
 
 

@@ -94,7 +94,7 @@ def check_that_no_policy_plays(server, done, other, secret):
 
     for client in (done.client, other.client, stranger):
         for (episode,) in episodes:
-            for what in ("", "/replay", "/regret", "/ghost?policy=random"):
+            for what in ("", "/replay", "/costs", "/ghost?policy=random"):
                 check(client, f"/api/episodes/{episode}{what}", 404)
             for what in ("", ".html?ghost=random"):
                 check(client, f"/replay/{episode}{what}", 404)
@@ -116,7 +116,7 @@ def check_that_no_policy_plays(server, done, other, secret):
                     rival=rival,
                     replays=session,
                 )
-        for what in ("", "/regret"):
+        for what in ("", "/costs"):
             check(client, f"/api/studies/any/debrief/0{what}?phase=ranked", 404, 409)
     assert not [seed for seed in secret for text in said if seed in text]
     warm_up = done.client.get("/api/studies/any/debrief/0?phase=warm_up").json()
@@ -166,8 +166,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
-    assert run("regret", "--study", "any", *database, *studies) == 1
-    assert "of another environment, whose moves have no regret" in capsys.readouterr().err
+    assert run("costs", "--study", "any", *database, *studies) == 1
+    assert "of another environment, whose moves are not judged" in capsys.readouterr().err
 
 
 @pytest.mark.long

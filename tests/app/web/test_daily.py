@@ -52,7 +52,7 @@ def told(client, about, terrain, is_own=False):
     episode, seed = about["frame"]["episode"], terrain.seed
     tables = ["episodes.csv", "steps.csv"]
     exports = [f"/api/{whose}export/{table}" for whose in ("", "me/") for table in tables]
-    of_episode = ("", "/regret", "/replay", "/ghost?policy=frontier-cost")
+    of_episode = ("", "/costs", "/replay", "/ghost?policy=frontier-cost")
     routes = [
         "/", "/docs", "/api/daily", f"/api/daily/{terrain.day}", f"/api/daily/{terrain.day}/results", "/api/episodes",
         "/api/me/history", "/api/me/session", "/api/human-level", "/api/leaderboard", "/api/health",

@@ -184,14 +184,14 @@ assert not {"onnx", "onnxruntime"} & set(sys.modules)
 import app.web.server
 from marsexplorer.config import EnvConfig
 from marsexplorer.evaluation import evaluate
-from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.evaluation.cost import CostEstimator
 from marsexplorer.episode import Episode
 policy, episode = policies.load("ppo"), Episode.begin(EnvConfig("random", 9, 14), seed=1)
 policy.reset(1)
 while not episode.ended:
     episode.step(policy.act(episode.codes))
 policy.thought()
-RegretEstimator("ppo").regret(episode.record())
+CostEstimator("ppo").costs(episode.record())
 evaluate(["ppo"], EnvConfig("random", 9, 14), 2, 10**9)
 sys.exit("torch" in sys.modules)
 """

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { taskOf } from "../../../static/task/mars/index.js";
-import { beatenText, ratingText, bestText, lostText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
+import { beatenText, ratingText, bestText, gapsText, personalText, standingText, summary, terrainText } from "../../../static/me/words.js";
 
 const task = taskOf();
 const best = { level: "random", rows: 21, cols: 42, max_steps: 882, episodes: 4, explored: 3, best: null, people: { means: [80, 90.5, 120], you: 90.5, ranked: 2 } };
@@ -34,10 +34,13 @@ test("an episode is measured by one's own best and by the last ten on terrains l
   assert.equal(personalText({ total: 1, episodes: [played(1, 80)], bests: [{ level: "random", rows: 21, cols: 21, best: played(1, 80) }] }, "e1"), "", "a first one has nothing before it");
 });
 
-test("the curve of moves lost is said in words", () => {
-  assert.match(lostText([]), /^No episode of yours can be judged/);
-  assert.equal(lostText([40, 20, 10]), "23.3 moves lost an episode on average, over 3 episodes. 40.0 in the first half, 10.0 in the second.");
-  assert.equal(lostText([7]), "7.0 moves lost an episode on average, over 1 episode.");
+test("the curve of gaps to Expert is said in words, and an unfinished episode enters no mean", () => {
+  const of = (...gaps) => gapsText(gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
+  assert.match(of(), /^No episode of yours can be compared yet/);
+  assert.equal(of(40, 20, 10), "You needed 23.3 moves more than Expert on average, over 3 finished episodes. +40.0 in the first half, +10.0 in the second.");
+  assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished.");
+  assert.equal(of(-7, null, null), "You needed 7.0 moves fewer than Expert in 1 finished episode. 2 episodes were not finished.");
+  assert.equal(of(null), "1 episode was not finished.");
 });
 
 test("a rating is said with what was beaten", () => {

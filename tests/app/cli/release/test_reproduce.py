@@ -66,8 +66,8 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
         assert found[section][0] > 0, section
     assert found["policies' episodes, replayed"] == (3 * 3 * 2, 0)
     assert found["policies' episodes, played again"] == (3 * 3, 0)
-    assert found["regret of each move"][0] > 100
-    assert found["regret"][0] > 30
+    assert found["cost of each move"][0] > 100
+    assert found["costs"][0] > 30
     assert [path.name for path in (out / "policies").iterdir()] == [
         f"{policies.policy_hash('ppo')}.onnx"
     ]
@@ -77,7 +77,7 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     again = (
         "policies' episodes, replayed",
         "policies' episodes, played again",
-        "regret of each move",
+        "cost of each move",
     )
     compared = sum(
         each
@@ -114,7 +114,7 @@ def test_a_policy_whose_file_is_not_in_the_bundle_is_played_again_only_from_the_
     replayed = "was not played again, its recorded moves were replayed: the study compares with"
     assert f"{bundle[2]} {replayed}" in said
     ppo = "the study compares with the policy 'ppo'"
-    assert f"not compared: regret of moves: {ppo}" in said
+    assert f"not compared: cost of moves: {ppo}" in said
 
 
 @pytest.fixture

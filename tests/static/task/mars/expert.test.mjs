@@ -11,13 +11,14 @@ test("a wedge points where Expert would go, and is as long as it is sure", () =>
   assert.equal(wedges([NaN, 1, 0, 0], 10).length, 1);
 });
 
-test("Expert speaks in moves: what it needs, and what the move made costs beside that", () => {
+test("Expert speaks in moves: what it needs, and what the move made cost", () => {
   const course = { actions: ["north", "north"], outcome: "collided" };
-  const said = (rest, step = 0) => adviceText({ shares: [], action: "east", needs: 23, costs: 2, ...rest }, course, step);
-  assert.equal(said({}), "Expert would go east and needs 23 more moves from here; the move made, north, costs 2 more.");
-  assert.equal(said({ action: "north", needs: 1 }), "Expert would go north too, and needs 1 more move from here.");
-  assert.match(said({ costs: 0 }), /, costs no more\.$/);
-  assert.match(said({ costs: -3 }), /, needs 3 fewer, as it turned out\.$/);
-  assert.match(said({ costs: null }, 1), /; the move made, north, ended the episode\.$/);
-  assert.match(said({ needs: null, costs: null }), /and does not get there in the moves that are left; the move made, north, cannot be compared\.$/);
+  const line = (rest, step = 0) => adviceText({ shares: [], action: "east", needs: 23, cost: 2, ...rest }, course, step);
+  assert.equal(line({}), "Expert would go east and needs 23 more moves from here; the move made, north, cost 2 moves.");
+  assert.equal(line({ action: "north", needs: 1, cost: 0 }), "Expert would go north too, and needs 1 more move from here.");
+  assert.match(line({ cost: 1 }), /, cost 1 move\.$/);
+  assert.match(line({ cost: 0 }), /, cost nothing\.$/);
+  assert.match(line({ cost: -3 }), /, gained 3 moves, as it turned out\.$/);
+  assert.match(line({ cost: 60 }, 1), /; the move made, north, ended the episode\.$/);
+  assert.match(line({ needs: null, cost: 0 }), /and does not get there in the moves that are left; the move made, north, cost nothing\.$/);
 });

@@ -1,8 +1,9 @@
-"""What mean regret measures, on players whose slips are known: `python -m research.methods.regret_validation`.
+"""What mean cost measures, on players whose slips are known: `python -m research.methods.cost_validation`.
 
 A synthetic player follows the shipped policy and, with a probability of its own, makes a random valid move instead. Printed are
-Spearman's rank correlation of that probability with the player's mean regret, and how often the interval of a report covers
-the true mean: players are drawn from a pool of played episodes, in which the mean is known exactly.
+the mean cost of each slip rate and what of it moves gained back, Spearman's rank correlation of slip rate and the player's mean
+cost, and how often the interval of a report covers the true mean: players and terrains are drawn from a pool of played
+episodes, in which the mean is known exactly.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import click
 import numpy as np
 import scipy
 
-from app.report.statistics.intervals import printed_interval
+from app.report.statistics.intervals import interval
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
-from marsexplorer.evaluation.regret import RegretEstimator
+from marsexplorer.evaluation.cost import CostEstimator
 from marsexplorer.intervals import Floats
 from marsexplorer.observation import valid_actions
 from marsexplorer.policies import Policy, load
@@ -29,27 +30,29 @@ FIRST_SEED = 8 * 10**12
 
 @dataclass(frozen=True)
 class SlipPool:
-    """Total regret of episodes: float64[slip rates, replicates, terrains]."""
+    """Cost of episodes, and the part of it that is below 0: float64[slip rates, replicates, terrains]."""
 
     rates: tuple[float, ...]
-    regret: Floats
+    cost: Floats
+    gained: Floats
 
     def rank_correlation(self) -> float:
-        """Return Spearman's correlation of slip rate and mean regret over players: one for each rate and replicate."""
-        means = self.regret.mean(2)
+        """Return Spearman's correlation of slip rate and mean cost over players: one for each rate and replicate."""
+        means = self.cost.mean(2)
         rates = np.repeat(np.array(self.rates)[:, None], means.shape[1], axis=1)
         return float(scipy.stats.spearmanr(rates.ravel(), means.ravel()).statistic)
 
     def coverage(self, players: int, studies: int, rng: np.random.Generator) -> float:
-        """Return the share of studies in which the interval holds the true mean on these terrains, 0..1.
+        """Return the share of studies in which the interval holds the true mean, 0..1.
 
-        Each player has a rate drawn at random, and on every terrain one of that rate's episodes.
+        Each player has a rate drawn at random, and plays the same terrains, which are drawn too.
         """
-        rates, replicates, terrains = self.regret.shape
+        rates, replicates, terrains = self.cost.shape
         drawn = rng.integers(rates, size=(studies, players, 1))
         which = rng.integers(replicates, size=(studies, players, terrains))
-        low, high = printed_interval(self.regret[drawn, which, np.arange(terrains)].mean(2))
-        truth = self.regret.mean()
+        met = rng.integers(terrains, size=(studies, 1, terrains))
+        low, high = interval(self.cost[drawn, which, met], None)
+        truth = self.cost.mean()
         return float(((low <= truth) & (truth <= high)).mean())
 
 
@@ -75,17 +78,19 @@ def measure_slips(
     seed: int,
     policy: str = "ppo",
 ) -> SlipPool:
-    """Return the total regret of `replicates` players of each rate on the same terrains; the same for the same seed."""
+    """Return the costs of `replicates` players of each rate on the same terrains; the same for the same seed."""
     rng, estimator, player = (
         np.random.default_rng(seed),
-        RegretEstimator(policy),
+        CostEstimator(policy),
         load(policy, config.sensor_radius),
     )
-    regret = np.zeros((len(rates), replicates, terrains))
-    for at in np.ndindex(regret.shape):
+    cost = np.zeros((len(rates), replicates, terrains))
+    gained = np.zeros_like(cost)
+    for at in np.ndindex(cost.shape):
         episode = play_with_slips(player, config, FIRST_SEED + at[2], rates[at[0]], rng)
-        regret[at] = estimator.regret(episode.record()).total
-    return SlipPool(tuple(rates), regret)
+        costs = estimator.costs(episode.record())
+        cost[at], gained[at] = costs.total, costs.gained
+    return SlipPool(tuple(rates), cost, gained)
 
 
 @click.command()
@@ -96,10 +101,13 @@ def measure_slips(
 def main(terrains: int, replicates: int, studies: int, seed: int) -> None:
     """Measure and print the rank correlation and the interval's coverage on level random at 21x21."""
     pool = measure_slips(EnvConfig(), SLIP_RATES, replicates, terrains, seed)
-    for rate, means in zip(pool.rates, pool.regret.mean((1, 2)), strict=True):
-        click.echo(f"slip rate {rate:4.0%}: mean regret {means:6.1f} moves an episode")
+    rows = zip(pool.rates, pool.cost.mean((1, 2)), pool.gained.mean((1, 2)), strict=True)
+    for rate, cost, gained in rows:
+        click.echo(
+            f"slip rate {rate:4.0%}: mean cost {cost:6.1f} moves an episode, gained {gained:5.1f}"
+        )
     click.echo(
-        f"rank correlation over {pool.regret[..., 0].size} players: {pool.rank_correlation():.3f}"
+        f"rank correlation over {pool.cost[..., 0].size} players: {pool.rank_correlation():.3f}"
     )
     rng = np.random.default_rng(seed)
     for players in (5, 10, 20):

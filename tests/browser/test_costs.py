@@ -1,4 +1,4 @@
-"""After a practice episode the page says where moves were lost, and a loss can be tried again from its move."""
+"""After a practice episode the page says where moves were lost, and a mistake can be tried again from its move."""
 
 import numpy as np
 import pytest
@@ -49,13 +49,13 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
     plain = me.still("canvas-player")
     answers = []
     me.page.route(
-        "**/regret", lambda route: answers.append(route)
+        "**/costs", lambda route: answers.append(route)
     )  # it comes when it is let through
     ask.click()
-    me.page.locator("[data-part=losses] progress").wait_for()
+    me.page.locator("[data-part=costs] progress").wait_for()
     whole(me.page, "next-terrain", "watch-replay", "copy-replay")  # while the moves are judged
     answers[0].continue_()
-    first = me.page.get_by_test_id("loss-1")
+    first = me.page.get_by_test_id("mistake-1")
     first.wait_for()
     assert "Move 3 ended the episode: " in first.inner_text()
     assert "you drove over the edge of the map" in first.inner_text()
@@ -86,22 +86,30 @@ def test_a_ranked_episode_says_where_moves_were_lost_and_one_is_tried_again_in_p
 
 @pytest.mark.long
 @pytest.mark.parametrize(("width", "height"), [(1440, 900), (390, 844)])
-def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
+def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height):
     server = serve()
     me = player(server, FLAGS)
     me.page.set_viewport_size({"width": width, "height": height})
     me.begin(size=[9, 11], seed=12, rival="frontier-cost")
     frame = me.explore(Wanderer(), lambda frame: frame["outcome"])
     me.page.get_by_role("button", name=ASK).click()
-    first = me.page.get_by_test_id("loss-1")
+    first = me.page.get_by_test_id("mistake-1")
     first.wait_for()
-    lines = me.page.locator("[data-part=losses] li .loss span").all_inner_texts()
-    assert all(" cost about " in line for line in lines)
-    keep_picture(me.page, f"losses-{width}x{height}")
-    answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/regret").json()
-    biggest = answer["losses"][0]
-    assert lines[0].startswith(f"Move {biggest['step'] + 1} cost about {biggest['regret']} move")
-    # to be seen without choosing a loss first
+    lines = me.page.locator("[data-part=costs] li .mistake span").all_inner_texts()
+    assert all(" cost " in line for line in lines)
+    keep_picture(me.page, f"mistakes-{width}x{height}")
+    answer = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/costs").json()
+    biggest = answer["mistakes"][0]
+    first, last = biggest["first"] + 1, biggest["last"] + 1
+    where = f"Move {first}" if first == last else f"Moves {first} to {last}"
+    assert lines[0].startswith(f"{where} cost {biggest['cost']} move")
+    summary = me.page.locator("[data-part=costs] p").first.inner_text()
+    gap = answer["counts"] - answer["expert_moves"]
+    assert (
+        f"counts {answer['counts']} moves, Expert's {answer['expert_moves']}: {gap} more" in summary
+    )
+    assert answer["given_up"] + sum(move["cost"] for move in answer["expert"]) == gap
+    # to be seen without choosing a mistake first
     me.page.get_by_role("button", name="Try from here").first.click()
     me.wait(f"window.mars.state.player.frame.step === {biggest['step']}")
     me.wait("!window.mars.state.player.frame.outcome")
@@ -114,12 +122,15 @@ def test_losses_are_listed_and_one_is_tried_again(serve, player, width, height):
 @pytest.mark.long
 def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
     me = player(serve(), FLAGS)
-    me.begin(size=84, seed=12, rival="frontier-cost")
+    frame = me.begin(size=84, seed=12, rival="frontier-cost")["frame"]
     me.press("north")
     ask = me.page.get_by_role("button", name=ASK)
     ask.click()
-    said = me.page.locator("[data-part=losses]")
-    said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for()
+    said = me.page.locator("[data-part=costs]")
+    said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for(timeout=60_000)
+    costs = me.page.request.get(f"{me.server.url}/api/episodes/{frame['episode']}/costs").json()
+    whole = f"Your episode counts 7056 moves, Expert's {costs['expert_moves']}: "
+    assert said.inner_text().startswith(whole)
     assert ask.is_hidden(), "asking again would say the same"
     assert me.errors == []
 
@@ -138,15 +149,15 @@ def test_the_board_is_on_top_while_any_loss_is_shown(serve, player):
     me.explore(Wanderer(), lambda frame: frame["outcome"] or frame["step"] == 30)
     me.explore(policies.load("frontier-utility"), lambda frame: frame["outcome"])
     page.get_by_role("button", name=ASK).click()
-    page.get_by_test_id("loss-2").wait_for()
-    losses = page.locator("[data-part=losses] .loss").all()
+    page.get_by_test_id("mistake-2").wait_for()
+    mistakes = page.locator("[data-part=costs] .mistake").all()
     covered = []
     for width, height in ((1440, 900), (1000, 800), (820, 1180), (701, 900), (390, 844)):
         page.set_viewport_size({"width": width, "height": height})
-        for number, loss in enumerate(losses, 1):
-            loss.click()
+        for number, mistake in enumerate(mistakes, 1):
+            mistake.click()
             top = canvas.evaluate(LIES_IN_THE_MIDDLE)
-            keep_picture(page, f"loss-{number}-{width}")
+            keep_picture(page, f"mistake-{number}-{width}")
             covered += [] if top == "canvas-player" else [(width, number, top)]
     assert covered == []
     assert me.errors == []

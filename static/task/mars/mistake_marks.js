@@ -28,34 +28,34 @@ function nearest(places, { x, y }, reach) {
 }
 
 /** Return where the numbers stand on a board.
- * @param {Mars.CostlyMove[]} losses @param {number} size cell, device pixels @param {number} radius */
-export function placeMarks(losses, size, radius) {
-  const homes = losses.map(({ position: [row, col] }) => ({ x: (col + 0.5) * size, y: (row + 0.5) * size }));
+ * @param {Mars.Mistake[]} mistakes @param {number} size cell, device pixels @param {number} radius */
+export function placeMarks(mistakes, size, radius) {
+  const homes = mistakes.map(({ position: [row, col] }) => ({ x: (col + 0.5) * size, y: (row + 0.5) * size }));
   return placed(homes, ASIDE, 2 * radius, ({ x, y }) => x > 0 && y > 0, 1.9 * radius);
 }
 
 /** Return the index of the number at a point of a board, null where there is none.
- * @param {Mars.CostlyMove[]} losses @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
-export function numberAt(losses, point, size, dpr) {
+ * @param {Mars.Mistake[]} mistakes @param {Point} point @param {number} size cell, device pixels @param {number} dpr */
+export function numberAt(mistakes, point, size, dpr) {
   const radius = markRadius(size, dpr);
-  return nearest(placeMarks(losses, size, radius), point, radius + 6 * dpr);
+  return nearest(placeMarks(mistakes, size, radius), point, radius + 6 * dpr);
 }
 
 /** Paint the marks over a board; with one chosen, its arrows and what was missed, and the others fainter.
  * @param {CanvasRenderingContext2D} context @param {Mars.Marks} marks @param {number} size cell, device pixels
  * @param {{made: string, better: string, casing: string, dpr: number}} look */
-export function paintLossMarks(context, { losses, chosen }, size, { made, better, casing, dpr }) {
+export function paintMistakeMarks(context, { mistakes, chosen }, size, { made, better, casing, dpr }) {
   const radius = markRadius(size, dpr);
-  const places = placeMarks(losses, size, radius);
+  const places = placeMarks(mistakes, size, radius);
   context.save();
-  if (chosen !== null) paintMissed(context, losses[chosen].missed, size, better, dpr);
-  const order = losses.map((_, index) => index).filter((index) => index !== chosen).reverse();
+  if (chosen !== null) paintMissed(context, mistakes[chosen].missed, size, better, dpr);
+  const order = mistakes.map((_, index) => index).filter((index) => index !== chosen).reverse();
   for (const index of chosen === null ? order : [chosen]) {
-    const { action, best_action, position: [row, col] } = losses[index];
+    const { action, expert_action, position: [row, col] } = mistakes[index];
     const home = { x: (col + 0.5) * size, y: (row + 0.5) * size };
     const length = Math.max(1.6 * size, 2.4 * radius) * (chosen === null ? 1 : 1.25);
     paintArrow(context, home, WAYS[action], length, { colour: made, casing, dpr, isDashed: true });
-    paintArrow(context, home, WAYS[best_action], length, { colour: better, casing, dpr, isDashed: false });
+    paintArrow(context, home, WAYS[expert_action], length, { colour: better, casing, dpr, isDashed: false });
   }
   for (const index of chosen === null ? order : [...order, chosen]) {
     const isChosen = index === chosen;
@@ -125,9 +125,9 @@ export function paintNumber(context, { x, y }, number, { radius, dpr, ring, fill
 const RADIUS_PX = 8;
 
 /** Return where the numbers stand on the curve, or above one that stands there already (below where there is no room).
- * @param {{step: number, discovered: number}[]} losses @param {number} cells of the terrain @param {ChartScale} at */
-export function placeOnCurve(losses, cells, at) {
-  const homes = losses.map(({ step, discovered }) => ({ x: at.x(step), y: at.y(discovered / cells) }));
+ * @param {{step: number, discovered: number}[]} mistakes @param {number} cells of the terrain @param {ChartScale} at */
+export function placeOnCurve(mistakes, cells, at) {
+  const homes = mistakes.map(({ step, discovered }) => ({ x: at.x(step), y: at.y(discovered / cells) }));
   return placed(homes, [0, -1, -2, -3, -4, 1, 2, 3, 4].map((times) => [0, times]), 2.1 * RADIUS_PX,
     ({ y }) => y > RADIUS_PX && y < at.y(0) - 2, 2 * RADIUS_PX);
 }

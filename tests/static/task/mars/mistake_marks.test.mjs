@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { chartMarkAt, numberAt, markRadius, placeMarks, placeOnCurve } from "../../../../static/task/mars/loss_marks.js";
-import { boardBefore } from "../../../../static/task/mars/losses.js";
+import { chartMarkAt, numberAt, markRadius, placeMarks, placeOnCurve } from "../../../../static/task/mars/mistake_marks.js";
+import { boardBefore } from "../../../../static/task/mars/costs.js";
 
 const at = (row, col) => ({ position: [row, col] });
 
@@ -13,10 +13,10 @@ test("numbers stand at their cells, and aside where another stands there already
 });
 
 test("a number is found by a point near it, and by no other", () => {
-  const losses = [at(2, 3), at(9, 9)];
-  assert.equal(numberAt(losses, { x: 75, y: 44 }, 20, 1), 0);
-  assert.equal(numberAt(losses, { x: 190, y: 190 }, 20, 1), 1);
-  assert.equal(numberAt(losses, { x: 130, y: 130 }, 20, 1), null);
+  const mistakes = [at(2, 3), at(9, 9)];
+  assert.equal(numberAt(mistakes, { x: 75, y: 44 }, 20, 1), 0);
+  assert.equal(numberAt(mistakes, { x: 190, y: 190 }, 20, 1), 1);
+  assert.equal(numberAt(mistakes, { x: 130, y: 130 }, 20, 1), null);
   assert.ok(markRadius(4, 2) >= 17, "and it stays large enough for a finger on small cells");
 });
 

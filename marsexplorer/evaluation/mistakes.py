@@ -1,0 +1,154 @@
+"""Mistakes: stretches of moves that are not Expert's and together cost something.
+
+Expert's own moves cost nothing, so an episode's costs lie in such stretches. One wrong turn may cost at several moves, and the
+next move may take a cost back; so a stretch is one mistake. It begins and ends with a move whose cost is not 0. The first
+definition that fits its costliest move is its kind:
+
+    ended early    the move was invalid and ended the episode
+    last cells     at least LAST_CELLS of all cells were known before it
+    hidden pocket  a pocket, a group of at most POCKET_CELLS unknown cells with a free one among them, lay within the sensor's
+                   radius; Expert's action leads nearer to it and the move made does not
+    early detour   everything else
+
+Like the costs they look at the true terrain of a finished episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from marsexplorer.config import UNKNOWN
+from marsexplorer.episode import Episode, Record, moves_of
+from marsexplorer.observation import DISPLACEMENTS
+
+LAST_CELLS = 0.95
+"""Share of the cells known from which on a mistake is one of the last cells."""
+POCKET_CELLS = 12
+"""Unknown cells of a pocket, at most."""
+
+
+class MistakeKind(StrEnum):
+    """Kinds of mistake, in the order in which they are shown."""
+
+    HIDDEN_POCKET = "hidden pocket"
+    EARLY_DETOUR = "early detour"
+    LAST_CELLS = "last cells"
+    ENDED_EARLY = "ended early"
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A stretch of moves that cost something.
+
+    first, last    its moves, 0 for the first of the episode
+    step           its costliest move, the earliest of equal ones
+    action         made there
+    expert_action  of Expert there
+    cost           of all its moves, above 0
+    kind           see above
+    """
+
+    first: int
+    last: int
+    step: int
+    action: int
+    expert_action: int
+    cost: int
+    kind: MistakeKind
+
+
+def find_mistakes(
+    record: Record, expert_actions: NDArray[np.int64], costs: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], list[Mistake]]:
+    """Return the coverage before each move, float64[moves], and the mistakes in the order of their moves.
+
+    expert_actions, costs  int64[moves or more], int64[moves]
+    """
+    stretches = {
+        first + int(costs[first : last + 1].argmax()): (first, last)
+        for first, last in _stretches(record.actions, expert_actions, costs)
+        if costs[first : last + 1].sum() > 0
+    }
+    terrain, coverage = record.terrain_map(), np.zeros(len(record.actions))
+    mistakes = []
+    for step, (episode, action) in enumerate(moves_of(record)):
+        coverage[step] = episode.coverage
+        if step in stretches:
+            first, last = stretches[step]
+            expert, cost = int(expert_actions[step]), int(costs[first : last + 1].sum())
+            kind = _kind_of(episode, terrain, action, expert)
+            mistakes.append(Mistake(first, last, step, action, expert, cost, kind))
+    return coverage, mistakes
+
+
+def _stretches(
+    actions: bytes, expert_actions: NDArray[np.int64], costs: NDArray[np.int64]
+) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last move of each stretch without Expert's, less the moves at its ends that cost 0."""
+    is_other = np.frombuffer(actions, np.uint8) != expert_actions[: len(actions)]
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], is_other, [False]))))
+    for begin, end in edges.reshape(-1, 2).tolist():
+        costly = begin + np.flatnonzero(costs[begin:end])
+        if len(costly):
+            yield int(costly[0]), int(costly[-1])
+
+
+def _kind_of(
+    episode: Episode, terrain: NDArray[np.bool_], action: int, expert_action: int
+) -> MistakeKind:
+    """Return the kind of a costly move from the episode as it stood before it."""
+    position, radius = episode.position, episode.config.sensor_radius
+    towards = [moved(position, action), moved(position, expert_action)]
+    if is_blocked(terrain, towards[0]):
+        return MistakeKind.ENDED_EARLY
+    if episode.coverage >= LAST_CELLS:
+        return MistakeKind.LAST_CELLS
+    if leaves_pocket(episode.codes, terrain, position, towards, radius):
+        return MistakeKind.HIDDEN_POCKET
+    return MistakeKind.EARLY_DETOUR
+
+
+def leaves_pocket(
+    codes: NDArray[np.uint8],
+    terrain: NDArray[np.bool_],
+    position: tuple[int, int],
+    towards: list[tuple[int, int]],
+    radius: int,
+) -> bool:
+    """Return whether a pocket within `radius` of the rover is left by the first of two moves and approached by the second.
+
+    codes     uint8[rows, cols], known; terrain bool[rows, cols], True where blocked
+    towards   the cells (row, col) that the two moves lead to; distances are row and column steps, obstacles ignored
+    """
+    groups, count = scipy.ndimage.label(codes == UNKNOWN)
+    for number in range(1, count + 1):
+        cells = np.argwhere(groups == number)
+        if len(cells) > POCKET_CELLS or not (~terrain[tuple(cells.T)]).any():
+            continue
+        places = (np.array(cell) for cell in (position, *towards))
+        before, made, better = (int(np.abs(cells - place).sum(1).min()) for place in places)
+        if (
+            int(np.abs(cells - np.array(position)).max(1).min()) <= radius
+            and better < before <= made
+        ):
+            return True
+    return False
+
+
+def moved(position: tuple[int, int], action: int) -> tuple[int, int]:
+    """Return the cell that an action leads to, perhaps off the grid."""
+    down, right = DISPLACEMENTS[action]
+    return position[0] + down, position[1] + right
+
+
+def is_blocked(terrain: NDArray[np.bool_], cell: tuple[int, int]) -> bool:
+    """Return whether a cell is an obstacle or off the grid."""
+    row, col = cell
+    is_on_grid = 0 <= row < terrain.shape[0] and 0 <= col < terrain.shape[1]
+    return not is_on_grid or bool(terrain[row, col])
