@@ -33,8 +33,9 @@ from app.report.costs import (
     ProgressBar,
     cost_cache,
     cost_rows,
-    costs_of_groups,
+    costs_of_people,
     no_bar,
+    ranked_of_people,
     study_estimator,
     why_not_judged,
 )
@@ -167,15 +168,15 @@ def _write_report(
             episodes = play_compared(data, closed_seeds(data), names, bar)
         cache = cost_cache(request.database)
         for synthetic in (played or [False]) if request.with_report else ():
-            found = costs_of_groups(reader, data, synthetic, bar, cache) if played else {}
+            is_judged = False in played and not synthetic
+            found = costs_of_people(reader, data, bar, cache) if is_judged else {}
             report = make_report(reader, data, episodes, synthetic, bar, found)
             for name, content in report_files(report).items():
                 (folder / name).write_bytes(content)
-        if request.with_report and played and why_not_judged(data) is None:
-            ranked = [each for each in data.trials if each.phase == "ranked"]
+        if request.with_report and False in played and why_not_judged(data) is None:
             estimator = study_estimator(data, cache)
             with bar("cost of each move") as advance:
-                costs = list(cost_rows(reader, data, ranked, estimator, advance))
+                costs = list(cost_rows(reader, data, ranked_of_people(data), estimator, advance))
             header = replace(header, expert_hash=data.policy_files.hashes[EXPERT])
         for name, path in request.evaluations.items():
             Published.read(path).write_to(folder / EVALUATIONS / name, data)

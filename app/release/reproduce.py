@@ -23,8 +23,9 @@ from app.report.costs import (
     CostSummary,
     ProgressBar,
     cost_rows,
-    costs_of_groups,
+    costs_of_people,
     no_bar,
+    ranked_of_people,
     study_estimator,
 )
 from app.report.making import REPORT_STEMS, has_played, make_report, play_compared
@@ -157,8 +158,8 @@ class _Derivation:
     ) -> Report:
         reader = self._bundle.reader
         costs: dict[str, CostSummary] | None = None
-        if cache is not None:
-            costs = costs_of_groups(reader, self._data, synthetic, self._bar, cache)
+        if cache is not None and not synthetic:
+            costs = costs_of_people(reader, self._data, self._bar, cache)
         return make_report(reader, self._data, episodes, synthetic, self._bar, costs)
 
     def _compare_costs(self, cache: Path) -> bool:
@@ -174,7 +175,7 @@ class _Derivation:
         except PolicyError as error:
             self._made.not_compared.append(f"cost of moves: {error}")
             return False
-        ranked = [each for each in data.trials if each.phase == "ranked"]
+        ranked = ranked_of_people(data)
         with self._bar("cost of each move") as advance:
             rows = cost_rows(reader, data, ranked, study_estimator(data, cache), advance)
             derived = {(each.episode, each.step): each for each in rows}

@@ -73,7 +73,7 @@ def build(
 
     runs      policies on the ranked terrains (`app.report.making.runs_of`); none: no comparisons
     pictures  by group's name, what `app.report.statistics.summaries.summarize_groups` gives; none: no curves and visit maps
-    costs     by group's name, what `app.report.costs.costs_of_groups` gives; none: no costs
+    costs     by group's name, what `app.report.costs.costs_of_people` gives; none: no costs
     """
     data = data.shown()
     cohorts = scripts_of(data) if synthetic else [people_of(data)]

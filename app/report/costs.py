@@ -6,6 +6,7 @@ their terrains leaves before it is closed.
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,15 +20,14 @@ import numpy as np
 from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Progress
-from app.report.statistics.comparisons import new_terrains_interval, player_means
+from app.report.statistics.comparisons import player_means
 from app.report.statistics.exclusion_sets import (
     Cohort,
     members,
     people_of,
-    scripts_of,
     unspoilt,
 )
-from app.report.statistics.intervals import Interval
+from app.report.statistics.intervals import Interval, interval
 from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData, trial_records
 from app.series.policy_files import EXPERT
@@ -75,7 +75,8 @@ class PlayerCosts:
 class CostPart:
     """All cost or a part of it, in moves an episode: the mean of players' means, and its 95 % interval.
 
-    The interval is for other players and other terrains; None without a spread.
+    The interval is for other players and, where the protocol fixes no terrains, other terrains; None without a spread and
+    below five players.
     """
 
     mean: float
@@ -240,7 +241,10 @@ def summarize_costs(
     ]
     cells = np.array(table, np.float64)
     counts, expert_moves = (float(player_means(cells[..., at]).mean()) for at in range(2))
-    total, without_move, gained, *parts = (_part(cells[..., at]) for at in range(2, len(gap)))
+    drawn = data.protocol.terrains_drawn
+    total, without_move, gained, *parts = (
+        _part(cells[..., at], drawn) for at in range(2, len(gap))
+    )
     return CostSummary(
         phase=phase,
         episodes=sum(map(len, episodes.values())),
@@ -264,10 +268,10 @@ def _amounts(costs: Any, kinds: Sequence[Any]) -> list[float]:
     return [*lengths, *(costs.by_kind()[kind] for kind in kinds), *costs.by_tenth()]
 
 
-def _part(table: Floats) -> CostPart:
+def _part(table: Floats, terrains_drawn: bool) -> CostPart:
     """Return a part of the cost from float64[players, terrains], NaN for a gap."""
-    varies = np.nanmax(table) > np.nanmin(table)
-    ends = new_terrains_interval(table) if varies else None
+    low, high = map(float, interval(table, None, terrains_drawn))
+    ends = None if math.isnan(low) or low == high else (low, high)
     return CostPart(float(player_means(table).mean()), ends)
 
 
@@ -286,25 +290,26 @@ def _player(player: str, episodes: Sequence[Any], kinds: Sequence[Any]) -> Playe
     )
 
 
-def costs_of_groups(
-    reader: Reader, data: StudyData, synthetic: bool, progress: ProgressBar, cache: Path | None
+def costs_of_people(
+    reader: Reader, data: StudyData, progress: ProgressBar, cache: Path | None
 ) -> dict[str, CostSummary]:
-    """Return the costs of a closed study's people under the primary set, or of each kind of script, by group's name.
+    """Return the costs of a closed study's people under the primary set, by the group's name.
 
     Nothing where a study is open or its moves are not judged. cache: the folder in which costs are kept; None keeps nothing
     """
-    summaries: dict[str, CostSummary] = {}
     if data.closed_ms is None or why_not_judged(data) is not None:
-        return summaries
+        return {}
     primary = data.protocol.exclusion.get(primary_set(data), {})
-    estimator = study_estimator(data, cache)
-    for cohort in scripts_of(data) if synthetic else [people_of(data)]:
-        with progress("cost of each move") as advance:
-            ids = members(cohort, primary)
-            summary = summarize_costs(reader, data, cohort, ids, estimator, advance)
-        if summary is not None:
-            summaries[cohort.name] = summary
-    return summaries
+    cohort, estimator = people_of(data), study_estimator(data, cache)
+    with progress("cost of each move") as advance:
+        ids = members(cohort, primary)
+        summary = summarize_costs(reader, data, cohort, ids, estimator, advance)
+    return {} if summary is None else {cohort.name: summary}
+
+
+def ranked_of_people(data: StudyData) -> list[Trial]:
+    """Return the trials whose moves a release judges: a program's are judged only where that is asked for."""
+    return [trial for trial in data.trials if trial.phase == "ranked" and trial.kind == "human"]
 
 
 def renamed(summary: CostSummary, names: Mapping[str, str]) -> CostSummary:

@@ -13,7 +13,7 @@ from app.db.reader import Reader
 from app.db.series import find_study, participants
 from app.db.study_rows import is_same_study
 from app.report.build import Pictures, build
-from app.report.costs import CostSummary, ProgressBar, cost_cache, costs_of_groups
+from app.report.costs import CostSummary, ProgressBar, cost_cache, costs_of_people
 from app.report.model import PolicyRun, Report
 from app.report.page import pages
 from app.report.statistics.summaries import curve_and_visits, summarize_groups, summary_of
@@ -52,8 +52,8 @@ def make_study_report(
         is_played, names = has_played(data, synthetic), compared_policies(data.protocol)
         episodes = play_compared(data, seeds, names, bar) if with_policies and is_played else ()
         costs: Mapping[str, CostSummary] = {}
-        if with_moves and is_played and data.closed_ms is not None:
-            costs = costs_of_groups(reader, data, synthetic, bar, cost_cache(database))
+        if with_moves and is_played and not synthetic and data.closed_ms is not None:
+            costs = costs_of_people(reader, data, bar, cost_cache(database))
     return _built(data, episodes, synthetic, pictures, costs)
 
 

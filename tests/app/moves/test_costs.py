@@ -10,16 +10,18 @@ import pytest
 from app.db.reader import Reader
 from app.report.build import build
 from app.report.costs import (
+    CostPart,
+    _part,
     cost_cache,
     cost_rows,
-    costs_of_groups,
+    costs_of_people,
     costs_of_study,
     no_bar,
     summarize_costs,
 )
 from app.report.page import render
-from app.report.statistics.comparisons import new_terrains_interval
 from app.report.statistics.exclusion_sets import members, people_of
+from app.report.statistics.intervals import interval
 from app.report.statistics.summaries import summarize_groups
 from app.series.data import load, trial_records
 from app.series.protocol import StudyError
@@ -100,8 +102,12 @@ def test_costs_stand_beside_experts_episodes_and_add_up(reader, estimator):
     assert summary.by_kind["ended early"].mean > 0  # an episode was given up
     assert (summary.phase, summary.episodes, summary.policy) == ("ranked", 6, "ppo")
     table = np.array([[costs.total for costs, _ in pairs] for pairs in players.values()], float)
-    expected = new_terrains_interval(table)
-    assert summary.total.interval == (expected and pytest.approx(expected))
+    assert len(players) == 2
+    assert summary.total.interval is None, "two players have no interval"
+    six = np.repeat(table, 3, axis=0)
+    ends = tuple(map(float, interval(six, None, terrains_drawn=False)))
+    assert _part(six, False).interval == pytest.approx(ends)
+    assert _part(np.zeros((5, 3)), True) == CostPart(0.0, None), "no spread"
 
 
 def test_without_experts_file_no_move_is_judged_and_the_report_says_so(place):
@@ -110,7 +116,7 @@ def test_without_experts_file_no_move_is_judged_and_the_report_says_so(place):
     without = replace(data, policy_files=replace(data.policy_files, hashes={}))
     reason = "no file of ppo was kept when the study was frozen, so none of its moves is judged"
     with closing(Reader.open(database)) as reader:
-        assert costs_of_groups(reader, without, False, no_bar, None) == {}
+        assert costs_of_people(reader, without, no_bar, None) == {}
         with pytest.raises(ValueError, match=reason):
             costs_of_study(reader, without)
     report = build(without)
@@ -154,7 +160,7 @@ def test_the_analysis_is_kept_next_to_the_database(place):
     with closing(Reader.open(database)) as reader:
 
         def analyse(data):
-            return costs_of_groups(reader, data, False, no_bar, cost_cache(database))
+            return costs_of_people(reader, data, no_bar, cost_cache(database))
 
         found = analyse(data)
         assert found["people"].total.mean > 0

@@ -1,14 +1,13 @@
 """The costs of an ended episode over HTTP: for who may see the episode, and never of an open study's ranked terrains."""
 
 import asyncio
-from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
 
 from app.jobs import Jobs
 from app.task import PolicyError
-from app.tasks.mars.explanation import explanation_of
+from app.tasks.mars.explanation import explanation_of, unjudged
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.evaluation.cost import CostEstimator
@@ -100,12 +99,11 @@ def test_where_no_move_is_judged_the_answer_has_experts_episode_and_the_reason(s
     assert (costs["mistakes"], costs["expert"]) == ([], [])
 
 
-@pytest.mark.parametrize("is_recorded", [True, False])
-def test_a_debrief_judges_by_the_file_of_the_study_and_says_where_there_is_none(
-    serve, tmp_path, is_recorded
-):
+def test_a_study_without_a_file_of_expert_has_none_of_another_version(tmp_path):
     study = freeze(tmp_path / "studies")
-    if not is_recorded:
-        study = replace(study, policy_files=replace(study.policy_files, hashes={}))
-    with pytest.raises(PolicyError) if not is_recorded else nullcontext():
-        assert study.policy_files.expert() == "ppo"
+    assert study.policy_files.expert() == "ppo"
+    with pytest.raises(PolicyError, match="no file of ppo was kept when the study was frozen"):
+        replace(study.policy_files, hashes={}).expert()
+    record = ended().record()
+    costs = unjudged(record, "no file of ppo was kept")
+    assert (costs["counts"], costs["expert_moves"], costs["total"]) == (99, None, None)

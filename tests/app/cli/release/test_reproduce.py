@@ -3,6 +3,8 @@
 import hashlib
 import json
 import shutil
+import sqlite3
+from contextlib import closing
 from functools import partial
 
 import pytest
@@ -68,6 +70,12 @@ def test_every_figure_comes_out_again_from_the_bundle_alone(bundle, reproduce):
     assert found["policies' episodes, played again"] == (3 * 3, 0)
     assert found["cost of each move"][0] > 100
     assert found["costs"][0] > 30
+    with closing(sqlite3.connect(out / "study.sqlite")) as conn:
+        judged = conn.execute(
+            "SELECT DISTINCT p.kind FROM move_costs m JOIN series_episodes s USING (episode_id) "
+            "JOIN participants p ON p.id = s.participant_id"
+        ).fetchall()
+    assert judged == [("human",)], "nobody asked what a program's moves cost"
     assert [path.name for path in (out / "policies").iterdir()] == [
         f"{policies.policy_hash('ppo')}.onnx"
     ]
