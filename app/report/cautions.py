@@ -56,12 +56,6 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
             f"so does learning. {group.no_p}"
         )
     found.append(_about_failures(group))
-    shares = measured_coverage.two_kinds().items()
-    covered = [f"{share:.1f} % of samples of {n}" for n, share in shares]
-    found.append(
-        "Kinds of people in unequal numbers are a shape that a small sample hides too. Where a quarter of the players are of a "
-        f"kind that is far worse, the printed interval covered the truth in {', '.join(covered)} players in simulation."
-    )
     known = [each.variance for each in group.metrics if each.variance]
     effect = max((each.design_effect for each in known), default=0)
     if effect > 1.5:
@@ -129,13 +123,13 @@ def _about_failures(group: GroupReport) -> str:
     unseen = 1 - TAIL ** (1 / len(inside))
     seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
     cells = measured_coverage.nearest(len(inside))
-    worst = min(cells, key=lambda cell: cell.printed)
-    held = [cell.printed for cell in cells if cell.population in measured_coverage.ONE_SHAPE]
+    worst = min(cells, key=lambda cell: cell.steps)
+    held = [cell.steps for cell in cells if cell.population in measured_coverage.ONE_SHAPE]
     return (
         f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "
-        f"{worst.players} players the printed interval covered the truth in {min(held):.0f} to {max(held):.0f} % of studies in "
-        f"which everybody's scores had one shape, but in only {worst.printed:.0f} % where {_described(worst)}."
+        f"{worst.players} players the interval of steps covered the truth in {min(held):.0f} to {max(held):.0f} % of studies "
+        f"in which everybody's scores had one shape, but in only {worst.steps:.0f} % where {_described(worst)}."
     )
 
 

@@ -1,4 +1,4 @@
-"""The coverage of the report's intervals as `python -m research.coverage` measured it."""
+"""The coverage of the report's interval as `python -m research.coverage` measured it."""
 
 from __future__ import annotations
 
@@ -51,30 +51,22 @@ ONE_SHAPE = ("symmetric", "skewed", "very skewed")
 class Cell:
     """Coverage in percent of simulated studies, for one population, ICC and number of players.
 
-    below, above   the printed interval lies wholly above, or wholly below, the truth
-    width          of the printed interval over that of the t interval, the median
-    pooled         what a t interval over all episodes would cover, as if they were independent
-    guaranteed_headline  in how many studies rule 2 (`is_a_few_players`) makes the guaranteed interval the headline
-    headline, headline_steps   what the headline by rule 2 covers, of the score and of steps to 99 %
-    printed_steps  what the printed interval of steps to 99 % covers
+    score, steps  of the interval for other players and other terrains
+    own_score, own_steps  of the interval for other players on these terrains
+    width         of the interval of steps over that of the t interval over players, the median
+    pooled        what a t interval over all episodes would cover, as if they were independent
     """
 
     population: str
     icc: float
     players: int
     studies: int
-    printed: float
-    below: float
-    above: float
+    score: float
+    steps: float
+    own_score: float
+    own_steps: float
     width: float
-    t: float
-    guaranteed: float
-    new_terrains: float
     pooled: float
-    guaranteed_headline: float
-    headline: float
-    headline_steps: float
-    printed_steps: float
 
 
 @cache
@@ -89,9 +81,3 @@ def nearest(players: int) -> list[Cell]:
     counts = {cell.players for cell in cells}
     count = min(counts, key=lambda measured: (abs(measured - players), measured))
     return [cell for cell in cells if cell.players == count]
-
-
-def two_kinds(most: int = 10) -> dict[int, float]:
-    """Return what the printed interval covers (%) by number of players, where a quarter are far worse (ICC 0.5)."""
-    found = [cell for cell in saved() if (cell.population, cell.icc) == ("two kinds", 0.5)]
-    return {cell.players: cell.printed for cell in found if cell.players <= most}

@@ -134,10 +134,10 @@ def coverage_table(report: Report) -> PageTable | None:
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}
     rows = []
     for cell in cells:
-        shares = number(cell.headline, 1), number(cell.new_terrains, 1)
+        shares = number(cell.score, 1), number(cell.steps, 1)
         name = f"{cell.population}: {summary[cell.population]}"
         rows.append((name, f"{cell.icc:g}", *shares))
-    heads = ("population", "ICC", "headline", "new terrains")
+    heads = ("population", "ICC", "score", "steps")
     return PageTable(f"Coverage (%) of 95 % intervals in {size}", heads, rows)
 
 

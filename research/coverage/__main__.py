@@ -11,20 +11,27 @@ import click
 
 from app.cli.console import progress as progress_bar
 from app.report.measured_coverage import COVERAGE_FILE, SCORE_POPULATIONS, Cell
+from app.report.statistics.intervals import UNSEEN
 from marsexplorer.evaluation.table import Progress
 from research.coverage.measure import (
     PAIRED_ICCS,
     measure_cell,
     measure_false_alarms,
-    measure_iqm,
+    measure_power,
     measure_ratio,
+    measure_width,
 )
+from research.coverage.simulated_studies import PAPER
 
 PLAYERS = (5, 8, 10, 20, 30)
 ICCS = (0.0, 0.2, 0.5)
-PERCENTAGES = {"ratio": measure_ratio, "paired": measure_false_alarms, "iqm": measure_iqm}
+PERCENTAGES = {"ratio": measure_ratio, "paired": measure_false_alarms}
 PLACE = ("population", "ICC")
 """The first columns of a table; the others have numbers."""
+SHARES = (0.0, 0.1, UNSEEN, 0.5)
+"""Of an unseen participant, for which power and width are printed."""
+AHEAD = (25.0, -25.0, 39.0, -39.0)
+POLICY_SDS = (0.0, 20.0, 45.0)
 
 
 def measure_cells(
@@ -45,72 +52,88 @@ def table_lines(
         yield f"|{'|'.join(row)}|"
 
 
-def across_players(
-    cells: Sequence[Cell], entry: Callable[[Cell], str]
-) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each population and ICC: what they are, then the entry for each number of players."""
-    for (population, icc), row in groupby(cells, lambda cell: (cell.population, cell.icc)):
-        yield population, f"{icc:g}", *(entry(cell) for cell in row)
+def markdown_table(cells: Sequence[Cell], entry: Callable[[Cell], str]) -> str:
+    """Return a row for each population and ICC: what they are, then the entry for each number of players."""
+    rows = [
+        (population, f"{icc:g}", *(entry(cell) for cell in row))
+        for (population, icc), row in groupby(cells, lambda cell: (cell.population, cell.icc))
+    ]
+    heads = [f"{count} players" for count in sorted({cell.players for cell in cells})]
+    return "\n".join(table_lines(PLACE, heads, rows))
 
 
-def players_of(cells: Sequence[Cell]) -> list[str]:
-    """Return the headings of the columns for numbers of players."""
-    return [f"{count} players" for count in sorted({cell.players for cell in cells})]
+def drawn_entry(cell: Cell) -> str:
+    """Return coverage for other terrains: score / steps (width over that of t)."""
+    return f"{cell.score:.1f} / {cell.steps:.1f} ({cell.width:.2f})"
 
 
-def markdown_table(cells: Sequence[Cell]) -> str:
-    """Return the table as README.md shows it: in each entry printed (t; width / t)."""
-    rows = across_players(
-        cells, lambda cell: f"{cell.printed:.1f} ({cell.t:.1f}; {cell.width:.2f})"
-    )
-    return "\n".join(table_lines(PLACE, players_of(cells), rows))
-
-
-def headline_table(cells: Sequence[Cell]) -> str:
-    """Return the table of the headline, of the populations in which players fail, as README.md shows it: score / steps."""
-    failing = {population.name for population in SCORE_POPULATIONS if population.collisions}
-    cells = [cell for cell in cells if cell.population in failing]
-    rows = across_players(cells, lambda cell: f"{cell.headline:.1f} / {cell.headline_steps:.1f}")
-    return "\n".join(table_lines(PLACE, players_of(cells), rows))
+def own_entry(cell: Cell) -> str:
+    """Return coverage for these terrains: score / steps."""
+    return f"{cell.own_score:.1f} / {cell.own_steps:.1f}"
 
 
 def further_lines(
-    what: str, studies: int, seed: int, players: Sequence[int], progress: Progress
+    subject: str, studies: int, seed: int, players: Sequence[int], progress: Progress
 ) -> Iterator[str]:
-    """Yield the lines of what is measured instead of the quoted table: one of PERCENTAGES."""
-    places = [*product(SCORE_POPULATIONS, PAIRED_ICCS if what == "paired" else ICCS)]
+    """Yield the lines of what is measured instead of the quoted table, one of PERCENTAGES."""
+    places = [*product(SCORE_POPULATIONS, PAIRED_ICCS if subject == "paired" else ICCS)]
 
     def rows() -> Iterator[tuple[str, ...]]:
         for done, (population, icc) in enumerate(places, 1):
-            place = population.name, f"{icc:g}"
-            measure = PERCENTAGES[what]
+            measure = PERCENTAGES[subject]
             shares = [measure(population, icc, count, studies, seed) for count in players]
-            yield (*place, *(f"{share:.1f}" for share in shares))
+            yield population.name, f"{icc:g}", *(f"{share:.1f}" for share in shares)
             progress(done, len(places))
 
     return table_lines(PLACE, [f"{count} players" for count in players], rows())
+
+
+def power_lines(studies: int, seed: int, progress: Progress) -> Iterator[str]:
+    """Yield width and power at the paper's spreads, by the share of an unseen participant."""
+    places = [*product(SHARES, POLICY_SDS)]
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for done, (unseen, policy_sd) in enumerate(places, 1):
+            shares = (
+                f"{measure_power(ahead, policy_sd, 0.05, unseen, studies, seed):.0f} / "
+                f"{measure_power(ahead, policy_sd, 0.01, unseen, studies, seed):.0f}"
+                for ahead in AHEAD
+            )
+            width = f"{measure_width(unseen, studies, seed):.2f}"
+            yield f"{unseen:g}", f"{policy_sd:g}", width, *shares
+            progress(done, len(places))
+
+    sides = (f"{'policy' if ahead > 0 else 'people'} better by {abs(ahead):g}" for ahead in AHEAD)
+    return table_lines(("unseen", "policy's SD"), ("width / t", *sides), rows())
 
 
 @click.command(context_settings={"show_default": True})
 @click.option("--studies", type=click.IntRange(min=20), default=2000, help="Studies of a cell.")
 @click.option("--seed", type=click.IntRange(min=0), default=0)
 @click.option("--players", multiple=True, type=click.IntRange(min=5), default=PLAYERS)
-@click.option("--ratio", "what", flag_value="ratio", help="The interval of policy / people.")
-@click.option("--paired", "what", flag_value="paired", help="False alarms of policy - people.")
-@click.option("--iqm", "what", flag_value="iqm", help="The interval of the interquartile mean.")
+@click.option("--ratio", "subject", flag_value="ratio", help="The interval of policy / people.")
+@click.option("--paired", "subject", flag_value="paired", help="False alarms of policy - people.")
+@click.option("--power", "subject", flag_value="power", help=f"Power at {PAPER}.")
 @click.option("--save", is_flag=True, help="Also write the table that the report quotes.")
-def main(studies: int, seed: int, players: tuple[int, ...], what: str | None, save: bool) -> None:
-    """Measure the coverage of the report's intervals on simulated studies and print it as a Markdown table.
+def main(
+    studies: int, seed: int, players: tuple[int, ...], subject: str | None, save: bool
+) -> None:
+    """Measure the coverage of the report's interval on simulated studies and print it as Markdown tables.
 
-    --ratio, --paired and --iqm measure something else instead.
+    --ratio, --paired and --power measure something else instead.
     """
     with progress_bar("simulating studies") as advance:
-        if what:
-            for line in further_lines(what, studies, seed, players, advance):
+        if subject:
+            lines = (
+                power_lines(studies, seed, advance)
+                if subject == "power"
+                else further_lines(subject, studies, seed, players, advance)
+            )
+            for line in lines:
                 click.echo(line)
             return
         cells = list(measure_cells(studies, seed, players, advance))
-    click.echo(f"{markdown_table(cells)}\n\n{headline_table(cells)}")
+    click.echo(f"{markdown_table(cells, drawn_entry)}\n\n{markdown_table(cells, own_entry)}")
     if save:
         document = {"studies": studies, "seed": seed, "cells": [asdict(cell) for cell in cells]}
         COVERAGE_FILE.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

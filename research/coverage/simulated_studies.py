@@ -6,6 +6,8 @@ A simulated study is scores[players, terrains] = mean + player + terrain + episo
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,26 @@ WORSE_SHARE = 0.25
 """Of the players, of the worse of two kinds."""
 POLICY_SD = 0.01
 """Of what a policy scores on a terrain, apart from what the terrain adds to everybody's score."""
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """A study without failures, in steps: its size, people's mean and spreads, and the limit."""
+
+    players: int
+    terrains: int
+    mean: float
+    player_sd: float
+    episode_sd: float
+    limit: float
+
+    def __str__(self) -> str:
+        spreads = f"SD {self.player_sd:g} between players and {self.episode_sd:g} of an episode"
+        return f"{self.players} players x {self.terrains} terrains, {spreads}"
+
+
+PAPER = StudyPlan(10, 30, mean=100.0, player_sd=28.0, episode_sd=45.0, limit=441.0)
+"""At the spreads that a protocol on 21x21 grids assumes."""
 
 
 def generator(
@@ -89,6 +111,12 @@ def failures(population: ScorePopulation, scores: Floats) -> NDArray[np.bool_]:
     return np.asarray(scores < lowest)
 
 
+def mean_steps(population: ScorePopulation) -> float:
+    """Return the mean steps to 99 % over players and terrains."""
+    share = population.collisions
+    return (1 - share) * MEAN_STEPS + share * STEPS_BOUNDS[1]
+
+
 def steps_of(population: ScorePopulation, scores: Floats, terrain: Floats) -> tuple[Floats, Floats]:
     """Return the steps to 99 % of the episodes of `simulate_studies`, and their true mean on each study's terrains.
 
@@ -122,3 +150,21 @@ def simulate_policy(mean: float, terrain: Floats, rng: np.random.Generator) -> F
     """Return a policy's scores float64[studies, TERRAINS]: its mean, what each terrain adds, and a deviation of its own."""
     values: Floats = mean + terrain + POLICY_SD * rng.standard_normal(terrain.shape)
     return values
+
+
+def simulate_plan(
+    ahead: float, policy_sd: float, studies: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Steps at PAPER of people, float64[studies, players, terrains], and of a policy, float64[studies, terrains].
+
+    Args:
+        ahead: steps by which the policy needs fewer in the mean.
+        policy_sd: of the policy's steps between terrains.
+        studies: simulated.
+        rng: draws them.
+    """
+    shape = (studies, PAPER.players, PAPER.terrains)
+    people = PAPER.mean + PAPER.player_sd * rng.standard_normal((studies, PAPER.players, 1))
+    people = people + PAPER.episode_sd * rng.standard_normal(shape)
+    drawn = rng.standard_normal((studies, PAPER.terrains))
+    return people, PAPER.mean - ahead + policy_sd * drawn

@@ -1,14 +1,12 @@
 """The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
 
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.report import build
-from app.report.measured_coverage import two_kinds
 from app.report.model import SYNTHETIC
 from app.report.page import render
 from app.report.statistics.formatting import utc
@@ -358,16 +356,6 @@ def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
     assert "up to 52 % of the population" in said  # 1 - 0.025 ** (1 / 5)
     same = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30)))).groups[0].cautions
     assert any("no spread, so its interval says nothing" in line for line in same)
-
-
-def test_the_cautions_name_kinds_of_people_in_unequal_numbers_with_what_was_measured():
-    (said,) = (line for line in build(study(*played(SCORES))).groups[0].cautions if "Kinds" in line)
-    quoted = {
-        int(n): float(share) for share, n in re.findall(r"([\d.]+) % of samples of (\d+)", said)
-    }
-    assert quoted == {n: pytest.approx(share, abs=0.051) for n, share in two_kinds().items()}
-    assert set(quoted) == {5, 8, 10}
-    assert "a quarter of the players are of a kind that is far worse" in said
 
 
 def test_the_live_figure_is_the_reports(data):
