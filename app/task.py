@@ -98,6 +98,11 @@ class Words:
     definition: str
 
 
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """A count with its words: "1 person was", "3 people were"; an s makes the plural unless given."""
+    return f"{count:,} {one if count == 1 else many or f'{one}s'}"
+
+
 class View(Protocol):
     """What may be seen of a run after some of its moves; it stays as it is while the run goes on, and holds no secret."""
 

@@ -20,6 +20,7 @@ from app.cli.options import (
     several,
 )
 from app.cli.study.report import show
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.release.reproduce import Reproduction
@@ -78,7 +79,7 @@ def release(
             f"{error}; or leave that policy out of the report with --without-policy, which the datasheet then says"
         ) from error
     rows = built.header.rows
-    what = f"{rows['episodes']:,} episodes, {rows['steps']:,} moves"
+    what = f"{counted(rows['episodes'], 'episode')}, {counted(rows['steps'], 'move')}"
     echo(f"{out}: version {built.header.version} of {study}, {what}")
     if built.header.chain_head:
         what = f"the head of the database's chain, for `marsexplorer verify --head {out}`"
@@ -114,7 +115,7 @@ def _show(folder: Path, made: Reproduction) -> None:
     """Print whose files they are, what was compared and what differs."""
     for finding in made.findings[:MAX_PRINTED]:
         echo(str(finding))
-    echo(f"{folder}: {made.files} files, {len(made.findings) or 'none'} not as signed")
+    echo(f"{folder}: {counted(made.files, 'file')}, {len(made.findings) or 'none'} not as signed")
     echo(made.signer.sentence())
     if made.derived is not None:
         nothing = "this bundle holds no report, so there is nothing to compare with"
@@ -133,7 +134,7 @@ def _show(folder: Path, made: Reproduction) -> None:
     for line in made.not_compared:
         echo(f"not compared: {line}")
     compared = sum(each.compared for each in made.sections.values())
-    echo(f"{compared:,} values compared, {made.differ:,} differ")
+    echo(f"{counted(compared, 'value')} compared, {counted(made.differ, 'differs', 'differ')}")
 
 
 @click.command("import", short_help="Bring a released bundle into a database.")
@@ -160,10 +161,17 @@ def import_release(folder: Path, database: Path, key: str | None) -> None:
         with progress("verifying (the rules are compiled first)") as advance:
             counts = bundle.import_release(folder, database, advance, expected)
         signer = check_signer(read_manifest(folder)[0], expected, pins_file())
-    there = f", {counts.equal['episodes']:,} were there already" if counts.equal["episodes"] else ""
-    who = "people stayed out, who were forgotten here"
-    left = f"; {counts.forgotten} {who}" if counts.forgotten else ""
+    there = (
+        f", {counted(counts.equal['episodes'], 'was', 'were')} there already"
+        if counts.equal["episodes"]
+        else ""
+    )
+    words = (
+        "person stayed out, who was forgotten here",
+        "people stayed out, who were forgotten here",
+    )
+    left = f"; {counted(counts.forgotten, *words)}" if counts.forgotten else ""
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    brought = f"{people} participants and {episodes:,} episodes"
+    brought = f"{counted(people, 'participant')} and {counted(episodes, 'episode')}"
     echo(f"{database}: {brought} from {folder}{there}{left}")
     echo(signer.sentence())

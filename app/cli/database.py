@@ -15,6 +15,7 @@ from click import UsageError, argument, echo, option
 
 from app.cli.console import failures, pins_file, print_table, progress, settings_of
 from app.cli.options import KEY, PATH, database_option, flag, path_option
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.db.reader import Who
@@ -187,12 +188,12 @@ def _of_dataset(dataset: Path, key: str | None, to_pin: bool) -> tuple[Verificat
 def _sentence(result: Verification, about: str) -> str:
     verdict, rate, rest = "all as recorded", "", ""
     if result.findings:
-        verdict = f"{result.failed} of its parts DIFFER from what was recorded"
+        verdict = f"{counted(result.failed, 'of its parts DIFFERS', 'of its parts DIFFER')} from what was recorded"
     if result.seconds > 0 and result.episodes:
         rate = f", {result.episodes / result.seconds:,.0f} episodes/s"
     if result.still_open:
-        rest = f"; {result.still_open} unfinished ones were not simulated"
-    return f"{about}: {verdict}; {result.episodes:,} episodes of {result.moves:,} moves simulated{rate}{rest}"
+        rest = f"; {counted(result.still_open, 'unfinished one was', 'unfinished ones were')} not simulated"
+    return f"{about}: {verdict}; {counted(result.episodes, 'episode')} of {counted(result.moves, 'move')} simulated{rate}{rest}"
 
 
 def _chain_lines(result: Verification) -> Iterator[str]:
@@ -200,7 +201,7 @@ def _chain_lines(result: Verification) -> Iterator[str]:
     if result.chain is not None and result.chain.entries:
         gone = result.chain.forgotten
         forgotten = f", {gone} of them of forgotten people" if gone else ""
-        yield f"chain: {result.chain.entries:,} entries{forgotten}; head {result.chain.head}"
+        yield f"chain: {counted(result.chain.entries, 'entry', 'entries')}{forgotten}; head {result.chain.head}"
     if (since := result.since) is not None:
         day = datetime.fromtimestamp(since.day_ms / 1000, UTC).date().isoformat()
         yield f"the head {since.head} is that of entry {since.entry:,}, of {day}; since then: {_counted(since.added)}"
@@ -308,14 +309,18 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
         counts, twice = merging.merge(databases, out, advance)
     equal = counts.equal["episodes"]
     alike = f", {equal:,} of them in more than one" if equal else ""
-    left = f"; {counts.forgotten} people left out, who were forgotten" if counts.forgotten else ""
+    left = (
+        f"; {counted(counts.forgotten, 'person left out, who was', 'people left out, who were')} forgotten"
+        if counts.forgotten
+        else ""
+    )
     people, episodes = counts.added["participants"], counts.added["episodes"]
-    brought = f"{people} participants and {episodes:,} episodes"
-    echo(f"{out}: {brought} from {len(databases)} databases{alike}{left}")
+    brought = f"{counted(people, 'participant')} and {counted(episodes, 'episode')}"
+    echo(f"{out}: {brought} from {counted(len(databases), 'database')}{alike}{left}")
     if twice:
         echo(
-            f"beware: {twice} outside ids or invitations took part in a study twice, on two servers; the report counts each "
-            "as two people"
+            f"beware: {counted(twice, 'outside id or invitation', 'outside ids or invitations')} took part in a study "
+            "twice, on two servers; the report counts each as two people"
         )
 
 
@@ -354,7 +359,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
                 click.confirm(what, abort=True, err=True)
             count = erasure.forget_player(database, participant)
             forget_costs(database)
-        echo(f"erased from {database}: the player {participant}, {count} episodes")
+        echo(f"erased from {database}: the player {participant}, {counted(count, 'episode')}")
         return
     with failures(f"cannot write {database}"):
         found = erasure.find_participant(database, participant, study)
@@ -364,7 +369,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
         done = erasure.forget(database, participant, study)
         forget_costs(database)
     kept = ", and the episodes of the study stay without a person, as its protocol says"
-    erased = f"one participant of {done.study}, {done.episodes} episodes"
+    erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"
     echo(f"erased from {database}: {erased}{kept if done.keeps else ''}")
     if found["kind"] == "script" and found["invitation"]:
         echo(

@@ -9,6 +9,7 @@ from click import BadParameter, UsageError, argument, echo, option
 
 from app.cli.console import progress, task_name
 from app.cli.options import flag
+from app.task import counted
 
 
 def _print_schema(context: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -45,7 +46,7 @@ def _row(env: str, seeds: int, steps: int, rule: str | None) -> int:
         why = " ".join(str(error).replace("|", "/").split())
         echo(f"| {shown} | cannot be played: {why} |{' |' * (len(COLUMNS) - 2)}")
         return 2
-    none = f"no difference in {found.steps:,} moves"
+    none = f"no difference in {counted(found.steps, 'move')}"
     verdict = str(found.differences[0]) if found.differences else none
     if found.used:
         verdict += "; a used one after reset differs, which does not count"

@@ -10,6 +10,7 @@ from click import ClickException, UsageError, argument, echo, option
 
 from app.cli.console import progress, write_file
 from app.cli.options import database_option, path_option
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.task import Course
@@ -60,7 +61,7 @@ def replay(episode: str, out: Path, database: Path, ghost: str | None, speed: fl
     write_file(out, content, "--out")
     others = f", with {courses[1].name}" if len(courses) > 1 else ""
     size = f"{len(content):,} bytes"
-    echo(f"{out}: episode {shown.id}, {courses[0].moves} moves{others}, {size}")
+    echo(f"{out}: episode {shown.id}, {counted(courses[0].moves, 'move')}{others}, {size}")
 
 
 def _format_of(out: Path) -> Format:

@@ -25,6 +25,7 @@ from app.db.database import StoreError, open_database, reading, rows, transactio
 from app.db.file import DatabaseLock
 from app.db.releases import mark_outdated_releases
 from app.db.study_rows import participant_label
+from app.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
@@ -126,8 +127,8 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
     if len(found) > 1:
         studies = ", ".join(sorted({person["study"] for person in found}))
         raise ParticipantLookupError(
-            f"{name!r} stands for {len(found)} participants (studies: {studies}): give --study, or one participant's id; "
-            "nothing was erased"
+            f"{name!r} stands for {counted(len(found), 'participant')} (studies: {studies}): give --study, or "
+            "one participant's id; nothing was erased"
         )
     return found[0]
 

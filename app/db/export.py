@@ -25,6 +25,7 @@ from app.db.columns import TABLES, Column, ColumnType, markdown
 from app.db.reader import Reader, Who
 from app.db.resimulation import simulate
 from app.db.trial import Trial
+from app.task import counted
 from marsexplorer.files import to_cell, write_whole
 
 ExportTable = Literal["episodes", "steps"]
@@ -148,11 +149,7 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
     warning = f"; {unverified} of them {why}" if unverified else ""
     if sealed:
         warning += f"; left out: {sealed}, which are sealed until the evaluation of agents closes"
-    return f"{_counted(count, 'episode')} in {paths[0]}, {_counted(moves, 'step')} in {paths[1]}{warning}"
-
-
-def _counted(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+    return f"{counted(count, 'episode')} in {paths[0]}, {counted(moves, 'step')} in {paths[1]}{warning}"
 
 
 def _check(table: str, who: str) -> None:

@@ -41,7 +41,7 @@ from app.db.metrics import Metrics
 from app.db.read_threads import ReadThreads
 from app.db.reader import JOINED, TRIAL, Reader
 from app.db.trial import Trial
-from app.task import Record
+from app.task import Record, counted
 
 if TYPE_CHECKING:
     from sqlite_utils import Database
@@ -801,7 +801,7 @@ class Store(Reader):
             record.trajectory_hash, record.core_version, attestation, reason,
         )  # fmt: skip
         if self._conn.execute(_CLOSE, values).rowcount != 1:
-            what = f"episode {episode_id!r} is not open with {record.steps} steps"
+            what = f"episode {episode_id!r} is not open with {counted(record.steps, 'step')}"
             raise StoreError(f"{what}: nothing changed")
         volunteers.add_episode(self._conn, episode_id)
         chain.append(self._conn, "episode", episode_id, begun=events)

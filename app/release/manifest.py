@@ -16,12 +16,19 @@ from app.release import signing
 from app.release.errors import ReleaseError
 from app.series.flow import Arrivals
 from app.series.protocol import Protocol
+from app.task import counted
 
 RELEASE_FORMAT = "marsexplorer-release-1"
 BUNDLE_DATABASE = "study.sqlite"
 MANIFEST, SIGNATURE, PUBLIC_KEY = "MANIFEST.json", "MANIFEST.sig", "PUBLIC_KEY.pem"
 UNLISTED = {MANIFEST, SIGNATURE}
-COUNTED_TABLES = ("participants", "episodes", "steps", "input_events", "stage_events")
+COUNTED_TABLES = {
+    "participants": "participant",
+    "episodes": "episode",
+    "steps": "move",
+    "input_events": "input event",
+    "stage_events": "stage event",
+}
 
 
 @dataclass(frozen=True)
@@ -75,14 +82,13 @@ class ReleaseHeader:
     def summary(self) -> str:
         """Return what the dataset is, in a few sentences."""
         config = self.protocol.env_config
-        counts = {name: self.rows.get(name, 0) for name in COUNTED_TABLES}
-        counted = "{participants} participants, {episodes} episodes, {steps} moves, {input_events} input events".format_map(
-            counts
+        recorded = ", ".join(
+            counted(self.rows.get(table, 0), words) for table, words in COUNTED_TABLES.items()
         )
         where, sees = self.protocol.rules.where(config), self.protocol.rules.sees(config)
         return (
-            f"Recordings of the {self.protocol.rules.title} study {self.study}: {counted}, on {where}. Every participant met "
-            f"the same {self.protocol.ranked} ranked terrains. Each episode replays exactly from its cause."
+            f"Recordings of the {self.protocol.rules.title} study {self.study}: {recorded}, on {where}. Every participant met "
+            f"the same {counted(self.protocol.ranked, 'ranked terrain')}. Each episode replays exactly from its cause."
             f"{sees and f' {sees}'}"
         )
 

@@ -48,6 +48,7 @@ from app.series.policy_episodes import PolicyEpisode, compared_policies, play_po
 from app.series.protocol import Protocol, StudyError, canonical_json, parse_protocol
 from app.series.seeds import commitment, key_of, seed
 from app.series.verification import check_beacon
+from app.task import counted
 
 EVALUATIONS = "evaluations"
 """The folder of a release that holds those of its study."""
@@ -268,9 +269,9 @@ def description(receipt: Mapping[str, Any]) -> str:
     card, seen = receipt["card"], receipt["seen_by"]
     agent = receipt["agent"].get("agent", "an agent without a name")
     whose = f"{agent}, card {card['id']} of {card['author']}, evaluation {receipt['evaluation']}"
-    people = f"{seen['participants']} participants (since {seen['participants_since'] or 'never'})"
+    people = f"{counted(seen['participants'], 'participant')} (since {seen['participants_since'] or 'never'})"
     cards, since = seen["other_cards_before"], seen["operators_since"]
-    others = f"{cards} other cards, operators (since {since})"
+    others = f"{counted(cards, 'other card')}, operators (since {since})"
     could = f"who could have seen the instances before: {people}, {others}"
     return "\n".join(filter(None, (whose, card["note"], could)))
 

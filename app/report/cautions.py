@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
@@ -31,19 +32,18 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         return ()
     found = []
     if erased := data.arrivals.erased_after_closing:
-        people = "1 person was" if erased == 1 else f"{erased} people were"
+        people = counted(erased, "person was", "people were")
         found.append(
             f"{people} erased after closing, when the figures were known, {data.arrivals.erased_finishers} of whom had ended "
             "all ranked episodes: "
             "no figure here holds them, so that it may not be the one that the study was closed with."
         )
     if figure.players < data.protocol.players:
-        planned = f"{figure.players} of the {data.protocol.players} players planned"
-        found.append(f"{planned} are in the primary figure.")
+        planned = counted(data.protocol.players, "player planned is", "players planned are")
+        found.append(f"{figure.players} of the {planned} in the primary figure.")
     if figure.players < LEAST_PLAYERS:
-        are = "is" if figure.players == 1 else "are"
         why = "their spread, and with it every interval, is poorly known"
-        found.append(f"{counted(figure.players, 'player')} {are} few: {why}.")
+        found.append(f"{counted(figure.players, 'player is', 'players are')} few: {why}.")
     found += _about_bounds(data)
     if group.kind == "human":
         found += _about_who_left(data, group)
@@ -81,9 +81,11 @@ def _about_who_left(data: StudyData, group: GroupReport) -> Iterable[str]:
     if flow is None or not data.protocol.exclusion.get(group.primary, {}).get("completed"):
         return
     if left := flow.withdrew + flow.unfinished + flow.interrupted:
+        did = "did not end all of them and"
+        who = counted(left, f"{did} is not", f"{did} are not")
         yield (
-            f"{left} of {flow.ranked} people who began a ranked episode did not end all of them and are not in the primary "
-            "figure: they may have left because it went badly. The row by intention to treat counts them."
+            f"Of {counted(flow.ranked, 'person', 'people')} who began a ranked episode {who} in the "
+            "primary figure: they may have left because it went badly. The row by intention to treat counts them."
         )
 
 
@@ -128,8 +130,9 @@ def _about_failures(group: GroupReport) -> str:
     return (
         f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
         "population, and no interval made from these players' spread can know of it. In simulation with "
-        f"{worst.players} players the interval of steps covered the truth in {min(held):.0f} to {max(held):.0f} % of studies "
-        f"in which everybody's scores had one shape, but in only {worst.steps:.0f} % where {_described(worst)}."
+        f"{counted(worst.players, 'player')} the interval of steps covered the truth in {min(held):.0f} to "
+        f"{max(held):.0f} % of studies in which everybody's scores had one shape, but in only "
+        f"{worst.steps:.0f} % where {_described(worst)}."
     )
 
 
@@ -139,8 +142,11 @@ def _described(cell: measured_coverage.Cell) -> str:
     return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
 
 
-SCRIPTED = "had a move made by a script; where a person had begun they count as abandoned, else they enter no figure"
-SPOILT = "were spoilt by a move that fits no press, after one that did; each counts as abandoned"
+SCRIPTED = "had a move made by a script: begun by a person, such an episode counts as abandoned, else in no figure"
+SPOILT = (
+    "was spoilt by a move that fits no press, after one that did; it counts as abandoned",
+    "were spoilt by a move that fits no press, after one that did; each counts as abandoned",
+)
 
 
 def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
@@ -148,31 +154,38 @@ def deviations(data: StudyData, cohort: Cohort) -> tuple[str, ...]:
     ranked = ended_ranked(data, cohort.people)
     config, version = data.protocol.env_config.hash, data.protocol.core_version
     seeds = closed_seeds(data)
-    kinds: dict[str, Callable[[Trial], bool]] = {
+    kinds: dict[str | tuple[str, str], Callable[[Trial], bool]] = {
         SCRIPTED: lambda trial: cohort.kind == "human" and trial.driver != "human",
         "ran on another configuration than the protocol's": lambda trial: (
             trial.config_hash != config
         ),
         f"ran on another core version than {version}": lambda trial: trial.core_version != version,
-        "were given up; each counts with its penalty and as max_steps": lambda trial: (
-            trial.outcome == "abandoned"
-        ),
+        (
+            "was given up; it counts with its penalty and as max_steps",
+            "were given up; each counts with its penalty and as max_steps",
+        ): lambda trial: trial.outcome == "abandoned",
         SPOILT: lambda trial: trial.attestation == "spoilt",
-        "carry a label of implausible input": lambda trial: bool(trial.labels),
-        "were not on the terrain that the secret gives": lambda trial: (
-            data.secret is not None and trial.seed != seeds.get(trial.terrain_index)
-        ),
+        (
+            "carries a label of implausible input",
+            "carry a label of implausible input",
+        ): lambda trial: bool(trial.labels),
+        (
+            "was not on the terrain that the secret gives",
+            "were not on the terrain that the secret gives",
+        ): lambda trial: data.secret is not None and trial.seed != seeds.get(trial.terrain_index),
     }
     found = []
-    for what, is_one in kinds.items():
+    for ending, is_one in kinds.items():
         trials = [trial for trial in ranked if is_one(trial)]
         if trials:
+            one, many = (ending, ending) if isinstance(ending, str) else ending
             people = counted(len({trial.participant for trial in trials}), "participant")
-            found.append(f"{counted(len(trials), 'ranked episode')} of {people} {what}.")
-    nothing = "A deviation was recorded without words."
-    for person in cohort.people:
-        details = [detail for _, kind, detail in person.events if kind == "deviation"]
-        found += [str(d.get("sentence") or d.get("reason") or d or nothing) for d in details]
+            words = f"ranked episode of {people} {one}", f"ranked episodes of {people} {many}"
+            found.append(f"{counted(len(trials), *words)}.")
+    events = [event for person in cohort.people for event in person.events]
+    noted = Counter(detail["sentence"] for _, kind, detail in events if kind == "deviation")
+    for sentence, count in noted.items():
+        found.append(sentence if count == 1 else f"{sentence} (noted {count} times)")
     return tuple(found)
 
 
@@ -194,8 +207,10 @@ def study_deviations(data: StudyData) -> tuple[str, ...]:
         )
     early = [person for person in data.people if person.joined_ms < data.frozen_ms]
     if early:
-        found.append(f"{len(early)} participants joined before the protocol was frozen.")
+        found.append(f"{counted(len(early), 'participant')} joined before the protocol was frozen.")
     finished = sum(each.kind == "human" and each.completed_ms is not None for each in data.people)
     if data.closed_ms is not None and finished != data.protocol.players:
-        found.append(f"{finished} people finished, {data.protocol.players} were planned.")
+        found.append(
+            f"{counted(finished, 'person', 'people')} finished, {counted(data.protocol.players, 'was', 'were')} planned."
+        )
     return tuple(found)

@@ -332,7 +332,7 @@ def flow_steps(
     ]
     steps.append(_step("Began the ranked episodes", flow.ranked, late))
     steps.append(_step("Ended all ranked episodes", flow.completed, list(excluded)))
-    return [*steps, FlowStep("In the primary figure", players, f"{episodes} ranked episodes")]
+    return [*steps, FlowStep("In the primary figure", players, counted(episodes, "ranked episode"))]
 
 
 def _step(label: str, count: int, lost: Sequence[tuple[str, int]]) -> FlowStep:

@@ -60,7 +60,7 @@ def exposure(data: StudyData) -> str:
     terrains = data.protocol.ranked
     met = "the same ranked terrain"
     if terrains > 1:
-        met = f"the same {terrains} ranked terrains, in orders that follow from the study's secret"
+        met = f"the same {counted(terrains, 'ranked terrain')}, in orders that follow from the study's secret"
     dates = f"the first began {utc(min(trial.started_ms for trial in ranked))}"
     if ended := [trial.ended_ms for trial in ranked if trial.ended_ms is not None]:
         dates += f", the last ended {utc(max(ended))}"
@@ -71,16 +71,21 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     """Return what `checklist.txt` has in braces."""
     protocol, words, players = data.protocol, people.words, people.figure.players
     ranked = ended_ranked(data, [person for person in data.people if person.kind == "human"])
+    labelled = sum(bool(trial.labels) for trial in ranked)
     minutes = [((each.ended_ms or 0) - each.started_ms) / 60_000 for each in ranked]
     played = [each for each in people.figures if each.players]
     sets = [f"{each.name}: {figure_sentence(each, words)}" for each in played]
     erased, finishers = data.arrivals.erased_after_closing, data.arrivals.erased_finishers
-    lost = f" {erased} more were erased after closing, {finishers} of them finishers."
+    lost = f" {counted(erased, 'more was', 'more were')} erased after closing, {finishers} of them finishers."
     is_compared, nobody = bool(policies and players), "Nobody has played."
     return {
         "protocol": protocol,
         "people": people,
-        "episodes": len(ranked),
+        "played": counted(len(ranked), "episode"),
+        "terrains": counted(protocol.ranked, "terrain"),
+        "limit": counted(protocol.env_config.limit, "move"),
+        "break_every": counted(protocol.break_every, "ranked episode"),
+        "finished": counted(len(ranked), "finished ranked episode"),
         "samples": len(ranked) / protocol.ranked,
         **_power(data),
         "frozen_at": utc(data.frozen_ms),
@@ -92,7 +97,7 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
         "length": protocol.warm_up + protocol.ranked,
         "excluded": people.started - players,
         "erased": lost if erased else "",
-        "labelled": sum(bool(trial.labels) for trial in ranked),
+        "labelled": counted(labelled, "carries a label", "carry a label"),
         "compared": "Yes" if is_compared else "No",
         "policies": ", ".join(policies) or "none played",
         "test": TEST if is_compared else "None.",
@@ -116,7 +121,7 @@ def _power(data: StudyData) -> dict[str, str]:
         details = "The authors must state whether the number of players was planned (`marsexplorer study power` helps)."
         return {"power": "Missing", "power_source": "missing", "power_details": details, **effect}
     details = (
-        f"{protocol.players} players, for standard deviations of {protocol.assumed_player_sd:g} steps between players and "
-        f"{protocol.assumed_episode_sd:g} between a player's episodes, which were assumed before the study."
+        f"{counted(protocol.players, 'player')}, for standard deviations of {protocol.assumed_player_sd:g} steps "
+        f"between players and {protocol.assumed_episode_sd:g} between a player's episodes, which were assumed before the study."
     )
     return {"power": "Yes", "power_source": "protocol", "power_details": details, **effect}

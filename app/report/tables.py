@@ -130,7 +130,8 @@ def coverage_table(report: Report) -> PageTable | None:
     if players < 2:
         return None
     cells = nearest(players)
-    size = f"{cells[0].studies} simulated studies each, {cells[0].players} players x 30 terrains"
+    studies = counted(cells[0].studies, "simulated study", "simulated studies")
+    size = f"{studies} each, {counted(cells[0].players, 'player')} x 30 terrains"
     summary = {population.name: population.summary for population in SCORE_POPULATIONS}
     rows = []
     for cell in cells:
@@ -185,7 +186,7 @@ def _result(group: GroupReport) -> PageTable | None:
         share[1] += " (guaranteed)"
     if {each[1] for each in columns} == {NONE}:
         share[1] = NONE
-    who = f"{counted(found.players, 'player')}, {found.episodes} ranked episodes; set “{found.name}”: {found.rule}."
+    who = f"{counted(found.players, 'player')}, {counted(found.episodes, 'ranked episode')}; set “{found.name}”: {found.rule}."
     kind = "guaranteed " if found.score.headline == "guaranteed" else ""
     names = "mean", f"{kind}95 % interval (headline)", "95 % interval, new terrains too"
     table = _by_metric(f"Means over players. {who}", group, names, [*columns, tuple(share)])

@@ -16,7 +16,7 @@ from app.db.trial import Trial
 from app.series.flow import INTERRUPTED
 from app.series.folder import Folder, Study
 from app.series.protocol import StudyError
-from app.task import Record, Rules
+from app.task import Record, Rules, counted
 
 _log = logging.getLogger(__name__)
 UNNOTED = (
@@ -35,16 +35,22 @@ def close_study(
     reader  of the database in which it is played; None where there is none
     seals   keep its terrains secret (`Folder.close`)
     """
-    active = 0 if now or reader is None else len(_active(reader, name, now_ms))
-    if active and folder.study(name).is_running:
-        is_of_agents = folder.study(name).protocol.agents is not None
-        one, many = ("1 agent has", "agents") if is_of_agents else ("1 person has", "people")
-        people = one if active == 1 else f"{active} {many} have"
-        raise StudyError(
-            f"{people} moved in {name!r} within the last ten minutes: nothing was closed; wait until they have "
-            "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
-        )
+    if not now:
+        check_nobody_is_at_it(folder, reader, name, now_ms)
     return folder.close(name, seals)
+
+
+def check_nobody_is_at_it(folder: Folder, reader: Reader | None, name: str, now_ms: int) -> None:
+    """StudyError where somebody has moved in a running study within the last ten minutes."""
+    active = 0 if reader is None else len(_active(reader, name, now_ms))
+    if not active or not folder.study(name).is_running:
+        return
+    is_of_agents = folder.study(name).protocol.agents is not None
+    words = ("agent has", "agents have") if is_of_agents else ("person has", "people have")
+    raise StudyError(
+        f"{counted(active, *words)} moved in {name!r} within the last ten minutes: nothing was closed; wait until they have "
+        "finished, or close it now (--now), which abandons their episodes and counts them as interrupted"
+    )
 
 
 def note_closed(store: Store, study: Study, left: Mapping[str, Record] | None = None) -> list[str]:

@@ -24,6 +24,7 @@ from app.db.study_rows import participant_label
 from app.series.files import iso, locked, ms_of, now_ms, read_object, stamp_of, write_object
 from app.series.folder import Folder, Study
 from app.series.protocol import StudyError
+from app.task import counted
 
 MAX_INVITATIONS = 5_000
 """Most invitations of a study."""
@@ -129,7 +130,7 @@ class Invitations(IssuedList[Invitation]):
         with self._changing(name) as found:
             if not 1 <= count <= MAX_INVITATIONS - len(found):
                 raise StudyError(
-                    f"expected 1 to {MAX_INVITATIONS - len(found)} further invitations (a study has at most "
+                    f"expected 1 to {counted(MAX_INVITATIONS - len(found), 'further invitation')} (a study has at most "
                     f"{MAX_INVITATIONS}), got {count}"
                 )
             before, now = len(found), iso(now_ms())

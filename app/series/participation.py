@@ -51,7 +51,8 @@ class StudyParticipation:
 
     def note_script(self, episode_id: str) -> None:
         """Note the deviation: a script moved where a person was at the controls."""
-        detail = {"what": "a step that was not a person's", "episode": episode_id}
+        sentence = "A program moved in an episode that a person had begun."
+        detail = {"sentence": sentence, "episode": episode_id}
         self._study_store.add_stage_event(self._participant.id, self._clock(), "deviation", detail)
 
     def note_end(self) -> None:

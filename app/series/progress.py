@@ -28,7 +28,7 @@ from app.series.participation import CLOSED_MESSAGE, Participations, StageError
 from app.series.protocol import DraftStudyError, StudyError, UnknownStudyError
 from app.series.recruitment import Arrival, Recruitment, supervise
 from app.series.seeds import TUTORIAL_SEED
-from app.task import on_threads
+from app.task import counted, on_threads
 
 __all__ = ["NotJoinedError", "ParticipantProgress", "StageError", "break_due"]
 
@@ -217,7 +217,7 @@ class ParticipantProgress:
         study, participant = self._at(name, player_id, "questions")
         questions = study.protocol.questions
         if len(answers) != len(questions):
-            each = f"one choice for each of the {len(questions)} questions"
+            each = f"one choice for each of {counted(len(questions), 'question')}"
             raise ValueError(f"answers must hold {each}, got {len(answers)}")
         for number, (choice, question) in enumerate(zip(answers, questions, strict=True)):
             if choice >= len(question.choices):

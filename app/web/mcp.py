@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from app.board.messages import Message, describe_errors
 from app.series.cards import CardError
+from app.task import counted
 from app.web import agents
 from app.web.agents import Agent, AgentOf, NameOf, read, told_of
 
@@ -92,7 +93,7 @@ def _told(
 def _instructions(about: dict[str, Any]) -> str:
     return (
         f"{about['instructions']} Instances are named by an index, 0 to {about['instances'] - 1}. One attempt at each, "
-        f"of at most {about['limit']} moves: begin it, then move until it is finished."
+        f"of at most {counted(about['limit'], 'move')}: begin it, then move until it is finished."
     )
 
 

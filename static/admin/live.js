@@ -49,7 +49,7 @@ export function createLive(place) {
     if (!board || !task) return void say("");
     const { step, outcome, score: scored } = board.frame;
     const { value, unit } = task.headline(board.frame);
-    say([`${step} moves`, `${value} ${unit.split(" ")[0]}`, scored === null ? "" : score(scored), outcome ? task.status(outcome) : ""].filter(Boolean).join(" \u00b7 "));
+    say([many(step, "move"), `${value} ${unit.split(" ")[0]}`, scored === null ? "" : score(scored), outcome ? task.status(outcome) : ""].filter(Boolean).join(" \u00b7 "));
     figure.dataset.outcome = outcome ?? "";
     const place = /** @type {HTMLElement} */ (canvas.parentElement);
     const { width } = place.getBoundingClientRect();

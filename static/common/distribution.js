@@ -1,4 +1,5 @@
 // How many people needed how many moves, as columns, with a dot for you and a line for each policy. The lower part paints.
+import { many } from "./words.js";
 import { drawDot, paintChart } from "./chart.js";
 import { chartColours } from "./page.js";
 
@@ -75,7 +76,7 @@ export function paintDistribution(place, { target, counts, you, marks = [] }) {
     const colours = chartColours(place);
     return {
       ...colours, edges: { left: 32, right: 32, top: 40, bottom: 24 + (marks.length ? 3 * ROW : 0) },
-      x: { low, high, ticks: [low, high], text: (moves) => (moves === low ? `${moves} moves` : String(moves)) },
+      x: { low, high, ticks: [low, high], text: (moves) => (moves === low ? many(moves, "move") : String(moves)) },
       y: { low: 0, high: Math.max(1, ...bins.map(({ count }) => count)), ticks: [], text: String },
       lines: [columns(colours.inks.base, (bin) => !isYours(bin)), columns(colours.you, isYours)],
       over: (context, at) => {

@@ -1,4 +1,5 @@
 // How many people have played the paper's own study, wherever a page has a place for it: an element with `data-people`.
+import { many } from "./words.js";
 import { request } from "./api.js";
 import { all, create } from "./page.js";
 
@@ -6,7 +7,7 @@ import { all, create } from "./page.js";
 
 /** @param {PaperStudy} found @returns {[string, string]} the sentence, and the words of its link */
 export function peopleLine({ status, people, of }) {
-  const count = `How well people explore: ${people} of ${of} people have played the paper\u2019s study.`;
+  const count = `How well people explore: ${people} of ${many(of, "person", "people")} played the paper\u2019s study.`;
   /** @type {Record<string, string>} */
   const words = { open: "Take part", invited: "How to take part", closed: "Its terrains and figure" };
   return [count, words[status] ?? "What a study is"];

@@ -66,7 +66,7 @@ export const policyRows = (task, policies, moves) => policies.map((policy) => ({
  * @param {Daily.Attempt} attempt @param {Daily.People} people @param {Daily.PolicyRow[]} rows */
 export function rankText(attempt, people, rows) {
   if (!people.you) return attempt.unranked ? `This attempt has no rank: ${attempt.unranked}.` : "";
-  const among = people.players > 1 ? `Rank ${people.you.rank} of ${people.players} people today` : "You are the first person today";
+  const among = people.players > 1 ? `Rank ${people.you.rank} of ${many(people.players, "person", "people")} today` : "You are the first person today";
   const ready = rows.filter(({ isReady }) => isReady).length;
   const beaten = rows.filter(({ isBeaten }) => isBeaten).length;
   if (!ready) return `${among}.`;

@@ -57,7 +57,7 @@ export function missingText({ players, episodes, missing }) {
   if (!players || !missing) return "nobody has played this ranked yet.";
   const lacks = `${missing.players} ${missing.players === 1 ? "is" : "are"} missing`;
   return `${many(players, "player")} and ${many(episodes, "ranked episode")} so far, and no mean yet. `
-    + `It needs ${missing.of} players with ${missing.episodes} ranked episodes each: ${lacks}.`;
+    + `It needs ${many(missing.of, "player")} with ${many(missing.episodes, "ranked episode")} each: ${lacks}.`;
 }
 
 /** @param {Leaderboard.People} people @returns who is behind a mean of people */
@@ -88,11 +88,11 @@ export function headline({ target }, { board, people, policies }) {
 export function reading({ board, people }) {
   if (!board.study) {
     return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
-      `Policies and frontier rules play ${board.terrains} fixed terrains of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
+      `Policies and frontier rules play ${many(board.terrains, "fixed terrain")} of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
   }
   const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";
   return [`People are the participants of this closed study${set}; each weighs once, and the interval is over players. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
-    `Policies and frontier rules play exactly the ${board.terrains} ranked terrains of the study; their interval is over terrains. The study's report compares them pair by pair.`];
+    `Policies and frontier rules play exactly the study's ${many(board.terrains, "ranked terrain")}; their interval is over terrains. The report compares them pair by pair.`];
 }
 
 /** Return what stands under the ranks: the line of the people where it is drawn, the break of the axis where there is
@@ -132,5 +132,5 @@ export function working(policies) {
 export function curveText(name, curve) {
   const at = [0.5, 0.9].map((share) => [share, movesTo(curve, share)]).filter(([, moves]) => moves !== null);
   const last = curve.mean[curve.mean.length - 1];
-  return `${name}: ${at.map(([share, moves]) => `${Math.round(100 * Number(share))} percent after ${moves} moves`).join(", ")}; ${(100 * last).toFixed(1)} percent in the end`;
+  return `${name}: ${at.map(([share, moves]) => `${Math.round(100 * Number(share))} percent after ${many(Number(moves), "move")}`).join(", ")}; ${(100 * last).toFixed(1)} percent in the end`;
 }

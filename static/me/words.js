@@ -40,7 +40,7 @@ export function standingText({ people: { means, you, ranked } }) {
   const mean = `You need ${you.toFixed(1)} moves on average, over ${many(ranked, "ranked episode")}`;
   if (means.length < 2) return `${mean}. You are the only person so far.`;
   const better = means.filter((each) => each < you).length;
-  return `${mean}: place ${better + 1} of ${means.length} people. A terrain that was not finished counts the limit.`;
+  return `${mean}: place ${better + 1} of ${many(means.length, "person", "people")}. A terrain that was not finished counts the limit.`;
 }
 
 /** @param {Me.Standing} standing @returns a player's rating, and how often each policy was beaten */

@@ -6,7 +6,7 @@ import { all, boardColours, by, chartColours, copyOnClick, createRepaint, create
 import { showPeople } from "../common/people.js";
 import { startBoards } from "../common/socket.js";
 import { loadTask, promptText, showTask } from "../common/task.js";
-import { notCounted } from "../common/words.js";
+import { many, notCounted } from "../common/words.js";
 import { personalText, ratingText } from "../me/words.js";
 import { keepFocusOnBoard } from "./focus.js";
 import { startInput } from "./input.js";
@@ -190,7 +190,7 @@ function paintCurves() {
     ({ name: task.nameOf(board.name), colour, dash: isDashed ? "9 4" : "" })));
   paintProgress(chart, task, curves, { font, inks, over: parts.costs?.overChart({ you, ground, ink: inks.goal }) });
   const label = curves.map(({ board: { name, progress } }) =>
-    `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${Math.max(0, progress.length - 1)} moves`);
+    `${task.nameOf(name)}: ${task.chart.say(progress.at(-1) ?? 0)} after ${many(Math.max(0, progress.length - 1), "move")}`);
   chart.setAttribute("aria-label", label.join("; ") || `${task.chart.title} over moves`);
 }
 

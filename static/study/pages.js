@@ -1,5 +1,6 @@
 // The screens that are read: consent, instructions, questions, ready, break, the end; and the dialogs. Filled from the state, touched
 // only where it changed.
+import { many } from "../common/words.js";
 import { all, by, create, put } from "../common/page.js";
 import { keyName } from "../common/task.js";
 import { screenOf } from "./state.js";
@@ -134,7 +135,7 @@ function showVerdicts({ right, why }) {
     verdict.textContent = right[number] ? "That is right." : why?.[number] || AGAIN;
   });
   const wrong = right.filter((each) => !each).length;
-  by("quiz-status").textContent = wrong === 0 ? "" : wrong === 1 ? "One answer is not right yet." : `${wrong} answers are not right yet.`;
+  by("quiz-status").textContent = wrong === 0 ? "" : `${many(wrong, "answer is", "answers are")} not right yet.`;
   if (wrong > 0) by("rules", HTMLDetailsElement).open = true;
   /** @type {HTMLElement | null} */ (form.querySelector(`[name=q${right.indexOf(false)}]:checked`))?.focus();
 }

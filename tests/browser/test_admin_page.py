@@ -268,7 +268,7 @@ def test_the_leaderboard_shows_people_once_they_are_enough(serve, player, quick,
     with zipfile.ZipFile(downloading.value.path()) as bundle:
         assert bundle.namelist() == ["episodes.csv", "steps.csv", "DATASHEET.md"]
         moves = bundle.read("steps.csv").count(b"\n") - 1
-        assert f"27 episodes, {moves} moves" in bundle.read("DATASHEET.md").decode()
+        assert f"27 episodes, {moves:,} moves" in bundle.read("DATASHEET.md").decode()
     page.get_by_test_id("by-score").click()
     texts = page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()
     scores = [float(text.replace("−", "-")) for text in texts]

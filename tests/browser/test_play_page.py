@@ -151,7 +151,7 @@ def test_a_rival_follows_the_player_and_keeps_its_own_pace_when_asked_to(serve, 
     assert me.page.get_by_test_id("badge").is_hidden(), "nothing counts beside a policy"
     me.shows(
         "people",
-        "How well people explore: 0 of 10 people have played the paper’s study. What a study is",
+        "How well people explore: 0 of 10 people played the paper’s study. What a study is",
     )
 
     me.page.get_by_test_id("pace-timed-rival").click()

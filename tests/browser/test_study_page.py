@@ -336,7 +336,7 @@ def learn_and_answer(me, screens):
     rules = me.page.locator("#rules").inner_text()
     assert "on the same terrain, fewer moves for the same cells score higher" in rules
     me.answer([0, 0, 1])
-    me.page.get_by_text("One answer is not right yet.").wait_for()
+    me.page.get_by_text("1 answer is not right yet.").wait_for()
     verdict = me.page.locator("[data-testid=question-1] .verdict").inner_text()
     assert "the rover need not drive everywhere" in verdict
     screens.look("questions-wrong")

@@ -8,6 +8,7 @@ import click
 from click import ClickException, UsageError, echo, option
 
 from app.cli.console import print_table, progress
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.web.simulate import Outcome
@@ -58,7 +59,7 @@ def simulate(study: str, participants: int | None, url: str, **options: Any) -> 
     outcomes: list[Outcome] = []
     try:
         plan = replace(plan, participants=participants or int(fetch_study(plan)["players"]))
-        with progress(f"{plan.participants} participants") as advance:
+        with progress(f"{counted(plan.participants, 'participant')}") as advance:
             simulate(plan, outcomes, advance)
     except HTTPError as error:
         raise UsageError(
@@ -99,7 +100,7 @@ def _print_outcomes(outcomes: list[Outcome]) -> None:
     if trips:
         p50, p95, p99 = np.percentile(trips, (50, 95, 99))
         echo(
-            f"{len(trips)} moves; act to frame in ms: p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f}, "
+            f"{counted(len(trips), 'move')}; act to frame in ms: p50 {p50:.1f}, p95 {p95:.1f}, p99 {p99:.1f}, "
             f"max {max(trips):.1f}"
         )
 

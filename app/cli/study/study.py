@@ -28,6 +28,7 @@ from app.cli.console import (
     write_file,
 )
 from app.cli.options import DATABASE, STUDIES, SizeType, flag, path_option, several
+from app.task import counted
 
 if TYPE_CHECKING:
     from app.report.statistics.planning import StudyPlan
@@ -353,14 +354,16 @@ def closed(
     question  what is asked before an open one is closed; None: nothing is
     """
     from app.db.reader import Reader, now_ms
-    from app.series.closing import close_study
+    from app.series.closing import check_nobody_is_at_it, close_study
 
     with failures(f"cannot close {name!r}"), study_errors(), ExitStack() as stack:
         folder.study(name)
-        if folder.status(name) == "open" and question is not None:
-            _confirm(question)
         has_file = database.exists()
         reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
+        if folder.status(name) == "open" and question is not None:
+            if not now:
+                check_nobody_is_at_it(folder, reader, name, now_ms())
+            _confirm(question)
         found = close_study(folder, reader, name, now_ms(), now, seals)
     for each in (found, *([] if found.paired is None else [found.paired])):
         if not _note_in_database(each, database):
@@ -494,7 +497,9 @@ def power(
 
 
 def _players(count: int | None) -> str:
-    return "more players than can be planned for here" if count is None else f"{count} players"
+    return (
+        "more players than can be planned for here" if count is None else counted(count, "player")
+    )
 
 
 def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
@@ -675,7 +680,7 @@ def _echo_reachable_effects(protocol: Protocol) -> None:
         echo(f"{why}: plan at least two to compare anything.")
         return
     echo(
-        f"{protocol.players} players see, with 80 % power, differences from a policy of "
+        f"With 80 % power {counted(protocol.players, 'player sees', 'players see')} differences from a policy of "
         f"{protocol.policy_difference:g} steps: policy_difference. That rests on standard deviations of "
         f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
         f"{protocol.rules.spread}: put better ones into the protocol where you have them."
@@ -689,7 +694,7 @@ def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
     plan = plan_study(protocol)
     if plan.underpowered and not is_underpowered_fine:
         each = plan.underpowered[0]
-        ways = [f"plan {each.players} players"] if each.players is not None else []
+        ways = [f"plan {counted(each.players, 'player')}"] if each.players is not None else []
         if each.least is not None and each.least < protocol.env_config.limit:
             ways.append(f"write {math.ceil(each.least)} or more as {each.field}")
         raise UsageError(

@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from app.report.statistics.intervals import Interval
+from app.task import counted as counted
 
 NONE = "–"
 
@@ -38,11 +39,6 @@ def percent(share: float, digits: int = 0) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-def counted(count: int, one: str) -> str:
-    """Return a count with its noun: "1 player", "3 players"."""
-    return f"{count} {one}" if count == 1 else f"{count} {one}s"
-
-
 def utc(ms: int) -> str:
     """Return milliseconds since 1970 as a time in UTC, as in "2026-01-31T08:05:00Z"."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(ms / 1000))
@@ -52,4 +48,8 @@ def templates(folder: Path, is_html: bool) -> Environment:
     """Return the templates of a folder, escaping what HTML does not let through; a name that nobody gives is an error."""
     blocks: Any = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     loader = FileSystemLoader(folder)
-    return Environment(loader=loader, autoescape=is_html, undefined=StrictUndefined, **blocks)
+    environment = Environment(
+        loader=loader, autoescape=is_html, undefined=StrictUndefined, **blocks
+    )
+    environment.filters["counted"] = counted
+    return environment

@@ -143,14 +143,16 @@ def _sentence(figure: dict[str, Any]) -> str:
     place = f"Volunteers on this playground, self-selected: {figure['where']}"
     if missing := figure["missing"]:
         lacks = f"{missing['players']} {'is' if missing['players'] == 1 else 'are'} missing"
-        least = f"{missing['of']} players with {missing['episodes']} ranked episodes each"
+        least = f"{counted(missing['of'], 'player')} with {counted(missing['episodes'], 'ranked episode')} each"
         return f"{place}: {who} so far{left}, and no mean yet. It needs {least}: {lacks}."
     score = f"mean score {_with_interval(figure['score'], '.3f')}"
     steps = f"{_with_interval(figure['steps'], '.1f', rules_of(figure['task']).words.steps)}"
     means = f"{score}, {steps}, {figure['completed']:.0%} completed"
     if played := figure["as_played"]:
         means += f"; with spoilt episodes as they were played {played['steps']:.1f} steps"
-    entering = f"the {figure['entering']} players with at least {LEAST_EPISODES} episodes"
+    entering = (
+        f"the {counted(figure['entering'], 'player')} with at least {LEAST_EPISODES} episodes"
+    )
     return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 
 

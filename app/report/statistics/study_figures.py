@@ -140,7 +140,7 @@ def figure_sentence(figure: StudyFigure, words: Words) -> str:
     """Return a figure that has at least one player as a sentence."""
     assert figure.score is not None
     assert figure.steps is not None
-    who = f"{counted(figure.players, 'player')}, {figure.episodes} ranked episodes"
+    who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
     kind = "guaranteed " if figure.score.headline == "guaranteed" else ""
     kind += "95 % interval "  # said once
     reasons, said = [], []

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from app.task import rules_of
+from app.task import counted, rules_of
 from app.tasks.gymnasium.description import Description
 from app.tasks.gymnasium.rules import GymnasiumRules, bytes_of, finite
 
@@ -93,7 +93,7 @@ class Examination:
         title = rules_of(self.task).title
         if self.differences:
             return f"{title} does not follow from seed and actions: {self.differences[0]}"
-        return f"{title}: no difference in {self.steps} steps"
+        return f"{title}: no difference in {counted(self.steps, 'step')}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON values."""

@@ -22,7 +22,7 @@ from pydantic import BaseModel, Field
 
 from app.board.messages import NewBoard, NewEpisode
 from app.board.pictures import jpeg, png
-from app.task import Cause, Messages, Metric, Words
+from app.task import Cause, Messages, Metric, Words, counted
 from app.tasks.gymnasium.description import (
     DEFAULT_LIMIT,
     MAX_LIMIT,
@@ -472,7 +472,8 @@ class GymnasiumRules:
         sees = f" {said}" if (said := self.sees(config)) else ""
         described = "" if self._told == self.level else f" It is described by `{self._told}`."
         time = f" Time runs at {self.clock} frames a second." if self.clock else ""
-        return f"`{self.where(config)}` with {self.version}, at most {config.limit} moves an episode.{time}{sees}{described}"
+        most = counted(config.limit, "move")
+        return f"`{self.where(config)}` with {self.version}, at most {most} an episode.{time}{sees}{described}"
 
     def minutes(self, config: GymnasiumConfig) -> float:
         """Return how long a person takes for an episode: half a second a move, or a frame, and never more than two minutes."""
@@ -518,7 +519,7 @@ class GymnasiumRules:
                 return f"{said}; first difference at step {step}"
         run = self._given_up(record, run)
         is_same = (run.outcome, run.digest) == (record.outcome, record.trajectory_hash)
-        return f"{said}; {'no difference' if is_same else 'other observations'} in {len(rewards)} steps"
+        return f"{said}; {'no difference' if is_same else 'other observations'} in {counted(len(rewards), 'step')}"
 
     def examine(self, config: GymnasiumConfig) -> None:
         """Raise ValueError where fresh processes play episodes of `EXAMINED` moves on each of five seeds differently."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.task import GhostError, PolicyOffer
+from app.task import GhostError, PolicyOffer, counted
 from app.tasks.mars.run import encode_grid
 from marsexplorer.config import ACTIONS, FREE, MAP, ROVER, UNKNOWN, EnvConfig
 from marsexplorer.episode import Episode, Record, replay
@@ -164,7 +164,7 @@ def _course(name: str, episode: Episode, next_action: NextAction, ended: Episode
 def sentence(course: Course) -> str:
     """Return what a course came to, after the name: `mapped 99 % of the ground in 75 moves`."""
     share, moves = f"{floor(1000 * course.coverage(course.moves) + 1e-6) / 10:.1f} %", course.moves
-    count = f"{moves} move" if moves == 1 else f"{moves} moves"
+    count = counted(moves, "move")
     return {
         "explored": f"mapped {share} of the ground in {count}",
         "collided": f"crashed into a rock at {share} after {count}",

@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from app.board import messages
+from app.task import counted
 from marsexplorer.config import ALL_LEVELS, MAP, MIN_SIDE
 
 DRAWN_LEVELS = tuple(name for name in ALL_LEVELS if name != MAP)
@@ -38,7 +39,7 @@ def parse_size(value: object) -> tuple[int, int]:
     """Return (rows, cols) of a whole number or a pair; ValueError otherwise."""
     if isinstance(value, (list, tuple)):
         if len(value) != 2:
-            given = f"got {len(value)} values"
+            given = f"got {counted(len(value), 'value')}"
             raise ValueError(f"size must be a whole number or [rows, cols], {given}")
         return _check_side("rows", value[0]), _check_side("cols", value[1])
     if isinstance(value, bool) or not isinstance(value, int):

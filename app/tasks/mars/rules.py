@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import marsexplorer  # noqa: F401  # registers the environment
-from app.task import Cause, Messages, Metric, Words
+from app.task import Cause, Messages, Metric, Words, counted
 from app.tasks.mars.messages import MAX_API_SIDE, Frame, History, NewEpisode, NewSession
 from app.tasks.mars.run import MarsRun
 from marsexplorer.config import ACTIONS, CORE_VERSION, EnvConfig
@@ -152,12 +152,12 @@ class MarsRules:
 
     def briefing(self, config: EnvConfig) -> str:
         """Return what the rover sees, how it moves, and how an attempt ends."""
-        counted = "of what can be seen" if config.discoverable_only else "of all cells"
+        share = "of what can be seen" if config.discoverable_only else "of all cells"
         return (
             f"A rover explores {config.rows} x {config.cols} cells that it does not know. It sees the free cells and the rock "
             f"in its line of sight, up to {config.sensor_radius} cells away. A move takes it one cell north, east, south or "
             f"west; a move into rock or off the map ends the attempt. The attempt is complete at {100 * config.beta:g} % "
-            f"{counted}, and over after {config.max_steps} moves. Map as much as you can in as few moves as you can."
+            f"{share}, and over after {counted(config.limit, 'move')}. Map as much as you can in as few moves as you can."
         )
 
     def design(self, config: EnvConfig) -> str:

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from app.task import counted
 from marsexplorer.config import ACTIONS
 from marsexplorer.episode import Episode
 
@@ -170,7 +171,8 @@ def text_frame(given: Mapping[str, Any]) -> str:
     rows, cols = spans
     matrix = [f"{each:3} {given['grid'][each][cols[0] : cols[-1] + 1]}" for each in rows]
     return "\n".join((
-        f"{given['rows']} rows from north to south, {given['cols']} columns from west to east; here are rows {rows[0]} to "
+        f"{counted(given['rows'], 'row')} from north to south, {counted(given['cols'], 'column')} from west to east; "
+        f"here are rows {rows[0]} to "
         f"{rows[-1]} (each with its number), columns {cols[0]} to {cols[-1]}.",
         f"@ the rover, at row {row}, column {col}; ? not seen yet; . free; # rock. {given['coverage']:.1%} is mapped.",
         *matrix,

@@ -32,7 +32,7 @@ export const stepsToGoal = ({ outcome: found, step }) => (found === "explored" ?
  * @param {Mars.Frame} frame @param {string} name */
 export function describe({ grid, position, rows, cols, coverage, step }, name) {
   const around = Object.keys(WAYS).map((way) => `${way} ${stateOf(markAt(grid, cellAfter(position, way)))}`);
-  return `State matrix of ${name}: ${rows} rows, ${cols} columns. Rover at row ${position[0] + 1}, column ${position[1] + 1}. `
+  return `State matrix of ${name}: ${many(rows, "row")}, ${many(cols, "column")}. Rover at row ${position[0] + 1}, column ${position[1] + 1}. `
     + `${around.join(", ")}. ${percent(coverage)} percent mapped in ${many(step, "move")}.`;
 }
 /** @param {string | undefined} mark */

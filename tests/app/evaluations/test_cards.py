@@ -116,7 +116,7 @@ def test_an_erased_card_plays_no_further_and_its_number_is_kept(serve, root, tmp
     agent.play(0, moves=2)
     agent.server.stop()
     code, out, said = command(capsys, "forget", token[:4], "--yes", "--database", database)
-    assert (code, "one participant of agents, 1 episodes" in out) == (0, True), said
+    assert (code, "one participant of agents, 1 episode" in out) == (0, True), said
     server = serve()
     with pytest.raises(CardError) as refusal:
         Agent(server, token)

@@ -102,8 +102,8 @@ def test_the_datasheet_says_what_is_known_and_no_more(place, name):
     protocol = json.loads((place / name / "protocol.json").read_text())
     text = " ".join((place / name / "DATASHEET.md").read_text().split())
     for known in (
-        "1 people who were erased at their own request",
-        "1 people withdrew later",
+        "1 person who was erased at their own request",
+        "1 person withdrew later",
         "by single-use links, of which 9 were issued, 1 revoked and 1 never opened",
         "of the people's ranked episodes 4 ",
         f"the protocol requires `{protocol['required_attestation']}`",

@@ -1,11 +1,16 @@
 """The report from data whose numbers are known: who enters, what is said, and that scripts never look like people."""
 
 import json
+import re
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from app.board.sources import Sources
+from app.db.reader import Reader
+from app.db.series import StudyStore
 from app.report import build
 from app.report.model import SYNTHETIC
 from app.report.page import render
@@ -13,11 +18,15 @@ from app.report.statistics.formatting import utc
 from app.report.statistics.intervals import guaranteed_interval, printed_interval
 from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from app.report.tables import group_tables
+from app.series.data import load
+from app.series.folder import Folder
+from app.series.participation import StudyParticipation
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
 from tests.support.declared import DECLARATIONS
 from tests.support.made_studies import CONFIG, FROZEN_MS, person, played, run, study, trial
+from tests.support.stored_studies import StudyRecorder, freeze
 
 NAN = float("nan")
 ITEMS = [
@@ -162,7 +171,8 @@ def test_the_exclusion_sets():
     }  # fmt: skip
     assert group.labels == {"untrusted": 1}
     assert (
-        "1 ranked episode of 1 participant carry a label of implausible input." in group.deviations
+        "1 ranked episode of 1 participant carries a label of implausible input."
+        in group.deviations
     )
     assert (group.started, group.finished, group.left) == (4, 3, 1)
 
@@ -173,8 +183,8 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
     group = build(study(people, trials)).groups[0]
     assert (group.figures[0].episodes, group.figure.players) == (17, 2)
     assert (
-        "1 ranked episode of 1 participant had a move made by a script; where a person had begun they "
-        "count as abandoned, else they enter no figure." in group.deviations
+        "1 ranked episode of 1 participant had a move made by a script: begun by a person, such an "
+        "episode counts as abandoned, else in no figure." in group.deviations
     )
 
 
@@ -183,7 +193,7 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
     [
         ({"config": EnvConfig("random", 7, 9, sensor_radius=4)}, "ran on another configuration"),
         ({"core_version": "0"}, "ran on another core version"),
-        ({"outcome": "abandoned"}, "were given up"),
+        ({"outcome": "abandoned"}, "was given up; it counts"),
     ],
 )
 def test_deviations_of_episodes(change, said):
@@ -214,10 +224,26 @@ def test_deviations_of_the_study():
 
 def test_deviations_that_the_server_recorded():
     people, trials = played(SCORES)
-    people[0] = person(
-        0, events=[(FROZEN_MS, "deviation", {"sentence": "The page was reloaded 40 times."})]
-    )
-    assert "The page was reloaded 40 times." in build(study(people, trials)).groups[0].deviations
+    detail = {"sentence": "The page was reloaded 40 times."}
+    people[0] = person(0, events=[(FROZEN_MS, "deviation", detail)] * 2)
+    found = build(study(people, trials)).groups[0].deviations
+    assert "The page was reloaded 40 times. (noted 2 times)" in found
+
+
+def test_a_deviation_that_the_server_notes_is_a_sentence(tmp_path):
+    """What a script's move leaves in the database is what the report prints, no raw value in it."""
+    frozen = freeze(tmp_path / "studies")
+    with closing(StudyRecorder(tmp_path / "play.db", frozen)) as recorder:
+        participant = recorder.join(0)
+        recorder.play(participant, "ranked", 0)
+        store = StudyStore(recorder.store)
+        folder = Folder(tmp_path / "studies")
+        who = store.participant(participant)
+        StudyParticipation(who, folder, store, Sources()).note_script("e" * 32)
+    with closing(Reader.open(tmp_path / "play.db")) as reader:
+        (line, *_) = build(load(reader, frozen.name)).groups[0].deviations[::-1]
+    assert re.fullmatch(r"[A-Z][^{}\[\]\"]*\.", line)
+    assert "e" * 32 not in line
 
 
 def test_warm_up_trials_are_shown_and_enter_no_figure():
@@ -325,7 +351,7 @@ def test_one_player_and_one_terrain_are_reported_without_intervals():
     assert report.groups[0].metric("score").new_terrains is None
     assert json.loads(report.to_json())["groups"][0]["figures"][1]["score"]["interval"] is None
     page = render(report)
-    assert "1 player, 1 ranked episodes: mean score 0.900, " in page
+    assert "1 player, 1 ranked episode: mean score 0.900, " in page
     assert "One player gives no interval.</p>" in page
     for absent in ("(headline)", "interval of the headline", "1 players"):
         assert absent not in page, absent
@@ -461,7 +487,7 @@ def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
     given = {"recruitment": "panel", "assumed_player_sd": 8.0, "assumed_episode_sd": 15.0}
     items = {item.number: item for item in build(study(people, trials, **given)).checklist}
     assert items["3.2.2"].answer == "1 of 4"
-    assert "0 of 20 finished ranked episodes carry a label" in items["3.2.2"].detail
+    assert "Of 20 finished ranked episodes 0 carry a label" in items["3.2.2"].detail
     assert "panel" in items["2.2"].detail
     assert (items["1.8"].answer, items["1.8"].source) == ("Yes", "protocol")
     unplanned = build(
@@ -531,7 +557,7 @@ def test_the_report_counts_what_the_required_level_leaves_out():
     assert as_played.steps.mean < counted.steps.mean
     assert as_played.score.mean > counted.score.mean
     page = render(report)
-    assert "The level required left out 2 ranked episodes of 1 people" in page
+    assert "The level required left out 2 ranked episodes of 1 person" in page
     assert "by a link that anybody could open" in page
     assert "not attested: 1" in page
     scripts = build(study(*played(SCORES, "script", "idler")), synthetic=True)

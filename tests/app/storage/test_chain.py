@@ -334,7 +334,7 @@ def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, c
     code, said = run(capsys, *given)
     head = verify_database(path).chain
     assert code == 0
-    assert f"chain: {head.entries} entries; head {head.head}\n" in said
+    assert f"chain: {head.entries:,} entries; head {head.head}\n" in said
     build_release(ReleaseRequest(path, "dunes", tmp_path / "out"))
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
     assert (manifest["chain_head"], manifest["chain_entries"]) == (head.head, head.entries)

@@ -61,7 +61,10 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
 ):
     path = tmp_path / "play.db"
     monkeypatch.setattr("sys.stdin", io.StringIO())  # no terminal
-    code, _, said = run(capsys, tmp_path, "close", "dunes")
+    code, out, said = run(capsys, tmp_path, "close", "dunes")
+    assert (code, "1 person has moved" in said) == (2, True), "refused before anything is asked"
+    assert "for ever?" not in out + said
+    code, _, said = run(capsys, tmp_path, "close", "dunes", "--now")
     assert (code, "--yes closes without asking" in said) == (1, True)
     code, _, said = run(capsys, tmp_path, "close", "dunes", "--yes")
     assert (code, "1 person has moved" in said, "--now" in said) == (2, True, True)

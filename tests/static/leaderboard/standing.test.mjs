@@ -78,7 +78,7 @@ test("a study's board says so, and who enters it", () => {
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
   assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
   assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
-  assert.match(reading({ board: study, people, policies })[1], /exactly the 30 ranked terrains/);
+  assert.match(reading({ board: study, people, policies })[1], /exactly the study.s 30 ranked terrains/);
   assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);
 });
 
