@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from app.report.statistics.crossed import can_be_crossed, crossed_components
-from app.report.statistics.intervals import Interval, printed_interval
+from app.report.statistics.intervals import FEWEST, Interval, interval
 from app.report.statistics.likelihood import TAIL
 from marsexplorer.intervals import Floats
 
@@ -145,13 +145,15 @@ def iqm(table: Floats) -> float:
     return float(scipy.stats.trim_mean(table[~np.isnan(table)], 1 / 4))
 
 
-def iqm_interval(table: Floats) -> Interval:
-    """Return the 95 % interval of the IQM for other players on these terrains: the rule's, on the players' shares in it.
+def iqm_interval(table: Floats) -> Interval | None:
+    """The 95 % interval of the IQM for other participants on these terrains; None below five.
 
     The variance of a trimmed mean is that of the values drawn in to its ends (Tukey and McLaughlin 1963, Sankhya A 25(3)), here
-    with whole players as the independent units. At least two players.
+    with whole participants as the independent units.
     """
-    low, high = printed_interval(iqm_shares(table))
+    if len(table) < FEWEST:
+        return None
+    low, high = interval(iqm_shares(table)[:, None], None, terrains_drawn=False)
     return float(low), float(high)
 
 
