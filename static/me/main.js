@@ -2,7 +2,7 @@
 import { request } from "../common/api.js";
 import { paintDistribution } from "../common/distribution.js";
 import { paintChart } from "../common/chart.js";
-import { movesAxis, ticks, tickText } from "../common/chart_scale.js";
+import { ticks, tickText } from "../common/chart_scale.js";
 import { chartColours, create, by, put } from "../common/page.js";
 import { loadTask } from "../common/task.js";
 import { percent, score } from "../common/words.js";
@@ -130,7 +130,7 @@ function paintGaps() {
   const [low, high] = [Math.min(0, ...moves), Math.max(10, ...moves)];
   paintChart(chart, { inks, font, base: 0, edges: { left: 44, right: 14, top: 16, bottom: 22 },
     lines: [{ colour: you, dash: [], dot: 3.5, hasWhiskers: true, x: finished.map(({ at }) => at), y: moves }],
-    x: { ...movesAxis(gaps.length), text: (at) => (at ? String(at) : "episode") }, y: { low, high, ticks: ticks(low, high), text: tickText },
+    x: { low: 0, high: gaps.length, ticks: ticks(0, gaps.length).filter(Number.isInteger), text: (at) => (at ? String(at) : "episode") }, y: { low, high, ticks: ticks(low, high), text: tickText },
     over: (context, at) => numbered.filter(({ isFinished }) => !isFinished).forEach((episode) => paintCross(context, at.x(episode.at), at.y(high) - 8, inks.text)) });
   chart.setAttribute("aria-label", gapsText(gaps));
 }

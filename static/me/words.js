@@ -69,10 +69,12 @@ export function gapsText(gaps) {
   const mean = (/** @type {number[]} */ moves) => moves.reduce((sum, each) => sum + each, 0) / moves.length;
   const more = gaps.filter(({ isFinished }) => isFinished).map(({ gap }) => gap);
   const open = gaps.length - more.length;
-  const unfinished = open ? ` ${many(open, "episode")} ${open === 1 ? "was" : "were"} not finished.` : "";
+  const unfinished = open ? ` ${many(open, "episode")} ${open === 1 ? "was" : "were"} not finished (${open === 1 ? "a cross" : "crosses"}).` : "";
   if (!more.length) return unfinished.trim();
   const gap = mean(more);
   const half = Math.floor(more.length / 2);
   const change = half ? ` ${signed(mean(more.slice(0, half)))} in the first half, ${signed(mean(more.slice(-half)))} in the second.` : "";
-  return `You needed ${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than Expert ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
+  const size = Math.abs(gap).toFixed(1);
+  const needed = size === "0.0" ? "as many moves as Expert" : `${size} moves ${gap < 0 ? "fewer" : "more"} than Expert`;
+  return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
 }

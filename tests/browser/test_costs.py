@@ -121,14 +121,15 @@ def test_mistakes_are_listed_and_one_is_tried_again(serve, player, width, height
 
 @pytest.mark.long
 def test_a_large_board_says_that_its_moves_are_not_judged(serve, player):
-    me = player(serve(), FLAGS)
+    server = serve()
+    me = player(server, FLAGS)
     frame = me.begin(size=84, seed=12, rival="frontier-cost")["frame"]
     me.press("north")
     ask = me.page.get_by_role("button", name=ASK)
     ask.click()
     said = me.page.locator("[data-part=costs]")
     said.get_by_text("Moves are judged on boards of up to 1764 cells").wait_for(timeout=60_000)
-    costs = me.page.request.get(f"{me.server.url}/api/episodes/{frame['episode']}/costs").json()
+    costs = me.page.request.get(f"{server.url}/api/episodes/{frame['episode']}/costs").json()
     whole = f"Your episode counts 7056 moves, Expert's {costs['expert_moves']}: "
     assert said.inner_text().startswith(whole)
     assert ask.is_hidden(), "asking again would say the same"

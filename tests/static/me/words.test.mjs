@@ -38,9 +38,10 @@ test("the curve of gaps to Expert is said in words, and an unfinished episode en
   const of = (...gaps) => gapsText(gaps.map((gap) => ({ gap: gap ?? 400, isFinished: gap !== null })));
   assert.match(of(), /^No episode of yours can be compared yet/);
   assert.equal(of(40, 20, 10), "You needed 23.3 moves more than Expert on average, over 3 finished episodes. +40.0 in the first half, +10.0 in the second.");
-  assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished.");
-  assert.equal(of(-7, null, null), "You needed 7.0 moves fewer than Expert in 1 finished episode. 2 episodes were not finished.");
-  assert.equal(of(null), "1 episode was not finished.");
+  assert.equal(of(7, null), "You needed 7.0 moves more than Expert in 1 finished episode. 1 episode was not finished (a cross).");
+  assert.equal(of(-7, null, null), "You needed 7.0 moves fewer than Expert in 1 finished episode. 2 episodes were not finished (crosses).");
+  assert.equal(of(1, -1), "You needed as many moves as Expert on average, over 2 finished episodes. +1.0 in the first half, \u22121.0 in the second.");
+  assert.equal(of(null), "1 episode was not finished (a cross).");
 });
 
 test("a rating is said with what was beaten", () => {
