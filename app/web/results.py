@@ -50,8 +50,8 @@ def _database_now(request: Request) -> tuple[Path, int]:
 def get_human_level(request: Request) -> dict[str, Any]:
     """Return one figure per configuration, from ranked episodes: alone, on terrains that were neither chosen nor met before.
 
-    Volunteers select themselves: this is no human level, which is a closed study's figure. The means are over the `entering`
-    players, who have five episodes each; they are null while `missing` says how many of the five such players are missing.
+    Volunteers select themselves: this is no human level, which is a closed study's figure. The means are over the players in
+    `entering`, who have five episodes each; they are null while `missing` says how many of the five such players are missing.
     Each weighs the same, the interval is the report's, and `abandoned` says how many of all `episodes` were left.
     """
     with _reader(request) as reader:

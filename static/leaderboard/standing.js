@@ -60,10 +60,11 @@ export function missingText({ players, episodes, missing }) {
     + `It needs ${many(missing.of, "player")} with ${many(missing.episodes, "ranked episode")} each: ${lacks}.`;
 }
 
-/** @param {Leaderboard.People} people @returns who is behind a mean of people */
-function peopleText({ players, episodes, abandoned, entering }) {
-  const whole = `${many(players, "player")} and ${many(episodes, "episode")}${abandoned ? `, ${abandoned} of them abandoned` : ""}`;
-  return entering === undefined ? whole : `the ${many(entering, "player")} with enough episodes, of ${whole}`;
+/** @param {Leaderboard.People} people who are behind a mean @param {Leaderboard.BoardListing} board */
+function peopleText({ players, episodes, abandoned }, board) {
+  const others = board.study ? 0 : board.players - players;
+  const less = others ? `; ${many(others, "player")} with fewer episodes ${others === 1 ? "is" : "are"} not in it` : "";
+  return `${many(players, "player")} and ${many(episodes, "episode")}${abandoned ? `, ${abandoned} of them abandoned` : ""}${less}`;
 }
 
 /** @param {Pick<Task, "target">} task @param {Leaderboard.Detail} detail @returns the sentence under the heading */
@@ -80,7 +81,7 @@ export function headline({ target }, { board, people, policies }) {
   }
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
   const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
-  const from = peopleText(people);
+  const from = peopleText(people, board);
   return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${policy}`;
 }
 

@@ -1,7 +1,7 @@
 // What the page of the playground is filled with, touched only where it changed: boards' words and numbers, the top bar, the end card.
 import { all, by, paintLink, put } from "../common/page.js";
 import { paintNumbers } from "../common/task.js";
-import { score, signed } from "../common/words.js";
+import { score, signed, within } from "../common/words.js";
 import { challengeHash } from "./challenge.js";
 
 /** Paint the end card of the player's board; return whether it has just appeared.
@@ -124,7 +124,8 @@ export function paintBar(state, rival) {
   const { task, player } = state;
   for (const button of all("button[data-mode]")) button.setAttribute("aria-pressed", String(button.dataset.mode === state.mode));
   by("badge").hidden = !state.counts;
-  put(by("terrain"), task && player ? task.place(state.level, player.frame) : "");
+  const place = task && player ? task.place(state.level, player.frame) : "";
+  put(by("terrain"), state.mode === "challenge" ? `Challenge \u00b7 ${place}` : place);
   paintLink(by("link"), state.link, "live");
   if (task) put(by("goal"), task.goal(player?.frame ?? null));
   put(by("standing"), standing(state, rival));
@@ -133,7 +134,7 @@ export function paintBar(state, rival) {
   const beside = task && state.mode === "challenge" && state.rival ? task.nameOf(state.rival.name) : named(state.rival);
   put(by("tab-rival"), beside ?? "Policy");
   put(by("key-player"), named(player) ?? "you");
-  put(by("key-rival"), beside ?? "policy");
+  put(by("key-rival"), within(beside ?? "policy"));
   document.body.dataset.mode = state.mode;
   document.body.dataset.ended = String(Boolean(player?.frame.outcome));
 }

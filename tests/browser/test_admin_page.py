@@ -255,9 +255,10 @@ def test_the_leaderboard_shows_people_once_they_are_enough(serve, player, quick,
     until(page, "window.mars && window.mars.state.detail && window.mars.state.detail.people")
     page.get_by_test_id("evaluate").click()
     until(page, "window.mars.state.detail.policies.every((policy) => policy.figure)")
-    whole = "from the 5 players with enough episodes, of 6 players and 27 episodes"
+    whole = "from 5 players and 25 episodes; 1 player with fewer episodes is not in it"
     assert whole in page.get_by_test_id("sentence").inner_text()
     people = page.get_by_test_id("rank-people")
+    assert people.locator("td").last.inner_text() == "5 players, 25 episodes"
     assert people.locator(".human").count() == 1, "the human level is a line"
     steps = [float(text) for text in page.locator("#ranks tbody td:nth-child(3)").all_inner_texts()]
     assert steps == sorted(steps)

@@ -36,6 +36,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     assert (me.state("mode"), me.state()["episode"]) == ("challenge", begun["episode"])
     assert (me.state("rival.name"), me.state("rival.frame.step")) == ("A script", 3)
     assert page.url.endswith(f"#challenge={against.id}")
+    assert page.get_by_test_id("terrain").inner_text() == "Challenge · Scattered · 9 × 12"
     mine = me.explore(policy, lambda frame: frame["outcome"])
     theirs = me.state("rival.frame")
     done = page.request.get(f"{server.url}/api/episodes/{against.id}").json()
@@ -44,6 +45,7 @@ def test_a_replay_is_challenged_and_both_results_stand_at_the_end(serve, player,
     said = page.get_by_test_id("end-compare-player").inner_text()
     gap = mine["step"] - theirs["step"]
     assert f"{abs(gap)} move" in said or "both needed" in said
+    assert " a script" in said
     assert judged(page, "challenge-end") == []
     # a terrain that was chosen: in no human figure, whoever played it
     stored = page.request.get(f"{server.url}/api/episodes/{mine['episode']}").json()

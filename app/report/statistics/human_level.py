@@ -93,16 +93,20 @@ def _figure(task: str, config_json: str, players: Sequence[Sums]) -> dict[str, A
         "config_hash": config.hash,
         "config": values,
         "population": "volunteers",
-        "players": len(players),
-        "episodes": sum(each.episodes for each in players),
-        "abandoned": sum(each.abandoned for each in players),
-        "spoilt": sum(each.spoilt for each in players),
-        "entering": len(entering),
+        **_counts(players),
+        "entering": _counts(entering),
         "missing": {"players": missing, "of": LEAST_PLAYERS, "episodes": LEAST_EPISODES}
         if missing
         else None,
         **(dict.fromkeys(MEANS) if missing else _means(rules, config, entering)),
     }
+
+
+def _counts(players: Sequence[Sums]) -> dict[str, int]:
+    """How many players, and of their episodes how many in all, abandoned and spoilt."""
+    names = ("episodes", "abandoned", "spoilt")
+    sums = {name: sum(getattr(each, name) for each in players) for name in names}
+    return {"players": len(players), **sums}
 
 
 def _means(rules: Rules, config: Configuration, players: Sequence[Sums]) -> dict[str, Any]:
@@ -151,7 +155,8 @@ def _sentence(figure: dict[str, Any]) -> str:
     if played := figure["as_played"]:
         means += f"; with spoilt episodes as they were played {played['steps']:.1f} steps"
     entering = (
-        f"the {counted(figure['entering'], 'player')} with at least {LEAST_EPISODES} episodes"
+        f"the {counted(figure['entering']['players'], 'player')} with "
+        f"at least {LEAST_EPISODES} episodes"
     )
     return f"{place}: {means}. Each of {entering} weighs the same; {who} in all{left}."
 

@@ -105,8 +105,8 @@ class Leaderboard:
             return None
         with self._reading, closing(Reader.open(self._database, public=True)) as reader:
             pictures = self._people.pictures(reader, entry.config, entry.human)
-        plain = ("players", "episodes", "abandoned", "entering", "score", "steps", "completed")
-        return {**{name: entry.human[name] for name in plain}, **pictures}
+        means = {name: entry.human[name] for name in ("score", "steps", "completed")}
+        return {**entry.human["entering"], **means, **pictures}
 
 
 MAX_EPISODES = 1000
