@@ -8,8 +8,9 @@ pace, with a clock that runs as a page's does, is attested as well.
 The clock is compared by cause and effect alone. A page cannot answer a frame before the server had committed it, and the
 server cannot receive a move before the page has sent it. With `offset` = server's clock - page's clock, each move says
     time of the frame - time of sending  <=  offset  <=  time of receipt - time of sending
-and all moves of one load of the page must leave room for one offset. However late a network delivers, these hold; a clock
-that runs faster or slower than the server's, or times that were made up, do not fit them for long.
+and all moves of one load of the page, which their presses name, must leave room for one offset. However late a network
+delivers, these hold; a clock that runs faster or slower than the server's, or times that were made up, do not fit them for
+long.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ before them may not be painted yet."""
 TYPED_AHEAD_MS = 3_000
 """A burst may answer an older frame, where the page keeps all presses: its presses reach the server within this time after the
 first move that was not on screen yet. Both times are the server's, so nobody can make them up. It is the longest of FASTEST."""
-FREE_PAGES, MS_PER_PAGE, MOST_PAGES = 4, 2_500, 12
+FREE_LOADS, MS_PER_LOAD, MOST_LOADS = 4, 2_500, 12
 """Loads of the page that may have made an episode's moves: four at once, one more for each two and a half seconds, twelve at
 most. A load takes a person that long, so a program cannot begin a new clock with each move."""
 REST_MS = 10_000
@@ -149,12 +150,12 @@ def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) 
 def _check_moves(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> None:
     """Check that each move is that of a press of its own."""
     presses = _presses(moves, events, conditions.key_map)
-    pages, gaps = _Pages(), list[float]()
+    clocks, gaps = _Clocks(), list[float]()
     for step, (move, press) in enumerate(zip(moves, presses, strict=True)):
         _check_press(step, move, press)
         _check_frame(step, moves, press, conditions.types_ahead)
         shown_ms = moves[press["step"] - 1]["server_ms"] if press["step"] else conditions.started_ms
-        gaps.append(pages.add(moves, step, shown_ms))
+        gaps.append(clocks.add(moves, step, shown_ms, press["page_load"]))
     _check_pace(gaps, _is_coarse([float(move["key_down_ms"]) for move in moves]))
 
 
@@ -174,7 +175,7 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
             elif event["kind"] in ("hidden", "pause"):
                 runs_from_ms = None
             elif event["kind"] in _KINDS.values() and not event["repeat"]:
-                sent = {"client_ms": event["client_ms"], "server_ms": event["server_ms"]}
+                sent = {name: event[name] for name in ("client_ms", "server_ms", "page_load")}
                 presses.append({**sent, "key_down_ms": event["client_ms"]})
                 if not 0 <= (event["step"] or 0) <= step:
                     raise _MismatchError(f"a press answers the frame of step {event['step']}", step)
@@ -189,9 +190,9 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
         if made not in {each.action(held.down, before) for each in conditions.controls}:
             raise _MismatchError("the action does not follow from the keys that were held", step)
         before = move["action"]
-    pages, gaps = _Pages(), list[float]()
-    for number in range(len(presses)):
-        gaps.append(pages.add(presses, number, shown_ms[number]))
+    clocks, gaps = _Clocks(), list[float]()
+    for number, press in enumerate(presses):
+        gaps.append(clocks.add(presses, number, shown_ms[number], press["page_load"]))
     _check_pace(gaps, _is_coarse([press["key_down_ms"] for press in presses]))
 
 
@@ -298,64 +299,56 @@ def _check_frame(step: int, moves: Sequence[Row], press: Row, types_ahead: bool)
         raise _MismatchError(f"the press answers the frame of step {shown}", step)
 
 
-class _Page:
-    """One load of the page: the offsets (server's clock - page's clock, ms) that all its moves so far leave room for."""
+class _Clock:
+    """A page load's clock: the offsets (server's clock - its own, ms) that all moves so far allow."""
 
-    def __init__(self, low: float, high: float, sent_ms: float, down_ms: float) -> None:
-        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+    def __init__(self, low: float, high: float, sent_ms: float) -> None:
+        self.low, self.high, self.sent_ms = low, high, sent_ms
 
-    def take(self, low: float, high: float, sent_ms: float, down_ms: float) -> bool:
+    def take(self, low: float, high: float, sent_ms: float) -> bool:
         """Take a move of which the offset is from `low` to `high`, if it fits; return whether it does."""
         drift_ms = CLOCK_DRIFT * (sent_ms - self.sent_ms)
         low, high = max(low, self.low - drift_ms), min(high, self.high + drift_ms)
         if sent_ms < self.sent_ms or low > high:
             return False
-        self.low, self.high, self.sent_ms, self.down_ms = low, high, sent_ms, down_ms
+        self.low, self.high, self.sent_ms = low, high, sent_ms
         return True
 
 
-class _Pages:
-    """The loads of the page that made an episode's moves. A reload, a second tab or a laptop's sleep begins another clock."""
+class _Clocks:
+    """The clocks of the page loads that made an episode's moves. A laptop's sleep begins another one in its load."""
 
     def __init__(self) -> None:
-        self._pages: list[_Page] = []
+        self._of_loads: dict[int, _Clock] = {}
         self._counted = 0
-        self._last: _Page | None = None
+        self._last: _Clock | None = None
+        self._last_down_ms = 0.0
 
-    def add(self, moves: Sequence[Row], step: int, shown_ms: float) -> float:
-        """Add a move and return the ms since the press before it; _MismatchError when it fits no load of the page.
+    def add(self, moves: Sequence[Row], step: int, shown_ms: float, page_load: int) -> float:
+        """Add a move and return the ms since the press before it; _MismatchError when it does not fit its load's clock.
 
-        shown_ms  when the frame was made that was on screen, server's clock
+        shown_ms   when the frame was made that was on screen, server's clock
+        page_load  that its press came from
         """
         move = moves[step]
         sent_ms, received_ms = float(move["client_ms"]), float(move["server_ms"])
+        down_ms = float(move["key_down_ms"])
         low, high = shown_ms - sent_ms - CLOCK_SLACK_MS, received_ms - sent_ms + CLOCK_SLACK_MS
         if low > high:
             raise _MismatchError("the frame that the press answers came after it", step)
-        page = self._find(low, high, sent_ms, float(move["key_down_ms"]))
-        if page is None:
-            page = _Page(low, high, sent_ms, float(move["key_down_ms"]))
-            self._pages.append(page)
+        clock = self._of_loads.get(page_load)
+        if clock is None or not clock.take(low, high, sent_ms):
+            clock = self._of_loads[page_load] = _Clock(low, high, sent_ms)
             self._counted += not _rested(moves[max(0, step - MOST_STEPS_BEHIND - 1) : step + 1])
             passed_ms = received_ms - moves[0]["server_ms"]
-            if self._counted > min(MOST_PAGES, FREE_PAGES + passed_ms / MS_PER_PAGE):
+            if self._counted > min(MOST_LOADS, FREE_LOADS + passed_ms / MS_PER_LOAD):
                 raise _MismatchError("the page's clock does not run with the server's", step)
-        gap_ms = self._gap_ms(page, moves, step)
-        self._last, self._last_down_ms = page, page.down_ms
-        return gap_ms
-
-    def _find(self, *move: float) -> _Page | None:
-        """Return the page that takes a move: the one of the move before, else the newest."""
-        known = [page for page in reversed(self._pages) if page is not self._last]
-        pages = [*([self._last] if self._last else []), *known]
-        return next((page for page in pages if page.take(*move)), None)
-
-    def _gap_ms(self, page: _Page, moves: Sequence[Row], step: int) -> float:
-        if self._last is None:
-            return 0.0
-        if page is self._last:
-            return max(0.0, page.down_ms - self._last_down_ms)
-        return max(0.0, float(moves[step]["server_ms"] - moves[step - 1]["server_ms"]))
+        if clock is self._last:
+            gap_ms = down_ms - self._last_down_ms
+        else:
+            gap_ms = received_ms - moves[step - 1]["server_ms"] if step else 0.0
+        self._last, self._last_down_ms = clock, down_ms
+        return max(0.0, gap_ms)
 
 
 def _rested(moves: Sequence[Row]) -> bool:

@@ -67,6 +67,10 @@ PRINTABLE = AfterValidator(_check_printable)
 """Of an id that is made elsewhere, and stored: it has no control or invisible characters (str.isprintable)."""
 
 
+DrawnId = Annotated[str, Field(min_length=8, max_length=64), PRINTABLE]
+"""An id that a page draws by chance."""
+
+
 class BadMessageError(ValueError):
     """A message that this server does not accept; the text is one sentence for its sender."""
 
@@ -182,9 +186,9 @@ class Events(Message):
 
     kind: Literal["events"]
     episode: str = Field(max_length=64)
-    batch: Annotated[str, Field(min_length=8, max_length=64), PRINTABLE] = Field(
-        description="drawn by the page, another for each batch"
-    )
+    batch: DrawnId = Field(description="drawn by the page, another for each batch")
+    page_load: DrawnId = Field(description="drawn by the page when it is loaded")
+    tab: DrawnId = Field(description="drawn by the page once in a tab of the browser")
     events: list[InputEvent] = Field(max_length=MAX_EVENTS_PER_MESSAGE)
 
 
@@ -308,9 +312,10 @@ def _clause(error: dict[str, Any]) -> str:
     names = [str(part) for part in loc]
     name, came = (names[-1] if names else "the message"), _shown(error.get("input"))
     bounds = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
-    bounds["max_length"] = "at most"
+    bounds |= {"min_length": "at least", "max_length": "at most"}
     known = [f"{words} {_plain(context[key])}" for key, words in bounds.items() if key in context]
     bound = next(iter(known), None)
+    is_length = {"min_length", "max_length"} & context.keys()
     if kind == "value_error":
         return str(context["error"])
     if kind == "json_invalid":
@@ -328,7 +333,7 @@ def _clause(error: dict[str, Any]) -> str:
     if kind == "literal_error":
         return f"{name} must be {'true' if context['expected'] == 'True' else context['expected']}, got {came}"
     if bound is not None:
-        return f"{name} must be {bound}{' characters long' if 'max_length' in context else ''}, got {came}"
+        return f"{name} must be {bound}{' characters long' if is_length else ''}, got {came}"
     plain = kind.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
     expected = _TYPES.get(plain)
     wrong = f"{name} must be {expected}" if expected else f"{name}: {error['msg']}"

@@ -36,6 +36,8 @@ from app.board.messages import KEY_CODES, UNIDENTIFIED, Events, Pace, Remade
 from app.db.input_events import (
     MAX_EVENTS_PER_EPISODE,
     InputEventRow,
+    PageLoad,
+    TooManyEventsError,
     add_input_events,
     input_events,
 )
@@ -741,8 +743,11 @@ class Session:
         for each in told:
             each["code"] = UNIDENTIFIED if each["code"] in unknown else each["code"]
         rows = [InputEventRow(**each) for each in told]
-        if not add_input_events(self._store, events.episode, rows, came_ms, events.batch):
-            raise RefusedError(TOO_MANY_EVENTS)
+        page_load = PageLoad(events.page_load, events.tab)
+        try:
+            add_input_events(self._store, events.episode, rows, came_ms, events.batch, page_load)
+        except TooManyEventsError as error:
+            raise RefusedError(str(error)) from None
 
     def _unknown_codes(self, events: Events) -> set[str]:
         """Return the codes of events that are neither a key of the standard, nor one that can have driven a move here.

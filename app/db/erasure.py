@@ -266,7 +266,14 @@ def _delete_episodes(conn: sqlite3.Connection, episodes: Sequence[str], now: int
         for driven in conn.execute(sql, [ident]).fetchall():
             values = (trajectory_hash(*driven), now)
             conn.execute("INSERT OR IGNORE INTO forgotten VALUES (?, ?)", values)
-        for table in ("event_batches", "input_events", "steps", "series_episodes", "rated_games"):
+        for table in (
+            "event_batches",
+            "page_loads",
+            "input_events",
+            "steps",
+            "series_episodes",
+            "rated_games",
+        ):
             conn.execute(f"DELETE FROM {table} WHERE episode_id = ?", [ident])
         conn.execute("DELETE FROM episodes WHERE id = ?", [ident])
 

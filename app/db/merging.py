@@ -17,8 +17,11 @@ from app.db.database import StoreError, open_database, reading, rows, stream, tr
 from app.db.erasure import forgotten_people, learn_forgotten
 from marsexplorer.files import replace_whole
 
-NOT_MERGED = ("meta", "series", "event_batches", "forgotten", "forgotten_people", "chain", "chain_salts", "operators",
-              "operator_actions", "volunteers", "volunteer_figures", "names", "rated_games", "ratings")  # fmt: skip
+NOT_MERGED = (
+    *("meta", "series", "event_batches", "page_loads", "forgotten", "forgotten_people", "chain"),
+    *("chain_salts", "operators", "operator_actions", "volunteers", "volunteer_figures", "names"),
+    *("rated_games", "ratings"),
+)
 """Series and the forgotten are merged by themselves. The key that signs cookies and the secret of daily terrains stay where
 they are. So do names and ratings: without that key nobody could change a name in the new file, two servers may have one name
 twice, and ratings follow from the order of one server's games. So does the chain: two of them cannot be one, so the target's

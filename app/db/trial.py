@@ -49,6 +49,7 @@ class Trial:
     trial          0.. in the order played, within its phase
     terrain_index  of its seed, within its phase
     pause_share    paused or out of sight, 0..1 of the time between first and last move, where it was worked out
+    active_ms      from the start to the last move without pauses and time out of sight, likewise
     labels         of `app.series.plausibility`, where they were
     """
 
@@ -87,6 +88,7 @@ class Trial:
     trial: int = -1
     terrain_index: int = -1
     pause_share: float = 0.0
+    active_ms: float = 0.0
     labels: tuple[str, ...] = ()
 
     @classmethod

@@ -302,7 +302,8 @@ def _write_derived(
     ended = [trial for trial in data.trials if trial.ended_ms is not None]
     derived: dict[str, Iterable[tuple[Any, ...]]] = {
         "input_summaries": [
-            (each.id, json.dumps(list(each.labels)), each.pause_share) for each in ended
+            (each.id, json.dumps(list(each.labels)), each.pause_share, each.active_ms)
+            for each in ended
         ],
         "policy_episodes": [
             (names.index(each.policy), *_policy_row(each, data.protocol)) for each in episodes

@@ -79,6 +79,7 @@ SELECT
   CASE WHEN e.outcome IN ('explored', 'succeeded') THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99,
   (SELECT group_concat(value, '; ') FROM json_each(i.labels)) AS labels,
   i.pause_share,
+  i.active_ms,
   e.trajectory_hash
 FROM episodes e
 JOIN series_episodes s ON s.episode_id = e.id
@@ -119,6 +120,8 @@ SELECT
   s.participant_id AS participant,
   v.episode_id AS episode,
   v.number,
+  v.tab,
+  v.page_load,
   v.kind AS event,
   v.code,
   v.repeat,

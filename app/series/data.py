@@ -26,9 +26,10 @@ from app.db.series import (
     study_trials,
 )
 from app.db.trial import ParticipantKind, Trial
+from app.series.active_time import active_ms, pause_share
 from app.series.beacon import Beacon
 from app.series.flow import Arrivals, arrivals_of, repeated_reasons, with_noted
-from app.series.plausibility import pause_share, plausibility_labels
+from app.series.plausibility import plausibility_labels
 from app.series.policy_files import PolicyFiles
 from app.series.protocol import Protocol, StudyError, parse_protocol
 from app.task import Record
@@ -122,7 +123,7 @@ def _unfinished(trial: Trial) -> Trial:
         return trial
     ends = ("outcome", "steps", "score", "total", "discovered", "ended_ms", "trajectory_hash")
     unknown: Any = dict.fromkeys(ends)
-    return replace(trial, **unknown, pause_share=0.0, labels=())
+    return replace(trial, **unknown, pause_share=0.0, active_ms=0.0, labels=())
 
 
 def load(source: Reader | Path | str, study: str) -> StudyData:
@@ -163,9 +164,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         closed_ms=row.closed_ms,
         secret=row.secret,
         people=people,
-        trials=tuple(
-            _with_input(reader, each, protocol.max_late) for each in study_trials(reader, study)
-        ),
+        trials=tuple(_with_input(reader, each, protocol) for each in study_trials(reader, study)),
         beacon=Beacon.parse(row.beacon),
         beacon_signature=row.beacon_signature,
         freezings=count_freezings(reader, study),
@@ -204,11 +203,17 @@ def _people(reader: Reader, study: str) -> tuple[Person, ...]:
     )
 
 
-def _with_input(reader: Reader, trial: Trial, most_late: float) -> Trial:
+def _with_input(reader: Reader, trial: Trial, protocol: Protocol) -> Trial:
     """Return an episode with what its input says, which is read and dropped: a study's may be larger than memory."""
     moves, inputs = move_inputs(reader, trial.id), input_events(reader, trial.id)
     clock = trial.rules.clock
-    labels = plausibility_labels(moves, inputs, clock, most_late)
+    labels = plausibility_labels(moves, inputs, clock, protocol.max_late)
     if trial.ended_ms is not None:
         labels += trial.rules.labels(trial, [row["discovered"] for row in moves])
-    return replace(trial, pause_share=pause_share(moves, inputs, clock), labels=labels)
+    quiet_ms = 1000 * protocol.pause_after_s
+    return replace(
+        trial,
+        pause_share=pause_share(moves, inputs, quiet_ms, clock),
+        active_ms=active_ms(moves, inputs, trial.started_ms, quiet_ms, clock),
+        labels=labels,
+    )

@@ -1,18 +1,17 @@
 """Labels on episodes whose input looks implausible for a person. They are never deletions: the report counts them, and its
 strict figure leaves labelled participants out; the other figures keep them.
 
-Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are the page's own clock (ms), which
-begins anew when the page is loaded again; an interval across that is not counted.
+Rows are those of the tables `steps` and `input_events`, as dictionaries, in order. Times are those of the page load's own
+clock (ms): an interval from one load to another is not counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from statistics import quantiles
-from typing import Any
 
-from app.board.clock import late_share, pauses_of
+from app.board.clock import late_share
+from app.series.active_time import PRESSES, Rows
 from app.series.protocol import Protocol
 
 FEWEST_PRESSES = 5
@@ -24,15 +23,13 @@ RELEASED_SHARE = 0.5
 FEWEST_INTERVALS = 20
 STEADY = 0.1
 """Interquartile range over median of the intervals between presses, below which they are those of a clock."""
-AWAY_MS = 60_000.0
-"""Where no input event shows pauses, a gap between two moves longer than this counts as one."""
 
 LABELS = {
     "robotic timing": f"of {FEWEST_INTERVALS} or more intervals between presses, the middle half lies within {STEADY:.0%}",
     "no key-up": f"fewer than {RELEASED_SHARE:.0%} of {FEWEST_PRESSES} or more presses were released",
     "under 80 ms": f"more than {FAST_SHARE:.0%} of {FEWEST_PRESSES} or more presses came within {FASTEST_MS:.0f} ms of another",
     "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
-    "unfocused": "a press while the page was hidden",
+    "unfocused": "a press in a page that was hidden",
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
 }
 """Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
@@ -40,8 +37,7 @@ LABELS = {
 LATE = "late frames"
 """The label of an episode of which more frames came late than its protocol allows (`max_late`), where time runs."""
 
-PRESSES, RELEASES = ("keydown", "touchdown"), ("keyup", "touchup")
-Rows = Sequence[Mapping[str, Any]]
+RELEASES = ("keyup", "touchup")
 
 
 def labels_of(protocol: Protocol) -> dict[str, str]:
@@ -75,14 +71,17 @@ def plausibility_labels(
     return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))
 
 
-def intervals(presses: Rows) -> list[float]:
-    """Return the milliseconds between presses that follow each other."""
-    times = [float(row["client_ms"]) for row in presses]
-    return [after - before for before, after in pairwise(times) if after >= before]
+def _gaps_ms(presses: Rows) -> list[float]:
+    """Measure the times between presses that follow each other in one load of the page."""
+    return [
+        after["client_ms"] - before["client_ms"]
+        for before, after in pairwise(presses)
+        if before["page_load"] == after["page_load"] and before["client_ms"] <= after["client_ms"]
+    ]
 
 
 def _is_steady(presses: Rows) -> bool:
-    gaps = intervals(presses)
+    gaps = _gaps_ms(presses)
     if len(gaps) < FEWEST_INTERVALS:
         return False
     low, median, high = quantiles(gaps, n=4)
@@ -90,7 +89,7 @@ def _is_steady(presses: Rows) -> bool:
 
 
 def _is_fast(presses: Rows) -> bool:
-    gaps = intervals(presses)
+    gaps = _gaps_ms(presses)
     fast = sum(gap < FASTEST_MS for gap in gaps)
     return len(gaps) >= FEWEST_PRESSES and fast > FAST_SHARE * len(gaps)
 
@@ -101,44 +100,12 @@ def _lacks_releases(presses: Rows, inputs: Rows) -> bool:
 
 
 def _pressed_hidden(inputs: Rows) -> bool:
-    is_hidden = False
+    hidden = set[int]()
     for row in inputs:
-        if row["kind"] in ("hidden", "visible"):
-            is_hidden = row["kind"] == "hidden"
-        elif is_hidden and row["kind"] in PRESSES:
+        if row["kind"] == "hidden":
+            hidden.add(row["page_load"])
+        elif row["kind"] == "visible":
+            hidden.discard(row["page_load"])
+        elif row["kind"] in PRESSES and row["page_load"] in hidden:
             return True
     return False
-
-
-def pause_share(moves: Rows, inputs: Rows, clock: int | None = None) -> float:
-    """Return the share (0..1) of an episode's time that was spent paused or with the page hidden.
-
-    Where time runs it follows from the frames.
-
-    Without input events: the share of the server's time that lay in gaps above AWAY_MS between moves.
-    """
-    if clock:
-        at_ms = [float(row["server_ms"]) for row in moves]
-        return sum(pauses_of(at_ms)) / (at_ms[-1] - at_ms[0] or 1.0) if at_ms else 0.0
-    if not inputs:
-        times = [float(row["server_ms"]) for row in moves]
-        gaps = [after - before for before, after in pairwise(times)]
-        return sum(gap for gap in gaps if gap > AWAY_MS) / (sum(gaps) or 1.0)
-    away = total = 0.0
-    states = {"pause": False, "hidden": False}
-    starts = {
-        "pause": ("pause", True),
-        "resume": ("pause", False),
-        "hidden": ("hidden", True),
-        "visible": ("hidden", False),
-    }
-    before = float(inputs[0]["client_ms"])
-    for row in inputs:
-        gap = max(0.0, float(row["client_ms"]) - before)
-        total += gap
-        away += gap if any(states.values()) else 0.0
-        before = float(row["client_ms"])
-        if row["kind"] in starts:
-            which, now = starts[row["kind"]]
-            states[which] = now
-    return away / total if total else 0.0

@@ -90,6 +90,7 @@ class Socket:
     def __init__(self, connection: Connection, clock: Clock, tempo: random.Random) -> None:
         self.connection, self.clock, self._tempo = connection, clock, tempo
         self._released: list[dict[str, Any]] = []
+        self._load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
 
     def send(self, message: dict[str, Any] | str | bytes) -> None:
         """Send a message."""
@@ -126,7 +127,8 @@ class Socket:
         event = {"kind": kind, "code": code, "repeat": False, "trusted": True, "client_ms": now}
         event |= {"step": frame["step"], **changes}
         batch = {"batch": secrets.token_hex(8), "episode": frame["episode"]}
-        self.send({"kind": "events", **batch, "events": [*self._released, event]})
+        events = [*self._released, event]
+        self.send({"kind": "events", **batch, **self._load, "events": events})
         self.clock.wait(self._tempo.randint(40, 80))
         up = {"kind": kind.replace("down", "up"), "client_ms": self.clock.page_ms()}
         self._released = [{**event, **up}]

@@ -139,6 +139,7 @@ async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -
     episode: str = board["frame"]["episode"]
     async with connect(at, additional_headers={"Cookie": cookie}, **plain) as socket:
         step, down = 0, ""
+        load = {"page_load": secrets.token_hex(16), "tab": secrets.token_hex(16)}
 
         async def send(*events: tuple[str, str | None]) -> None:
             now = round(time.monotonic() * 1000, 1)
@@ -147,7 +148,7 @@ async def _play(url: str, number: int, seconds: float, begun: asyncio.Barrier) -
                 for kind, code in events
             ]  # fmt: skip
             batch = {"episode": episode, "batch": secrets.token_hex(8), "events": told}
-            await socket.send(json.dumps({"kind": "events", **batch}))
+            await socket.send(json.dumps({"kind": "events", **batch, **load}))
 
         async def read() -> None:
             nonlocal step

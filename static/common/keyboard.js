@@ -102,11 +102,11 @@ const round = (ms) => Math.round(ms * 10) / 10;
  *   drives   whether a key's code is noted
  *   onAct    a press, its time, and what is held until `onLetGo` names it: a key's code or a button's
  *   onLetGo  what came up; null where all counts as let go
- * @param {{frames: HTMLIFrameElement[], pad: HTMLElement, telemetry: Pick<Telemetry, "note" | "flush" | "leave">,
+ * @param {{frames: HTMLIFrameElement[], pad: HTMLElement, telemetry: Pick<Telemetry, "note" | "look" | "flush" | "leave">,
  *   drives: (code: string) => boolean, onActivity?: () => void, onAct: (action: Action, timing: Timing,
  *   pressedAt_ms: number, holder: string) => void, onEnter: (event: KeyboardEvent) => boolean,
  *   actionOf: (code: string) => Action | undefined, onLetGo?: (holder: string | null) => void}} how */
-export function startControls({ frames, pad, telemetry: { note, flush, leave }, drives, onActivity, onAct, onEnter, actionOf, onLetGo }) {
+export function startControls({ frames, pad, telemetry: { note, look, flush, leave }, drives, onActivity, onAct, onEnter, actionOf, onLetGo }) {
   /** @type {number | null} */
   let up_ms = null;
   /** @param {"key" | "touch"} input @param {Action} action @param {globalThis.Event} event @param {number} at_ms
@@ -164,7 +164,7 @@ export function startControls({ frames, pad, telemetry: { note, flush, leave }, 
   addEventListener("focus", () => note("focus"));
   addEventListener("blur", () => note("blur"));
   document.addEventListener("visibilitychange", () => {
-    note(document.hidden ? "hidden" : "visible");
+    look();
     if (document.hidden) leave();
     else flush();
   });

@@ -10,9 +10,10 @@ export function act(episode, step, action, timing) {
 
 /** Return the message that brings input events.
  * @param {string} episode @param {RecordedEvent[]} batch at most 200
- * @param {string} id of the batch, by which the server knows it when it comes again */
-export function events(episode, batch, id) {
-  return { kind: "events", episode, batch: id, events: batch };
+ * @param {{batch: string, page_load: string, tab: string}} ids of the batch, by which the server knows it when it comes
+ *   again, and of where it comes from */
+export function events(episode, batch, ids) {
+  return { kind: "events", episode, ...ids, events: batch };
 }
 
 /** Return the request for the path of the whole episode. */

@@ -133,7 +133,7 @@ export function startHeartbeat({ waited_ms, onFailure, onSuccess }) {
  *   onAnswered  the moves that a message of the player's board answers
  *   onBack      the server answers again
  * @param {{moves: {receive: (message: FromServer) => Pending[], drop: () => void},
- *   telemetry: Pick<Telemetry, "answered" | "reconnected">,
+ *   telemetry: Pick<Telemetry, "answered" | "reconnected" | "look">,
  *   dispatch: (event: GameEvent) => void, isLost: () => boolean,
  *   onAnswered?: (moves: Pending[], message: FromServer) => void, onBack?: () => void, beforeRetry: (role: Role, session: string) => Promise<boolean>}} how */
 export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, onBack, beforeRetry }) {
@@ -151,6 +151,7 @@ export function startBoards({ moves, telemetry, dispatch, isLost, onAnswered, on
     }
     if (message.kind === "kept") telemetry.answered(message);
     else dispatch({ kind: "received", role, message });
+    telemetry.look();
   }
   /** @param {Role} role @param {"open" | "lost"} link */
   function onLink(role, link) {

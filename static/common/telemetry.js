@@ -1,6 +1,6 @@
 // Keys, touches, focus and visibility as input events, until the server says that it keeps them: in batches of one
-// episode, 200 events at most. The events that caused a move are sent before it, on the same socket, since the server
-// compares the two.
+// episode, 200 events at most, each with the ids of this load of the page and of its tab. The events that caused a move
+// are sent before it, on the same socket, since the server compares the two.
 import { events } from "./messages.js";
 
 /** Events in a batch at most. */
@@ -20,6 +20,22 @@ function nextBatch(waiting) {
 /** Return an id that nobody else draws; `crypto.randomUUID` is missing where the page came without TLS. */
 const drawId = () => Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16).padStart(8, "0")).join("");
 
+/** Where a tab keeps its id. A tab that is duplicated has its origin's until one of them is closed. */
+const TAB = "mars.tab";
+
+/** Return what this tab keeps from one load of its page to the next; each load is a tab of its own where the browser
+ * blocks storage.
+ * @param {string} key of the batches @returns {{tab: string, stored: Batch[], store: (batches: Batch[]) => void}} */
+export function tabStorage(key) {
+  try {
+    const tab = sessionStorage.getItem(TAB) ?? drawId();
+    sessionStorage.setItem(TAB, tab);
+    return { tab, stored: JSON.parse(sessionStorage.getItem(key) ?? "[]"), store: (batches) => sessionStorage.setItem(key, JSON.stringify(batches)) };
+  } catch {
+    return { tab: drawId(), stored: [], store() {} };
+  }
+}
+
 /** Return the episode and the step on screen; episode null where nothing is to be kept.
  * @param {Frame | null | undefined} frame the newest of a board that is driven here
  * @param {Frame | null | undefined} painted the one that was painted last @param {number | null} round_trip_ms */
@@ -30,12 +46,15 @@ export function onScreen(frame, painted, round_trip_ms) {
 
 /**
  *   context   what is on screen; nothing is kept while its episode is null
+ *   isHidden  whether the page is
  *   send      true when the message left
+ *   tab       id of the tab that the page is loaded in
  *   stored    batches that an earlier load of this tab's page could not see kept; `store` keeps them for the next
  * @param {{context: () => {episode: string | null, step: number | null, round_trip_ms: number | null},
- *   now_ms: () => number, send: (message: object) => boolean, stored?: Batch[],
- *   store?: (batches: Batch[]) => void}} how */
-export function createTelemetry({ context, now_ms, send, stored = [], store = () => {} }) {
+ *   isHidden: () => boolean, now_ms: () => number, send: (message: object) => boolean, tab: string,
+ *   stored: Batch[], store: (batches: Batch[]) => void}} how */
+export function createTelemetry({ context, isHidden, now_ms, send, tab, stored, store }) {
+  const page_load = drawId();
   /** @type {{episode: string, event: RecordedEvent}[]} */
   let waiting = [];
   /** Batches in order; they never change, so that the server knows them again. */
@@ -46,25 +65,40 @@ export function createTelemetry({ context, now_ms, send, stored = [], store = ()
   let isDue = false;
   /** The newest time of each kind and code: no two events of a page are the same, however coarse its clock. */
   const newest_ms = new Map();
+  /** What was said last of whether the page is hidden, and in which episode.
+   * @type {{episode: string | null, isHidden: boolean}} */
+  let seen = { episode: null, isHidden: false };
 
   function seal() {
     const { episode, batch, count } = nextBatch(waiting);
-    batches = [...batches, events(episode, batch, drawId())];
+    batches = [...batches, events(episode, batch, { batch: drawId(), page_load, tab })];
     waiting = waiting.slice(count);
   }
   const sendBatch = (/** @type {Batch} */ batch) => send(batch) && underWay.push(batch);
   const count = () => batches.reduce((sum, batch) => sum + batch.events.length, waiting.length);
+  /** @param {RecordedEvent["kind"]} kind
+   * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} fields */
+  function add(kind, { code, repeat, trusted, at_ms } = {}) {
+    const { episode, step, round_trip_ms } = context();
+    if (episode === null) return;
+    const last_ms = newest_ms.get(`${kind} ${code}`) ?? -Infinity;
+    const client_ms = Math.round(Math.max(at_ms ?? now_ms(), last_ms + 0.1) * 10) / 10;
+    newest_ms.set(`${kind} ${code}`, client_ms);
+    waiting.push({ episode, event: { kind, code: code ?? null, repeat: repeat ?? null, trusted: trusted ?? null, client_ms, step, round_trip_ms } });
+    if (count() > MAX_WAITING) waiting = waiting.slice(1);
+  }
   const telemetry = {
-    /** @param {RecordedEvent["kind"]} kind
-     * @param {{code?: string, repeat?: boolean, trusted?: boolean, at_ms?: number}} fields */
-    note(kind, { code, repeat, trusted, at_ms } = {}) {
-      const { episode, step, round_trip_ms } = context();
-      if (episode === null) return;
-      const last_ms = newest_ms.get(`${kind} ${code}`) ?? -Infinity;
-      const client_ms = Math.round(Math.max(at_ms ?? now_ms(), last_ms + 0.1) * 10) / 10;
-      newest_ms.set(`${kind} ${code}`, client_ms);
-      waiting.push({ episode, event: { kind, code: code ?? null, repeat: repeat ?? null, trusted: trusted ?? null, client_ms, step, round_trip_ms } });
-      if (count() > MAX_WAITING) waiting = waiting.slice(1);
+    /** Note whether the page is visible: with its first frame of an episode, and whenever that changes. */
+    look() {
+      const { episode } = context();
+      if (episode === null || (episode === seen.episode && isHidden() === seen.isHidden)) return;
+      seen = { episode, isHidden: isHidden() };
+      add(seen.isHidden ? "hidden" : "visible");
+    },
+    /** @type {typeof add} */
+    note(kind, fields) {
+      telemetry.look();
+      add(kind, fields);
     },
     /** Send the next batch, if there is a connection; while one is under way, the next follows its answer. */
     flush() {

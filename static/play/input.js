@@ -3,7 +3,7 @@ import { createClock } from "../common/clock.js";
 import { actionOf, partOf, startControls, timeOf_ms } from "../common/keyboard.js";
 import { create, put } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
-import { createTelemetry, onScreen } from "../common/telemetry.js";
+import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { many } from "../common/words.js";
 import { createPressQueue } from "./press_queue.js";
 
@@ -54,8 +54,7 @@ export function startInput({ task, onClock, board, frames, pad, settings, send, 
       sound.play({ kind: "blocked" });
     },
   });
-  const telemetry = createTelemetry({ now_ms, send, stored: JSON.parse(sessionStorage.getItem(KEPT) ?? "[]"),
-    store: (batches) => sessionStorage.setItem(KEPT, JSON.stringify(batches)),
+  const telemetry = createTelemetry({ now_ms, send, isHidden: () => document.hidden, ...tabStorage(KEPT),
     context: () => onScreen(driven(), painted(), moves.round_trip_ms()) });
   const clock = createClock({ place: board, telemetry, frames: () => task.clock, board: onClock });
   /** Of the press that is held.

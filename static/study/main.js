@@ -2,7 +2,7 @@
 import { startBoards } from "../common/socket.js";
 import { createClock } from "../common/clock.js";
 import { partOf, startControls } from "../common/keyboard.js";
-import { createTelemetry, onScreen } from "../common/telemetry.js";
+import { createTelemetry, onScreen, tabStorage } from "../common/telemetry.js";
 import { createRepaint, by, paintLink, paintNotices, reader } from "../common/page.js";
 import { createMoveSender } from "../common/pending_moves.js";
 import { keyName, showTask } from "../common/task.js";
@@ -25,8 +25,7 @@ Object.defineProperty(window, "marsStudy", { value: Object.freeze({ get state() 
 
 const send = (/** @type {object} */ message) => connections.send("player", message);
 const moves = createMoveSender({ send, now_ms, sendEvents: () => telemetry.sendAll() });
-const telemetry = createTelemetry({ now_ms, send,
-  stored: JSON.parse(sessionStorage.getItem(keep("events")) ?? "[]"), store: (batches) => sessionStorage.setItem(keep("events"), JSON.stringify(batches)),
+const telemetry = createTelemetry({ now_ms, send, isHidden: () => document.hidden, ...tabStorage(keep("events")),
   context: () => onScreen(screenOf(state) === "play" ? frame() : null, painted?.game.player?.frame, moves.round_trip_ms()) });
 const clock = createClock({ place: by("field"), telemetry, frames: () => state.participant?.task.clock ?? null,
   board: () => (screenOf(state) === "play" ? state.game.player : null) });
@@ -80,7 +79,10 @@ whenChanged((before) => {
 function begun({ episode }) {
   moves.drop();
   idle.touch();
-  if (sessionStorage.getItem(keep("paused")) === episode) dispatch({ kind: "paused", isPaused: true });
+  if (sessionStorage.getItem(keep("paused")) === episode) {
+    telemetry.note("pause");
+    dispatch({ kind: "paused", isPaused: true });
+  }
 }
 
 /** @param {Study.State | null} before what is painted; null paints everything */

@@ -5,6 +5,7 @@ import secrets
 import time
 
 from app.board.clock import STALLED
+from tests.support.page_loads import LOAD
 
 
 def press(socket, episode, step, action, code, at_ms, seen=None):
@@ -15,7 +16,7 @@ def press(socket, episode, step, action, code, at_ms, seen=None):
     seen = step if seen is None else seen
     key = {"kind": "keydown", "code": code, "repeat": False, "trusted": True}
     told = {**key, "client_ms": at_ms, "step": seen}
-    batch = {"batch": secrets.token_hex(8), "episode": episode, "events": [told]}
+    batch = {"batch": secrets.token_hex(8), "episode": episode, **LOAD, "events": [told]}
     socket.send({"kind": "events", **batch})
     times = {"input": "key", "key_down_ms": at_ms, "client_ms": at_ms}
     socket.send({"kind": "act", "episode": episode, "step": step, "action": action, **times})
@@ -38,7 +39,7 @@ class Keyboard:
             for kind, code in events
         ]  # fmt: skip
         batch = {"batch": secrets.token_hex(8), "episode": self.frame["episode"]}
-        self.sent.append({"kind": "events", **batch, "events": told})
+        self.sent.append({"kind": "events", **batch, **LOAD, "events": told})
         self.socket.send(self.sent[-1])
 
     def go_on(self):

@@ -12,6 +12,7 @@ from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import Closing, Resumable, SessionRow, StepRow, Store, Trial
 from marsexplorer.config import CORE_VERSION, EnvConfig
 from marsexplorer.episode import Episode
+from tests.support.page_loads import STORED_LOAD
 
 SMALL = EnvConfig("random", 5, 7, sensor_radius=2)
 NOW = int(time.time() * 1000)
@@ -94,7 +95,7 @@ def add_steps(
         at, down_ms, input_kind = row.started_ms + 100 * episode.steps, 100.0 * episode.steps, None
         if driver == "human":
             press = InputEventRow("keydown", KEYS[action], False, True, down_ms, frame, 2.5)
-            add_input_events(store, row.id, [press], at, f"step-{frame}")
+            add_input_events(store, row.id, [press], at, f"step-{frame}", STORED_LOAD)
             input_kind = "key"
         step = StepRow(
             episode_id=row.id, step=frame, action=action, reward=reward, discovered=episode.discovered, server_ms=at,

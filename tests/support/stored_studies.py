@@ -175,6 +175,8 @@ class StudyRecorder:
             row = (
                 ident,
                 number + extra,
+                0,
+                0,
                 kind,
                 code,
                 0,

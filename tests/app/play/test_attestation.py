@@ -21,6 +21,7 @@ from app.board.attestation import (
 from app.db.input_events import InputEventRow, add_input_events
 from app.db.store import StepRow, Store
 from app.tasks.mars.rules import KEYS
+from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import add_session, open_episode
 
 STARTED = 1_790_000_000_000
@@ -31,8 +32,9 @@ CONDITIONS = Conditions(STARTED, key_map_of(KEYS))
 class Page:
     """A page that was loaded at `loaded_ms` of the server's clock, and what reaches the server from it."""
 
-    def __init__(self, loaded_ms=STARTED - 20_000.0, speed=1.0, grain_ms=0.1):
+    def __init__(self, loaded_ms=STARTED - 20_000.0, speed=1.0, grain_ms=0.1, number=0):
         self.loaded_ms, self.speed, self.grain_ms = loaded_ms, speed, grain_ms
+        self.number = number
 
     def ms(self, at_ms):
         """What performance.now() says at a time of the server's clock."""
@@ -56,6 +58,7 @@ class Episode:
         step, sent = len(self.moves), self.at + handling_ms
         self._received = max(self._received, sent + latency_ms)
         event = {
+            "page_load": page.number,
             "kind": "keydown", "code": CODES[action], "repeat": 0, "trusted": 1, "client_ms": page.ms(self.at),
             "step": step - behind, "round_trip_ms": 2 * latency_ms if step else None, "server_ms": int(self._received),
             **changes,
@@ -178,13 +181,12 @@ def test_a_page_that_is_busy_for_seconds_is_no_lie():
 def test_a_reload_a_second_tab_and_a_sleep_are_no_lies():
     episode, first = played(12), Page()
     episode.at += 1_500
-    second = Page(episode.at - 900)
+    second = Page(episode.at - 900, number=1)
     episode.presses(second, 10)
     episode.at += 30_000
-    episode.presses(
-        Page(second.loaded_ms + 29_000), 10
-    )  # a clock that stands still while the machine sleeps
-    for page in (first, second) * 2:
+    for page in (first, second):  # a clock that stands still while the machine sleeps
+        page.loaded_ms += 29_000
+    for page in (second, first, second, first):
         episode.at += 700
         episode.presses(page, 4)
     assert episode.level().level == "attested"
@@ -303,11 +305,11 @@ def test_a_clock_that_runs_faster_or_slower_than_the_servers_is_a_lie(speed):
     assert "clock" in found.reason or "presses in" in found.reason
 
 
-def forged(times, real_ms=3.0):
-    """Moves sent every `real_ms` of the server's time, with stamps of one's choice: `times(step)`, ms since the load."""
+def forged(times, real_ms=3.0, loads=lambda step: 0):
+    """Moves sent every `real_ms` of the server's time, with stamps of one's choice: `times(step)`, ms since `loads(step)`."""
     episode = Episode()
     for step in range(40):
-        episode.press(Page(), gap_ms=real_ms, latency_ms=0.5)
+        episode.press(Page(number=loads(step)), gap_ms=real_ms, latency_ms=0.5)
         stamp = times(step)
         episode.events[-2]["client_ms"] = episode.moves[-1]["key_down_ms"] = episode.moves[-1][
             "client_ms"
@@ -327,9 +329,10 @@ def test_made_up_times_are_lies():
         "at random"
     )
     assert forged(lambda step: 60_000.0 - 300 * step).level in ("unattested", "spoilt"), "backwards"
-    assert forged(lambda step: 1_000.0).level in ("unattested", "spoilt"), (
-        "the page loaded anew for every move"
-    )
+    anew = forged(lambda step: 1_000.0, loads=lambda step: step)
+    assert anew.level in ("unattested", "spoilt"), "the page loaded anew for every move"
+    turns = forged(lambda step: 5_000.0 + 300 * (step // 8), loads=lambda step: step % 8)
+    assert turns.level in ("unattested", "spoilt"), "eight tabs in turn, each at a person's pace"
 
 
 def test_stamps_before_the_frames_that_they_answer_are_lies():
@@ -392,6 +395,7 @@ def kept(store, episode_id, moves, events):
             [InputEventRow(*(event[name] for name in InputEventRow._fields))],
             event["server_ms"],
             secrets.token_hex(8),
+            STORED_LOAD,
         )
     for move in moves:
         store.add_step(StepRow(episode_id, reward=0.0, discovered=1, key_up_ms=None, **move))

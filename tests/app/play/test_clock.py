@@ -13,6 +13,7 @@ from app.series.verification import verify_database
 from app.task import describe, rules_of
 from app.tasks.gymnasium.description import Description, read_description
 from tests.support.keyboard import Keyboard
+from tests.support.page_loads import LOAD
 from tests.support.recorded import alter, ask
 from tests.support.servers import eventually
 
@@ -272,7 +273,9 @@ def test_nothing_but_the_picture_and_the_figures_leaves_the_server(ticking):
     client, board = begin(ticking)
     with ticking.socket(board, client) as socket:
         socket.receive("frame")
-        socket.send({"kind": "events", "episode": "x" * 16, "batch": "y" * 16, "events": []})
+        socket.send(
+            {"kind": "events", "episode": "x" * 16, "batch": "y" * 16, **LOAD, "events": []}
+        )
         told = []
         socket.send({"kind": "history"})
         while len(told) < 4:

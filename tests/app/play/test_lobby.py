@@ -7,13 +7,14 @@ import threading
 import pytest
 
 from app.board.lobby import Lobby, UnknownSessionError
-from app.board.messages import ChangePace, Events
+from app.board.messages import ChangePace, Events, InputEvent
 from app.board.session import Move
 from app.board.sources import Sources
 from app.db.store import Store
 from app.tasks.mars.messages import NewEpisode, NewSession
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
+from tests.support.page_loads import LOAD
 
 DAY_MS = 86_400_000
 
@@ -83,11 +84,13 @@ def test_no_move_after_a_restart_is_earlier_than_what_was_stored_before(run_in_l
     async def begin(lobby):
         session = await lobby.create(NewSession(seed=5), "me", "cookie")
         await session.act(move(session))
-        press = {"kind": "keydown", "code": "KeyS", "client_ms": 1.0, "trusted": True}
+        press = InputEvent(kind="keydown", code="KeyS", client_ms=1.0, trusted=True)
         event_ms[0] += 5
         await session.keep_events(
-            Events.model_validate({"kind": "events", "episode": session.current.id, "batch": "b" * 16, "events": [press]})
-        )  # fmt: skip
+            Events(
+                kind="events", episode=session.current.id, batch="b" * 16, **LOAD, events=[press]
+            )
+        )
         return session.id
 
     async def go_on(lobby):

@@ -14,6 +14,7 @@ from app.series.verification import verify_database
 from app.tasks.mars.policies import PolicyCatalogue
 from app.tasks.mars.task import Mars
 from app.web.settings import Limits
+from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.servers import eventually
 from tests.support.study import Person, freeze
@@ -80,6 +81,7 @@ def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, 
             {
                 "kind": "events",
                 "batch": secrets.token_hex(8),
+                **LOAD,
                 "episode": begun["frame"]["episode"],
                 "events": [{"kind": "blur", "client_ms": 1}],
             }
@@ -163,7 +165,8 @@ def test_what_was_left_for_a_day_is_closed_but_in_a_study(serve, tmp_path):
     with server.socket(touched["session"], toucher) as socket:
         focus = {"kind": "focus", "client_ms": 1.0}
         episode = touched["frame"]["episode"]
-        socket.send({"kind": "events", "episode": episode, "batch": "one-batch", "events": [focus]})
+        batch = {"batch": "one-batch", **LOAD, "events": [focus]}
+        socket.send({"kind": "events", "episode": episode, **batch})
         assert socket.receive("kept")["count"] == 1
     script = scripts.post("/api/sessions", json={"size": 9, "seed": 5}).json()
     for begun, by in ((moved, client), (script, scripts)):

@@ -14,6 +14,7 @@ from marsexplorer import policies
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
 from tests.support.others import measure, misbehaving
+from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import NOW, add_session, add_steps, ask, free_moves, open_episode
 from tests.support.servers import eventually
 
@@ -28,7 +29,7 @@ with connect(url, origin=origin, additional_headers={"Cookie": cookie}, proxy=No
     number = 0
     while True:
         events = [{"kind": "blur", "client_ms": 1.0 + number / 1e6 + each / 1e9} for each in range(200)]
-        batch = {"batch": f"{number:032x}"}
+        batch = {"batch": f"{number:032x}", "page_load": "a-page-load", "tab": "a-browsers-tab"}
         socket.send(json.dumps({"kind": "events", "episode": episode, "events": events, **batch}))
         number += 1
         while json.loads(socket.recv())["kind"] != "kept":
@@ -135,7 +136,7 @@ def boards_full_of_events(path, boards):
             row, episode = open_episode(store, sessions[-1], seed, number=1, started_ms=NOW - 1000)
             for first in range(0, len(events), 5_000):
                 batch = events[first : first + 5_000]
-                add_input_events(store, row.id, batch, NOW, f"batch-{first}")
+                add_input_events(store, row.id, batch, NOW, f"batch-{first}", STORED_LOAD)
             add_steps(store, row, episode, free_moves(episode)[:1])
     return sessions
 

@@ -16,6 +16,7 @@ import pytest
 from app.board.session import EVENT_BYTES, LEAST_EVENTS
 from app.web.protection.limits import ASKER, Asker, StoredBytes
 from app.web.settings import Limits
+from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
@@ -35,7 +36,7 @@ def send_batch(socket, episode, number, size):
     """How many of a batch of input events are kept."""
     events = [{**PRESS, "client_ms": 20 * number + each / 10} for each in range(size)]
     batch = f"batch-{number:06}"
-    socket.send({"kind": "events", "episode": episode, "batch": batch, "events": events})
+    socket.send({"kind": "events", "episode": episode, "batch": batch, **LOAD, "events": events})
     return socket.receive("kept")["count"]
 
 

@@ -20,6 +20,7 @@ from app.release.build import ReleaseRequest, build_release
 from app.release.manifest import MANIFEST
 from app.series.verification import verify_database
 from tests.support.command import command
+from tests.support.page_loads import STORED_LOAD
 from tests.support.recorded import (
     add_session,
     add_steps,
@@ -72,20 +73,22 @@ def test_a_hash_that_was_begun_before_the_end_makes_the_entry_that_one_made_at_t
     events = [
         InputEventRow("keydown", "KeyW", False, True, 0.1 * number, 0, 2.5) for number in range(4)
     ]
-    add_input_events(store, row.id, events[:before], 5, "first-batch")
+    add_input_events(store, row.id, events[:before], 5, "first-batch", STORED_LOAD)
     begun = chain.begin_hash(store.connection, row.id)
-    add_input_events(store, row.id, events[before:], 5, "second-batch")
+    add_input_events(store, row.id, events[before:], 5, "second-batch", STORED_LOAD)
     episode.abandon()
     store.next_episode([Closing(row.id, episode.record(), 6, "attested", events=begun)], ())
     sql = "SELECT salt, parts, hash FROM chain_salts JOIN chain USING (number) WHERE chain_salts.kind = 'episode'"
     salt, parts, whole = store.connection.execute(sql).fetchone()
     table = json.loads(parts)["input_events"]
     columns = (
-        "episode_id, number, kind, code, repeat, trusted, client_ms, step, round_trip_ms, server_ms"
+        "episode_id, number, tab, page_load, kind, code, repeat, trusted, client_ms, step, round_trip_ms, "
+        "server_ms"
     )
     lines = [["input_events", columns]]
     lines += [
-        [row.id, number, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5] for number in range(4)
+        [row.id, number, 0, 0, "keydown", "KeyW", 0, 1, 0.1 * number, 0, 2.5, 5]
+        for number in range(4)
     ]
     said = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
     assert table == hashlib.sha256(salt + said.encode()).hexdigest()
@@ -99,7 +102,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
     events = [
         InputEventRow("keydown", "KeyW", False, True, float(number), 0, 2.5) for number in range(6)
     ]
-    add_input_events(store, row.id, events[:2], 5, "batch-0")
+    add_input_events(store, row.id, events[:2], 5, "batch-0", STORED_LOAD)
     assert kinds(store) == []
     add_steps(store, row, episode, free_moves(episode)[:1])
     episode.abandon()
@@ -110,7 +113,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
         (events[2:5], "batch-1"),
         (events[5:], "batch-2"),
     ):
-        add_input_events(store, row.id, batch, 7, name)
+        add_input_events(store, row.id, batch, 7, name, STORED_LOAD)
     assert kinds(store) == ["session", "episode", "events", "events"]
     assert store.connection.execute("SELECT * FROM chain").fetchall()[:2] == before
     assert store.connection.execute(

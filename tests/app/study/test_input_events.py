@@ -9,6 +9,7 @@ import pytest
 from app.db import input_events
 from app.series.folder import Folder, StudyError
 from app.series.verification import verify_database
+from tests.support.page_loads import LOAD, STORED_LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
@@ -45,10 +46,11 @@ def at_a_board(server):
     return person
 
 
-def send_events(socket, episode, events, batch=None):
+def send_events(socket, episode, events, batch=None, load=LOAD):
     """Send a batch and return what its answer says: (count, reason); without another id it is called by its content."""
     batch = batch or hashlib.sha256(json.dumps(events).encode()).hexdigest()
-    socket.send({"kind": "events", "episode": episode, "batch": batch, "events": events})
+    message = {"kind": "events", "episode": episode, "batch": batch, **load, "events": events}
+    socket.send(message)
     answer = socket.receive("kept")
     assert answer["episode"] == episode
     return answer["count"], answer["reason"]
@@ -122,7 +124,7 @@ def test_a_batch_takes_no_more_work_among_forty_thousand_nearly_equal_events(ser
         store.connection.set_progress_handler(lambda: counted.__setitem__(0, counted[0] + 1), 100)
         row = input_events.InputEventRow("keydown", "ArrowUp", False, True, 12.3, 0, None)
         batch = [row] * 199 + [row._replace(step=number)]
-        assert input_events.add_input_events(store, episode, batch, 1, f"batch-{number}")
+        input_events.add_input_events(store, episode, batch, 1, f"batch-{number}", STORED_LOAD)
         work.append(counted[0])
 
     def add_all():
@@ -217,8 +219,52 @@ def test_a_malformed_batch_is_an_error(person, tmp_path):
         "unknown field 'mood'": [{**PRESS, "mood": 1}],
     }
     with person.socket() as socket:
-        message = {"kind": "events", "episode": person.frame["episode"], "batch": "a-batch-id"}
+        message = {
+            "kind": "events",
+            "episode": person.frame["episode"],
+            "batch": "a-batch-id",
+            **LOAD,
+        }
         for said, events in malformed.items():
             socket.send({**message, "events": events})
             assert said in socket.receive("error")["detail"]
+        for name in ("page_load", "tab"):
+            for said, drawn in (
+                (f'{name} must be at least 8 characters long, got "short"', "short"),
+                (f"{name} must be at most 64 characters long", "x" * 65),
+                (f"{name} must be text, got 7", 7),
+                ("an id must be without control characters", "a-load\n-id"),
+            ):
+                socket.send({**message, "events": [PRESS], name: drawn})
+                assert said in socket.receive("error")["detail"]
+            socket.send({key: message[key] for key in message if key != name} | {"events": [PRESS]})
+            assert f"{name} is missing" in socket.receive("error")["detail"]
     assert kept(tmp_path) == []
+
+
+def test_events_say_which_load_of_the_page_in_which_tab_they_come_from(
+    person, tmp_path, monkeypatch
+):
+    episode = person.frame["episode"]
+    loads = [
+        {"page_load": f"page-load-{load}", "tab": f"browser-tab-{tab}"}
+        for load, tab in ((1, 1), (2, 1), (3, 2), (1, 1))
+    ]
+    with person.socket() as socket:
+        for number, load in enumerate(loads):
+            event = {**PRESS, "client_ms": 20.0 + number}
+            assert send_events(socket, episode, [event], load=load) == (1, None)
+        monkeypatch.setattr(input_events, "MAX_PAGE_LOADS", 3)
+        another = {"page_load": "page-load-4", "tab": "browser-tab-1"}
+        count, reason = send_events(socket, episode, NEXT, load=another)
+        assert (count, "of 3 loads of its page, the most that are kept" in reason) == (0, True)
+        assert send_events(socket, episode, NEXT, load=loads[1]) == (1, None)
+    sql = "SELECT tab, page_load FROM input_events ORDER BY number"
+    assert ask(tmp_path / "playground.db", sql) == [(0, 0), (0, 1), (1, 2), (0, 0), (0, 1)]
+    sql = "SELECT number, tab, load_id FROM page_loads ORDER BY number"
+    assert ask(tmp_path / "playground.db", sql) == [
+        (0, 0, "page-load-1"),
+        (1, 0, "page-load-2"),
+        (2, 1, "page-load-3"),
+    ]
+    assert verify_database(tmp_path / "playground.db").findings == ()

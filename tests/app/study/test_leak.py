@@ -14,6 +14,7 @@ from websockets.sync.client import connect
 from app.series.folder import Folder
 from app.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
+from tests.support.page_loads import LOAD
 from tests.support.servers import PATIENCE_S, eventually, forged
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import View
@@ -216,6 +217,7 @@ def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, mon
             {
                 "kind": "events",
                 "batch": secrets.token_hex(8),
+                **LOAD,
                 "episode": frame["episode"],
                 "events": [{"kind": "blur", "client_ms": 1}],
             }

@@ -1,12 +1,11 @@
-"""Labels: each on what it is for, none on plain play, and pauses as a share of time."""
+"""Labels: each on what it is for, and none on plain play."""
 
-import pytest
-
-from app.series.plausibility import LABELS, pause_share, plausibility_labels
+from app.series.plausibility import LABELS, plausibility_labels
 
 
 def press(at, up=True, kind="keydown", **rest):
     down = {
+        "page_load": 0,
         "kind": kind,
         "code": "ArrowUp",
         "repeat": 0,
@@ -25,8 +24,9 @@ def presses(times, **rest):
     return [row for at in times for row in press(at, **rest)]
 
 
-def event(kind, at):
-    return {"kind": kind, "code": None, "repeat": None, "trusted": None, "client_ms": float(at)}
+def event(kind, at, page_load=0):
+    unknown = dict.fromkeys(("code", "repeat", "trusted"))
+    return {**unknown, "kind": kind, "client_ms": float(at), "page_load": page_load}
 
 
 HUMAN = [
@@ -96,15 +96,21 @@ def test_a_press_that_the_browser_does_not_vouch_for():
     assert plausibility_labels([], [*presses(HUMAN), *press(9500, trusted=None)]) == ()
 
 
-def test_a_press_while_the_page_was_hidden():
-    rows = [*presses(HUMAN), event("hidden", 9100), *press(9500), event("visible", 9900)]
-    assert plausibility_labels([], rows) == ("unfocused",)
+def test_a_press_in_a_page_that_was_hidden():
+    hidden = [*presses(HUMAN), event("hidden", 9100)]
+    assert plausibility_labels([], [*hidden, *press(9500)]) == ("unfocused",)
+    assert plausibility_labels([], [*hidden, event("visible", 9300), *press(9500)]) == ()
+
+
+def test_a_press_in_another_load_of_the_page_than_the_hidden_one_has_no_label():
+    """After a reload, and in the first tab while a second one is left hidden."""
+    hidden = [*presses(HUMAN), event("hidden", 9100)]
     assert (
-        plausibility_labels(
-            [], [*presses(HUMAN), event("hidden", 9100), event("visible", 9300), *press(9500)]
-        )
-        == ()
+        plausibility_labels([], [*hidden, event("visible", 50, 1), *press(900, page_load=1)]) == ()
     )
+    second = [event("visible", 50, 1), event("hidden", 900, 1)]
+    assert plausibility_labels([], [*presses(HUMAN), *second, *press(9500)]) == ()
+    assert plausibility_labels([], [*second, *press(950, page_load=1)]) == ("unfocused",)
 
 
 def test_moves_by_key_without_any_input_event():
@@ -114,8 +120,11 @@ def test_moves_by_key_without_any_input_event():
     assert plausibility_labels(moves, presses(HUMAN)) == ()
 
 
-def test_a_reload_begins_the_clock_anew_without_a_label():
-    assert plausibility_labels([], presses(HUMAN + [at / 2 + 17 for at in HUMAN if at % 3])) == ()
+def test_from_one_load_of_the_page_to_another_no_interval_is_counted():
+    again = [at / 2 + 17 for at in HUMAN if at % 3]
+    assert plausibility_labels([], presses(HUMAN) + presses(again, page_load=1)) == ()
+    tabs = [row for at in HUMAN for load in (0, 1) for row in press(at + 5 * load, page_load=load)]
+    assert plausibility_labels([], tabs) == ()
 
 
 def test_several_labels_stand_in_the_order_of_the_list():
@@ -123,23 +132,3 @@ def test_several_labels_stand_in_the_order_of_the_list():
     found = plausibility_labels([], rows)
     assert found == ("robotic timing", "no key-up", "untrusted")
     assert [name for name in LABELS if name in found] == list(found)
-
-
-def test_the_share_of_time_paused_or_hidden():
-    rows = [
-        *press(0),
-        event("pause", 1000),
-        event("hidden", 2000),
-        event("resume", 3000),
-        event("visible", 4000),
-        *press(5940),
-    ]
-    assert pause_share([], rows) == pytest.approx(3000 / 6000)
-    assert pause_share([], presses(HUMAN)) == 0
-    assert pause_share([], press(5, up=False)) == 0
-
-
-def test_without_input_events_long_gaps_between_moves_count_as_pauses():
-    moves = [{"server_ms": at, "input": None} for at in (0, 1000, 91_000, 100_000)]
-    assert pause_share(moves, []) == pytest.approx(0.9)
-    assert pause_share([], []) == 0

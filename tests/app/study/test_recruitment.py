@@ -26,6 +26,7 @@ from app.series.recruitment import (
     code_of,
 )
 from tests.support.command import command, run
+from tests.support.page_loads import LOAD
 from tests.support.recorded import ask
 from tests.support.study import Person, freeze
 
@@ -249,7 +250,7 @@ def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
                 assert (status, detail.startswith(said), hidden in detail) == (422, True, False)
             keys = {"north": ["KeyW"], "west": [f"KeyA{hidden}"]}
             assert person.refused("settings", {"keys": keys}, status=422).startswith(said)
-            batch = {"batch": f"batch-1{hidden}", "events": []}
+            batch = {**LOAD, "batch": f"batch-1{hidden}", "events": []}
             socket.send({"kind": "events", "episode": person.frame["episode"], **batch})
             assert socket.receive("error")["detail"].startswith(said)
 

@@ -255,8 +255,8 @@ def test_an_earlier_head_says_what_was_changed_since(copy, played):
         "DELETE FROM series_episodes WHERE phase = 'tutorial'",
         "DELETE FROM chain_salts WHERE kind = 'episode'",
         "DELETE FROM episodes WHERE outcome = 'out_of_bounds'",
-        "INSERT INTO input_events SELECT episode_id, 5000, kind, code, repeat, trusted, client_ms, step, round_trip_ms, "
-        "server_ms FROM input_events WHERE number = 0",
+        "INSERT INTO input_events SELECT episode_id, 5000, tab, page_load, kind, code, repeat, trusted, client_ms, "
+        "step, round_trip_ms, server_ms FROM input_events WHERE number = 0",
         "UPDATE episodes SET ended_ms = NULL, outcome = NULL, trajectory_hash = NULL WHERE outcome = 'out_of_bounds'",
         "UPDATE series SET secret = CASE WHEN secret LIKE '0%' THEN '1' ELSE '0' END || substr(secret, 2)",
         "UPDATE series SET protocol = replace(protocol, 'dunes', 'duned')",
@@ -384,10 +384,10 @@ def test_a_burst_is_attested_on_the_playground_alone(copy):
     conn.execute("DELETE FROM input_events WHERE episode_id = ?", [ident])
     conn.execute("UPDATE episodes SET ended_ms = ? WHERE id = ?", [STARTED + 3_600_000, ident])
     rows = [
-        (ident, number, *(event[name] for name in fields))
+        (ident, number, 0, 0, *(event[name] for name in fields))
         for number, event in enumerate(typed.events)
     ]
-    conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+    conn.executemany("INSERT INTO input_events VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
     conn.row_factory = sqlite3.Row
 
     def is_right(level, reason=None):

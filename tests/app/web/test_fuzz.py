@@ -18,6 +18,7 @@ from websockets.sync.client import connect
 
 from app.tasks.mars.viewer3d.viser_transport import PROTOCOL
 from app.web.settings import Limits
+from tests.support.page_loads import LOAD
 from tests.support.servers import PATIENCE_S
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import CAMERA
@@ -158,7 +159,8 @@ def sockets(server):
         "client_ms": 5.0,
         "step": 0,
     }
-    events = {"batch": secrets.token_hex(8), "events": [event, {**event, "kind": "keyup"}]}
+    batch = {"batch": secrets.token_hex(8), **LOAD}
+    events = {**batch, "events": [event, {**event, "kind": "keyup"}]}
     pressed = {"step": 0, "action": "east", "input": "key", "key_down_ms": 4.0}
     good = [
         {"kind": "act", "episode": frame["episode"], **pressed},

@@ -22,6 +22,7 @@ from app.series.folder import Study
 from marsexplorer.config import ACTIONS, EnvConfig
 from marsexplorer.episode import Episode
 from marsexplorer.policies import load
+from tests.support.page_loads import LOAD
 from tests.support.servers import PATIENCE_S, eventually
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import View
@@ -176,7 +177,7 @@ class ParticipantRecorder(Recorder):
             frame = socket.frame_after(before["step"])
             event = {"kind": "keydown", "code": "KeyW", "client_ms": 1.0, "step": frame["step"]}
             batch = {"batch": secrets.token_hex(8), "episode": frame["episode"]}
-            socket.send({"kind": "events", **batch, "events": [event]})
+            socket.send({"kind": "events", **batch, **LOAD, "events": [event]})
             socket.send({"kind": "history"})
             self.tape.add(str(frame).encode(), str(socket.receive("history")).encode())
         return frame

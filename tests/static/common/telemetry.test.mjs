@@ -1,21 +1,29 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { createTelemetry, onScreen, BATCH_SIZE, MAX_WAITING } from "../../../static/common/telemetry.js";
+import { createTelemetry, onScreen, tabStorage, BATCH_SIZE, MAX_WAITING } from "../../../static/common/telemetry.js";
 
-/** A page's telemetry: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
-function telemetry(isOpen, stored) {
+/** A page's telemetry, which has said that it is visible: `sent` is what left, `answer()` the server's word on the first of `sent` that has none, `store.kept` what waits for the next load. */
+function telemetry(isOpen, stored = []) {
   const sent = [];
   const on = { episode: "e1", step: 4, round_trip_ms: 7.5 };
-  const connection = { isOpen };
+  const connection = { isOpen: true };
   const store = { kept: undefined };
+  const page = { isHidden: false };
   let answers = 0;
-  const kept = createTelemetry({ context: () => on, now_ms: () => 100.04, stored, store: (batches) => { store.kept = JSON.parse(JSON.stringify(batches)); },
+  const kept = createTelemetry({ context: () => on, isHidden: () => page.isHidden, now_ms: () => 100.04, tab: "this-tab", stored, store: (batches) => { store.kept = JSON.parse(JSON.stringify(batches)); },
     send: (message) => connection.isOpen && sent.push(message) > 0 });
-  return { kept, sent, on, connection, store,
-    answer(how = {}) {
-      const { episode, events } = sent[answers++];
-      kept.answered({ kind: "kept", episode, count: events.length, reason: null, ...how });
-    },
+  function answer(how = {}) {
+    const { episode, events } = sent[answers++];
+    kept.answered({ kind: "kept", episode, count: events.length, reason: null, ...how });
+  }
+  if (stored.length === 0) {
+    kept.look();
+    kept.flush();
+    answer();
+    sent.length = answers = 0;
+  }
+  connection.isOpen = isOpen;
+  return { kept, sent, on, page, connection, store, answer,
     reconnect() { answers = sent.length; connection.isOpen = true; kept.reconnected(); } };
 }
 const times = (batches) => batches.map(({ events }) => events.map(({ client_ms }) => client_ms));
@@ -29,11 +37,13 @@ test("an event carries its key, the step on screen and the round trip, in its ep
   answer();
   answer();
   const ids = sent.map((each) => each.batch);
+  const from = { page_load: sent[0].page_load, tab: "this-tab" };
+  assert.match(from.page_load, /^[0-9a-f]{32}$/);
   assert.match(ids.join(" "), /^[0-9a-f]{32} [0-9a-f]{32}$/);
   assert.notEqual(ids[0], ids[1]);
   assert.deepEqual(sent, [
-    { kind: "events", episode: "e1", batch: ids[0], events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
-    { kind: "events", episode: "e2", batch: ids[1], events: [{ kind: "blur", code: null, repeat: null, trusted: null, client_ms: 100, step: 4, round_trip_ms: 7.5 }] }]);
+    { kind: "events", episode: "e1", batch: ids[0], ...from, events: [{ kind: "keydown", code: "KeyD", repeat: false, trusted: true, client_ms: 100, step: 4, round_trip_ms: 7.5 }] },
+    { kind: "events", episode: "e2", batch: ids[1], ...from, events: ["visible", "blur"].map((kind) => ({ kind, code: null, repeat: null, trusted: null, client_ms: kind === "blur" ? 100 : 100.1, step: 4, round_trip_ms: 7.5 })) }]);
   assert.equal(kept.waiting(), 0);
 });
 
@@ -47,6 +57,42 @@ test("without a connection events wait; then they leave in order, 200 at a time,
   assert.equal(kept.waiting(), 0);
   assert.deepEqual(new Set(sent.map(({ events }) => events.length)), new Set([BATCH_SIZE]));
   assert.deepEqual(times(sent).flat(), Array.from({ length: MAX_WAITING }, (_, k) => k + 5));
+});
+
+test("a load says with its first frame of an episode whether it is visible, and again when that changes, before anything else", () => {
+  const { kept, sent, on, page } = telemetry(true);
+  kept.look();
+  page.isHidden = true;
+  kept.note("keydown");
+  on.episode = null;
+  page.isHidden = false;
+  kept.look();
+  on.episode = "e1";
+  kept.look();
+  on.episode = "e2";
+  page.isHidden = true;
+  kept.look();
+  kept.look();
+  kept.sendAll();
+  assert.deepEqual(sent.map(({ episode, events }) => [episode, events.map(({ kind }) => kind)]), [["e1", ["hidden", "keydown", "visible"]], ["e2", ["hidden"]]]);
+});
+
+test("a tab keeps its id and its batches from one load to the next; where storage is blocked each load is a tab of its own", () => {
+  const kept = new Map();
+  globalThis.sessionStorage = { getItem: (key) => kept.get(key) ?? null, setItem: (key, text) => void kept.set(key, text) };
+  const first = tabStorage("a.key");
+  first.store([{ batch: "b" }]);
+  const second = tabStorage("a.key");
+  assert.deepEqual([second.tab, second.stored], [first.tab, [{ batch: "b" }]]);
+  Object.defineProperty(globalThis, "sessionStorage", { configurable: true, get() { throw new Error("blocked"); } });
+  const blocked = [tabStorage("a.key"), tabStorage("a.key")];
+  for (const { tab, stored, store } of blocked) {
+    store([]);
+    assert.match(tab, /^[0-9a-f]{32}$/);
+    assert.deepEqual(stored, []);
+  }
+  assert.notEqual(blocked[0].tab, blocked[1].tab);
+  delete globalThis.sessionStorage;
 });
 
 test("nothing is kept while no board is shown", () => {
@@ -125,7 +171,9 @@ test("a page that goes sends everything and stores what no answer came for; the 
   next.reconnect();
   next.answer();
   next.answer();
-  assert.deepEqual(times(next.sent), [[2], [0.5]]);
+  assert.deepEqual(times(next.sent), [[2], [100, 0.5]]);
+  assert.equal(next.sent[0].page_load, sent[0].page_load);
+  assert.notEqual(next.sent[1].page_load, sent[0].page_load);
   assert.deepEqual([next.kept.waiting(), next.store.kept], [0, []]);
 });
 
