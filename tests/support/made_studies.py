@@ -54,7 +54,7 @@ def trial(who, index, score=0.9, steps=20, **rest):
         "task": "mars", "core_version": CORE_VERSION, "config": CONFIG, "seed_chosen": False,
         "terrain": b"", "start": (0, 0), "policy_seed": 0, "assisted": False, "driver": who.kind, "outcome": "explored",
         "steps": steps, "score": score, "total": 0.0, "discovered": 63, "started_ms": FROZEN_MS,
-        "ended_ms": FROZEN_MS + 30_000, "trajectory_hash": "0" * 64, "seed": 1000 + index,
+        "ended_ms": FROZEN_MS + 30_000, "active_ms": 30_000.0, "trajectory_hash": "0" * 64, "seed": 1000 + index,
         "attestation": "attested" if who.kind == "human" else None, **rest,
     }  # fmt: skip
     return Trial(**given)

@@ -7,7 +7,8 @@ import pytest
 
 from app.board import attestation, clock, session
 from app.board.clock import Controls, Held, late_share, pauses_of
-from app.series.plausibility import labels_of, pause_share, plausibility_labels
+from app.series.active_time import active_ms, pause_share
+from app.series.plausibility import labels_of, plausibility_labels
 from app.series.protocol import default_protocol
 from app.series.verification import verify_database
 from app.task import describe, rules_of
@@ -362,4 +363,5 @@ def test_a_protocol_says_what_is_allowed_and_late_frames_are_labelled():
     moves = [{"server_ms": at, "input": None} for at in times]
     assert plausibility_labels(moves, [], 30, 0.03) == ("late frames",)
     assert plausibility_labels(moves, [], 30, 0.1) == ()
-    assert pause_share(moves, [], 30) == pytest.approx(5033 / times[-1])
+    assert pause_share(moves, [], 60_000, 30) == pytest.approx(5033 / times[-1])
+    assert active_ms(moves, [], -9_000, 60_000, 30) == pytest.approx(times[-1] - 5033)
