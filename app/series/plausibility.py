@@ -15,7 +15,7 @@ from app.series.active_time import PRESSES, Rows
 from app.series.protocol import Protocol
 
 FEWEST_PRESSES = 5
-"""Fewer presses than this say nothing about key-ups or speed."""
+"""Fewer presses than this say nothing about key-ups or speed, and fewer moves are no attempt."""
 FASTEST_MS = 80.0
 """Two moves closer than this are faster than seeing and deciding."""
 FAST_SHARE = 0.1
@@ -31,6 +31,7 @@ LABELS = {
     "untrusted": "a press that the browser does not vouch for (isTrusted is false)",
     "unfocused": "a press in a page that was hidden",
     "no telemetry": f"at least {FEWEST_PRESSES} moves by key or touch and not one input event of a press",
+    "no attempt": f"abandoned after fewer than {FEWEST_PRESSES} moves",
 }
 """Every label with what it means; a task has labels of its own (`Rules.own_labels`)."""
 
@@ -50,12 +51,17 @@ def labels_of(protocol: Protocol) -> dict[str, str]:
 
 
 def plausibility_labels(
-    moves: Rows, inputs: Rows, clock: int | None = None, most_late: float = 1.0
+    moves: Rows,
+    inputs: Rows,
+    clock: int | None = None,
+    most_late: float = 1.0,
+    outcome: str | None = None,
 ) -> tuple[str, ...]:
     """Return an episode's labels, in the order of `labels_of`.
 
     clock      of the task; where time runs, two keys are often pressed as one
     most_late  share (0..1) of frames that may come late
+    outcome    None while it runs
     """
     presses = [row for row in inputs if row["kind"] in PRESSES and not row["repeat"]]
     found = {
@@ -66,6 +72,7 @@ def plausibility_labels(
         "unfocused": _pressed_hidden(inputs),
         "no telemetry": not presses
         and sum(row["input"] is not None for row in moves) >= FEWEST_PRESSES,
+        "no attempt": outcome == "abandoned" and len(moves) < FEWEST_PRESSES,
     }
     is_late = clock and late_share([row["server_ms"] for row in moves], clock) > most_late
     return (*(name for name in LABELS if found.get(name)), *((LATE,) if is_late else ()))

@@ -1,6 +1,14 @@
 """Labels: each on what it is for, and none on plain play."""
 
+from contextlib import closing
+
+from app.db.store import Store
+from app.report.statistics.exclusion_sets import members, people_of
+from app.series.closing import note_closed
+from app.series.data import load
+from app.series.folder import Folder
 from app.series.plausibility import LABELS, plausibility_labels
+from tests.support.study import Person, freeze
 
 
 def press(at, up=True, kind="keydown", **rest):
@@ -125,6 +133,38 @@ def test_from_one_load_of_the_page_to_another_no_interval_is_counted():
     assert plausibility_labels([], presses(HUMAN) + presses(again, page_load=1)) == ()
     tabs = [row for at in HUMAN for load in (0, 1) for row in press(at + 5 * load, page_load=load)]
     assert plausibility_labels([], tabs) == ()
+
+
+def test_an_episode_that_is_abandoned_almost_at_once_was_not_attempted():
+    moves = [{"input": None, "server_ms": 1000 * k} for k in range(5)]
+    for made, outcome, labels in (
+        (0, "abandoned", ("no attempt",)),
+        (4, "abandoned", ("no attempt",)),
+        (5, "abandoned", ()),
+        (1, "collided", ()),
+        (1, "environment_failed", ()),
+        (0, None, ()),
+    ):
+        assert plausibility_labels(moves[:made], [], outcome=outcome) == labels, (made, outcome)
+
+
+def test_whoever_gives_every_terrain_up_at_once_is_labelled_and_in_no_strict_set(server, tmp_path):
+    freeze(tmp_path / "studies", warm_up=0, ranked=4, questions=())
+    person = Person(server)
+    person.to_warm_up()
+    while person.me()["stage"] == "ranked":
+        person.call("next")
+        person.call("give-up", {"episode": person.frame["episode"], "step": 0})
+    assert person.where["stage"] == "debrief"
+    server.stop()
+    studies = Folder(tmp_path / "studies")
+    studies.close("small")
+    with closing(Store(tmp_path / "playground.db")) as store:
+        note_closed(store, studies.study("small"))
+    data = load(tmp_path / "playground.db", "small")
+    ranked = [trial.labels for trial in data.trials if trial.phase == "ranked"]
+    assert ranked == [("no attempt",)] * 4
+    assert members(people_of(data), data.protocol.exclusion["strict"]) == []
 
 
 def test_several_labels_stand_in_the_order_of_the_list():
