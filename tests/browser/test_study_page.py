@@ -468,7 +468,9 @@ def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(
     me.wake()
     me.press("east")
     assert me.frame["position"] == [0, 1]
-    kinds = "select kind, page_load from input_events where kind in ('pause', 'resume') order by number"
+    kinds = (
+        "select kind, page_load from input_events where kind in ('pause', 'resume') order by number"
+    )
     said = [("pause", 0), ("pause", 1), ("resume", 1)]
     eventually(lambda: rows(tmp_path, kinds)[:3] == said)
     assert me.errors == []
