@@ -28,6 +28,7 @@ RECRUITMENT = {
     "open": "By a link that anybody could open.",
 }
 """What the software knows of how participants came, by the protocol's `recruitment`."""
+UNSAID = "What people and agents see is not said in the environment's description."
 TEST = "Test of the paired differences over players and terrains (crossed, Satterthwaite), adjusted by Holm's method."
 
 
@@ -80,6 +81,9 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     return {
         "protocol": protocol,
         "people": people,
+        "title": protocol.rules.title,
+        "where": protocol.rules.where(protocol.env_config),
+        "seen": protocol.rules.sees(protocol.env_config) or UNSAID,
         "played": counted(len(ranked), "episode"),
         "terrains": counted(protocol.ranked, "terrain"),
         "limit": counted(protocol.env_config.limit, "move"),

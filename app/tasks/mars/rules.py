@@ -147,8 +147,8 @@ class MarsRules:
         return f"level {config.level}, {config.rows} x {config.cols}"
 
     def sees(self, config: EnvConfig) -> str:
-        """Return nothing: a person's page and a policy's observation hold the same, what was discovered."""
-        return ""
+        """Say that a person's page and a policy's observation hold the same."""
+        return "People and policies are given the same: the cells that were discovered."
 
     def briefing(self, config: EnvConfig) -> str:
         """Return what the rover sees, how it moves, and how an attempt ends."""

@@ -21,6 +21,7 @@ from app.report.tables import group_tables
 from app.series.data import load
 from app.series.folder import Folder
 from app.series.participation import StudyParticipation
+from app.series.protocol import default_protocol
 from app.task import rules_of
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode, score
@@ -597,3 +598,13 @@ def test_the_worst_score_of_a_small_building_lies_within_the_bounds():
     assert (
         low <= worst < metric_bounds(rules_of("mars"), EnvConfig.of("random", (7, 9)), "score")[0]
     )
+
+
+def test_no_answer_of_the_checklist_is_another_environments():
+    config = rules_of("gymnasium:FrozenLake-v1").default
+    lake = default_protocol("lake", config, "gymnasium:FrozenLake-v1", policies=("random",))
+    data = replace(study((), ()), protocol=lake)
+    for item in build(data).checklist:
+        assert not re.search(r"explor|discover|matrix|MarsExplorer(?! Playground)", item.detail), (
+            item
+        )
