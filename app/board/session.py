@@ -242,8 +242,8 @@ class Move:
 class Participation(Protocol):
     """A participant's part in a study, as far as their board must ask for it; `app.series` implements it.
 
-    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study`, `hides_figures`
-    and `check_open` asks the database: call it in `Store.write` or `Store.read`.
+    A board without a participation belongs to anybody who knows its id. Everything but `driver`, `study` and `check_open`
+    asks the database: call it in `Store.write` or `Store.read`.
     """
 
     @property
@@ -257,8 +257,8 @@ class Participation(Protocol):
     def hides_scores(self, episode_id: str) -> bool:
         """Return whether frames of the episode leave out reward, return and score."""
 
-    def hides_figures(self) -> bool:
-        """Return whether the operator, too, sees no scores of this board while the study is open."""
+    def is_secret(self, episode_id: str) -> bool:
+        """Whether nobody but the participant sees anything of the episode, the operator included."""
 
     def check_open(self) -> None:
         """Raise RefusedError when the study is closed and no move may be made."""

@@ -10,10 +10,9 @@ from click import ClickException, argument, echo, option
 
 from app.cli.console import failures, pins_file, print_table, progress
 from app.cli.options import (
-    DATABASE,
+    DATABASE_AND_STUDIES,
     KEY,
     PATH,
-    STUDIES,
     database_option,
     flag,
     path_option,
@@ -33,8 +32,7 @@ MAX_PRINTED = 20
 @click.command(short_help="Write a study as a citable, signed bundle.")
 @option("--study", required=True, help="The study's name.")
 @path_option("--out", "A new folder for the bundle; it appears whole or not at all.", required=True)
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 @several("--author", "authors", "Who is to be cited; repeatable.")
 @option("--url", help="Where the bundle will be found, a DOI's address say.")
 @several("--without-policy", "without", "Leave out a policy without a file here.", metavar="NAME")

@@ -6,10 +6,10 @@ A user's mistake becomes a UsageError here; `app.cli.main.main` turns those into
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click import BadParameter, ClickException, UsageError
@@ -18,26 +18,41 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from app.task import Configuration
-    from app.web.settings import Settings
+    from app.web.settings import Place, Settings
 
 PRINTED_WIDTH = 140
 """Width in characters of a table that is printed to a file or a pipe."""
 
 
 def settings_of(**flags: Any) -> Settings:
-    """Return the settings from flags and MARS_* variables; raise UsageError that names the first wrong one."""
-    from pydantic import ValidationError
-
+    """Return a server's settings from flags and MARS_* variables; UsageError for a wrong one."""
     from app.web.settings import Settings
 
+    return _read(Settings, flags)
+
+
+def place() -> Place:
+    """Return where the server and its files are; settings that concern only a server may be wrong."""
+    from app.web.settings import Place
+
+    return _read(Place, {})
+
+
+S = TypeVar("S", bound="Place")
+
+
+def _read(settings: type[S], flags: Mapping[str, Any]) -> S:
+    from pydantic import ValidationError
+    from pydantic_settings import SettingsError
+
+    from app.web.settings import fault_of, unknown_variables
+
+    for note in unknown_variables(os.environ):
+        click.echo(f"marsexplorer: {note}", err=True)
     try:
-        return Settings(**flags)
-    except ValidationError as error:
-        first = error.errors()[0]
-        name = "_".join(str(part) for part in first["loc"])
-        raise UsageError(
-            f"setting {name}: {first['msg'].removeprefix('Value error, ').lower()}, got {first['input']!r}"
-        ) from error
+        return settings(**flags)
+    except (SettingsError, ValidationError) as error:
+        raise UsageError(fault_of(error, flags)) from error
 
 
 @contextmanager
@@ -93,7 +108,7 @@ def write_file(path: Path, content: bytes, option: str = "file", private: bool =
 
 def pins_file() -> Path:
     """Return the file of pinned signing keys: MARS_SIGNERS, or known_signers.json in the user's configuration folder."""
-    return settings_of().signers or Path(click.get_app_dir("marsexplorer")) / "known_signers.json"
+    return place().signers or Path(click.get_app_dir("marsexplorer")) / "known_signers.json"
 
 
 def task_name(given: str) -> str:

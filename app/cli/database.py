@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 from click import UsageError, argument, echo, option
 
-from app.cli.console import failures, pins_file, print_table, progress, settings_of
+from app.cli.console import failures, pins_file, place, print_table, progress
 from app.cli.options import KEY, PATH, database_option, flag, path_option
 from app.task import counted
 
@@ -31,8 +31,12 @@ SERVERS = "The database that the server records in, if it is not the default one
 @option(
     "--who", type=click.Choice(["all", "human"]), default="all", help="human: the counted ones.",
 )  # fmt: skip
-def export(database: Path, out: Path, who: Who) -> None:
+@flag("--open-studies", "Take in studies that are not closed; the chain and their reports say so.")
+def export(database: Path, out: Path, who: Who, open_studies: bool) -> None:
     """Write every finished episode, and every step of it, as two tables.
+
+    Episodes of open studies are left out: nobody sees figures of people while a study runs. --open-studies takes them in, and
+    the chain of the database and the study's report say when.
 
     Each episode is replayed on its way out; `verified` is false where the replay differs from what was recorded.
     Players appear under pseudonyms drawn anew for each export. docs/data.md lists the columns. Both files appear
@@ -46,7 +50,7 @@ def export(database: Path, out: Path, who: Who) -> None:
     from app.db.export import export_to
 
     with failures(f"cannot write to {out}, choose another --out"), progress("exporting") as advance:
-        summary = export_to(database, out, who, advance)
+        summary = export_to(database, out, who, advance, open_studies)
     echo(summary)
 
 
@@ -57,7 +61,6 @@ MAX_PRINTED = 200
 @click.command(short_help="Simulate every episode again and compare.")
 @path_option("--database", "The database to verify; a running server may go on writing.")
 @path_option("--dataset", "A folder that `release` wrote, instead of a database.")
-@path_option("--studies", "Folder of studies, for secrets of open ones.  [default: data/studies]")
 @KEY
 @flag("--pin", "to_pin", "Remember the dataset's signing key as a known one, if all else is well.")
 @option("--head", help="A head of the chain from before, or a release's folder, which holds one.")
@@ -66,7 +69,6 @@ MAX_PRINTED = 200
 def verify(
     database: Path | None,
     dataset: Path | None,
-    studies: Path | None,
     key: str | None,
     to_pin: bool,
     head: str | None,
@@ -109,7 +111,7 @@ def verify(
     signer = None
     with failures(f"cannot read {dataset or 'the database'}"):
         if dataset is None:
-            result, about = _of_database(database, studies, head, stamp, certificate)
+            result, about = _of_database(database, head, stamp, certificate)
         else:
             result, about, signer = _of_dataset(dataset, key, to_pin)
     for finding in result.findings[:MAX_PRINTED]:
@@ -126,7 +128,6 @@ def verify(
 
 def _of_database(
     database: Path | None,
-    studies: Path | None,
     head: str | None,
     stamp: Path | None,
     certificate: Path | None,
@@ -135,8 +136,8 @@ def _of_database(
     from app.series.folder import Folder
     from app.series.verification import check_policy_files, verify_database
 
-    settings = settings_of()
-    path, folder = database or settings.database, Folder(studies or settings.studies)
+    path = database or place().database
+    folder = Folder.beside(path)
     known = {name: secret for name, (_, secret) in folder.known_secrets().items()}
     earlier = None if head is None else _earlier_head(head)
     stamped = None if stamp is None else read_stamp(stamp, path, certificate)
@@ -193,7 +194,7 @@ def _sentence(result: Verification, about: str) -> str:
         rate = f", {result.episodes / result.seconds:,.0f} episodes/s"
     if result.still_open:
         rest = f"; {counted(result.still_open, 'unfinished one was', 'unfinished ones were')} not simulated"
-    return f"{about}: {verdict}; {counted(result.episodes, 'episode')} of {counted(result.moves, 'move')} simulated{rate}{rest}"
+    return f"{about}: {verdict}; {counted(result.episodes, 'episode')} simulated{rate}{rest}"
 
 
 def _chain_lines(result: Verification) -> Iterator[str]:

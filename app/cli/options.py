@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click import UsageError, option
 
-from app.cli.console import settings_of
+from app.cli.console import place
 
 if TYPE_CHECKING:
     from app.series.folder import Folder
@@ -77,14 +77,19 @@ def check_more(more: Sequence[object], policies: Sequence[object]) -> None:
         raise UsageError(f"unexpected argument {str(more[0])!r}: name policies with --policy")
 
 
-def _folder(ctx: click.Context, param: click.Parameter, studies: Path | None) -> Folder:
+def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
+    return path or place().database
+
+
+def _studies(ctx: click.Context, param: click.Parameter, path: Path | None) -> Folder:
     from app.series.folder import Folder
 
-    return Folder(studies or settings_of().studies)
+    return Folder.beside(_database(ctx, param, path))
 
 
-def _database(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
-    return path or settings_of().database
+def _database_with_studies(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path:
+    ctx.params["folder"] = _studies(ctx, param, path)
+    return _database(ctx, param, path)
 
 
 def database_option(text: str) -> Callable[[F], F]:
@@ -93,6 +98,14 @@ def database_option(text: str) -> Callable[[F], F]:
 
 
 DATABASE = database_option("The database it was played in; a running server may go on writing.")
-_WHERE = "The folder of studies.  [default: data/studies in a checkout, ./studies elsewhere]"
-STUDIES = option("--studies", "folder", type=PATH, callback=_folder, help=_WHERE)
-"""The option --studies, which a command is given as its `folder`."""
+STUDIES = option(
+    "--database", "folder", type=PATH, callback=_studies, help="The database whose study it is."
+)
+"""The option --database of a command that is given the folder of studies beside it, as `folder`."""
+DATABASE_AND_STUDIES = option(
+    "--database",
+    type=PATH,
+    callback=_database_with_studies,
+    help="The database it is played in; a running server may go on writing.",
+)
+"""The option --database of a command that is given `database`, and the folder beside it as `folder`."""

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     "Play another environment: Gymnasium's id, or a TOML file; repeatable.  [default: MarsExplorer]",
     metavar="ENV",
 )
-@path_option("--studies", "Folder of studies to offer.  [default: studies, beside the database]")
 @several(
     "--policy",
     "policies",
@@ -71,8 +70,8 @@ def serve(
 
     Every move is in the database before its frame is sent: killing the server loses nothing, and the next start
     goes on with the unfinished episodes. Without --database it is data/playground.db in a checkout,
-    ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE, MARS_STUDIES and MARS_DURABLE stand in for
-    absent flags. A frozen study is offered at /study/NAME as soon as it is frozen.
+    ./playground.db elsewhere. MARS_HOST, MARS_PORT, MARS_DATABASE and MARS_DURABLE stand in for absent flags.
+    A study of this database is offered at /study/NAME as soon as it is frozen.
 
     A ranked episode that nobody moves for 30 minutes counts as abandoned; MARS_ABANDON_AFTER_S holds other seconds.
 

@@ -30,7 +30,7 @@ from app.db.study_rows import SeriesRow
 Kind = Literal["series", "session", "episode", "events", "participant"]
 """What an entry stands for; `events` are input events that came after their episode's end."""
 
-Mark = Literal["frozen", "opened", "closed", "erased", "released"]
+Mark = Literal["frozen", "opened", "exported", "closed", "erased", "released"]
 """What fixes a study, or changes its figures later; an entry of such a kind says so in JSON and is nobody's secret."""
 
 DAY_MS = 86_400_000
@@ -247,6 +247,12 @@ def freezing_of(study: SeriesRow) -> Iterator[tuple[Mark, str]]:
         yield "opened", _note({**named, "beacon_signature": study.beacon_signature})
 
 
+def export_of(study: SeriesRow) -> tuple[Mark, str]:
+    """The (kind, note) of an export of an open study's episodes, made now."""
+    named = {"study": study.name, "commitment": study.commitment}
+    return "exported", _note({**named, "at_ms": time.time_ns() // 1_000_000})
+
+
 def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
     """Return (kind, note) of what the tables say fixed the studies: their rows, who was erased from them, their releases."""
     studies = select(conn, "SELECT * FROM series WHERE kind = 'study' ORDER BY frozen_ms, name")
@@ -269,7 +275,7 @@ def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
 def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()) -> None:
     """Append an entry of what the tables say fixed the studies and no entry says yet; call it in the transaction that wrote it.
 
-    more  (kind, note) of freezings and openings that the tables do not have: of a study that nobody has joined
+    more  (kind, note) of what the tables do not have: freezings of studies that nobody has joined, and exports
     """
     known = set(select(conn, "SELECT kind, note FROM chain WHERE note IS NOT NULL"))
     for kind, note in dict.fromkeys((*more, *marks(conn))):
@@ -277,9 +283,10 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
             append_note(conn, kind, json.loads(note))
 
 
-def freezings(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Return (kind, note) of every freezing in the chain, of one study or of all, also of those that nobody joined."""
-    sql = "SELECT kind, note FROM chain WHERE kind = 'frozen' AND json_extract(note, '$.study') LIKE ? ORDER BY number"
+def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
+    """Every freezing and export in the chain, of one study or of all: (kind, note), which no table says for sure."""
+    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported') AND json_extract(note, '$.study') LIKE ?
+        ORDER BY number"""
     return select(conn, sql, [study]).fetchall()
 
 

@@ -338,11 +338,11 @@ def learn_forgotten(target: sqlite3.Connection, source: sqlite3.Connection) -> N
 
 
 def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None:
-    """Add the source's counts of people who were erased, or left out of a release, and its freezings to the target's."""
+    """Add what the source says of people who were erased or left out, and its chain alone."""
     for name in (ERASED, ARRIVALS):
         found = source.execute("SELECT * FROM meta WHERE name LIKE ? || '|%'", [name]).fetchall()
         target.executemany("INSERT OR IGNORE INTO meta VALUES (?, ?)", found)
-    chain.append_marks(target, chain.freezings(source))
+    chain.append_marks(target, chain.said_alone(source))
 
 
 def note_erased(

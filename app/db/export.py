@@ -21,7 +21,9 @@ from pathlib import Path
 from typing import Any, Literal
 from zipfile import ZIP_DEFLATED, ZipFile
 
+from app.db.chain import append_marks, export_of
 from app.db.columns import TABLES, Column, ColumnType, markdown
+from app.db.database import writing
 from app.db.reader import Reader, Who
 from app.db.resimulation import simulate
 from app.db.trial import Trial
@@ -48,6 +50,7 @@ def export_table(
     public: bool = False,
     at_ms: int | None = None,
     player: str | None = None,
+    open_studies: bool = False,
 ) -> Generator[bytes]:
     """Yield the table in pieces, the header first, one piece an episode.
 
@@ -56,9 +59,12 @@ def export_table(
     public   True leaves out the episodes of studies that are not closed, and of days that are not over
     at_ms    when a public export is made (None: now)
     player   what they drove alone
+    open_studies  True takes in episodes of studies that are not closed; sealed ones never
     """
     _check(table, who)
-    reader = Reader.open(source.path if isinstance(source, Reader) else source, public, at_ms)
+    reader = Reader.open(
+        source.path if isinstance(source, Reader) else source, public, at_ms, open_studies
+    )
     return _stream(reader, lambda: reader.finished(who, player), table, key or new_key())
 
 
@@ -125,20 +131,31 @@ Exported on {day} by version {version} of the playground: {episodes} episodes, {
 """After Gebru et al. 2021, "Datasheets for Datasets"."""
 
 
-def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, int], None]) -> str:
+def export_to(
+    database: Path,
+    folder: Path,
+    who: Who,
+    advance: Callable[[int, int], None],
+    open_studies: bool = False,
+) -> str:
     """Write `episodes.csv` and `steps.csv` in the folder, both whole or neither, and return a sentence on what was written.
 
     advance  called with (episodes written, of how many), both tables counted
+    open_studies  True takes in those of open studies, and notes it in the chain of the database
     """
-    reader = Reader.open(database)
-    total, sealed = 2 * reader.count(who), ", ".join(reader.sealed())
-    reader.close()
+    with closing(Reader.open(database, open_studies=open_studies)) as reader:
+        total, studies = 2 * reader.count(who), reader.open_studies()
     folder.mkdir(parents=True, exist_ok=True)
+    sealed = [study.name for study in studies if study.sealed_ms is not None]
+    running = [study for study in studies if study.sealed_ms is None]
+    if open_studies and running:
+        with writing(database) as conn:  # before anything of them is written
+            append_marks(conn, map(export_of, running))
     paths = [folder / f"{table}.csv" for table in COLUMNS]
     key, done, lines, unverified = new_key(), 0, [0, 0], 0
     with write_whole(paths[0]) as episodes, write_whole(paths[1]) as steps:
         for number, (table, file) in enumerate(zip(COLUMNS, (episodes, steps), strict=True)):
-            for piece in export_table(database, table, who, key):
+            for piece in export_table(database, table, who, key, open_studies=open_studies):
                 file.write(piece)
                 done += 1
                 lines[number] += piece.count(b"\n")
@@ -148,7 +165,12 @@ def export_to(database: Path, folder: Path, who: Who, advance: Callable[[int, in
     why = "did not replay as recorded: see the column verified"
     warning = f"; {unverified} of them {why}" if unverified else ""
     if sealed:
-        warning += f"; left out: {sealed}, which are sealed until the evaluation of agents closes"
+        warning += f"; left out, since they are sealed until the evaluation of agents closes: {', '.join(sealed)}"
+    names = ", ".join(study.name for study in running)
+    if running and open_studies:
+        warning += f"; taken in although open, which the chain and their reports say: {names}"
+    elif running:
+        warning += f"; left out, since they are open: {names} (--open-studies takes them in)"
     return f"{counted(count, 'episode')} in {paths[0]}, {counted(moves, 'step')} in {paths[1]}{warning}"
 
 

@@ -48,6 +48,12 @@ _locked: set[Identity] = set()
 """Databases that this process has locked."""
 
 
+def studies_beside(path: Path) -> Path:
+    """The folder of a database's studies: of `lab.db` it is `lab.db-studies`."""
+    # like SQLite's own companions: beside the file that a link leads to
+    return Path(f"{os.path.realpath(path) if path.is_symlink() else path}-studies")
+
+
 class StoreError(Exception):
     """The database cannot be used as asked; the message says what was expected, what came, and the way out."""
 

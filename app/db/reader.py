@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from app.db.database import StoreError, open_read_only
 from app.db.file import hold
+from app.db.study_rows import SeriesRow
 from app.db.trial import Trial
 from app.task import Record
 
@@ -70,24 +71,40 @@ class Reader:
     """Queries over finished episodes.
 
     A public one sees nothing of a series that is open: of a study before it is closed, of a daily terrain before its day is
-    over. It reads at `at_ms` (None: now). None sees anything of one that is sealed (`SEALED_CONDITION`).
+    over. It reads at `at_ms` (None: now). Others see nothing of a study that is open either, unless `open_studies`. None sees
+    anything of one that is sealed (`SEALED_CONDITION`).
     """
 
     def __init__(
-        self, db: Database, path: Path, public: bool = False, at_ms: int | None = None
+        self,
+        db: Database,
+        path: Path,
+        public: bool = False,
+        at_ms: int | None = None,
+        open_studies: bool = False,
     ) -> None:
         self._db = db
         self.path = path
         at_ms = now_ms() if at_ms is None else at_ms
-        is_over = f"y.closed_ms <= {at_ms:d}" if public else f"NOT {SEALED_CONDITION}"
+        is_over = "y.kind != 'study' OR y.closed_ms IS NOT NULL"
+        if public:
+            is_over = f"y.closed_ms <= {at_ms:d}"
+        elif open_studies:
+            is_over = f"NOT {SEALED_CONDITION}"
         self._select = f"{_SELECT} AND (x.series IS NULL OR {is_over})"
         self._select_played = f"{_SELECT} AND (x.participant_id IS NULL OR {is_over})"
         self._release = hold(path)
 
     @classmethod
-    def open(cls, path: Path | str, public: bool = False, at_ms: int | None = None) -> Reader:
+    def open(
+        cls,
+        path: Path | str,
+        public: bool = False,
+        at_ms: int | None = None,
+        open_studies: bool = False,
+    ) -> Reader:
         """Open a reader on a read-only connection of its own; StoreError when the file is not one of ours."""
-        return cls(open_read_only(Path(path)), Path(path), public, at_ms)
+        return cls(open_read_only(Path(path)), Path(path), public, at_ms, open_studies)
 
     def close(self) -> None:
         """Close the connection."""
@@ -112,10 +129,10 @@ class Reader:
         (row,) = self.query(f"SELECT count(*) AS n FROM ({self._select}{_FILTER[who]})")
         return int(row["n"])
 
-    def sealed(self) -> list[str]:
-        """Return the names of the series whose episodes are left out, since their terrains are sealed."""
-        found = self.query(f"SELECT name FROM series y WHERE {SEALED_CONDITION} ORDER BY name")
-        return [str(row["name"]) for row in found]
+    def open_studies(self) -> list[SeriesRow]:
+        """The studies that are not closed, those whose terrains are sealed too."""
+        sql = "SELECT * FROM series WHERE kind = 'study' AND closed_ms IS NULL ORDER BY name"
+        return [SeriesRow(**row) for row in self.query(sql)]
 
     def finished(self, who: Who = "all", player: str | None = None) -> Iterator[dict[str, Any]]:
         """Yield finished episodes as they are stored, oldest first, as `Trial.of` takes them; for export, not for the API.

@@ -330,6 +330,13 @@ def count_freezings(reader: Reader, study: str) -> int:
     return int(reader.query(sql, [study])[0]["n"])
 
 
+def exports_while_open(reader: Reader, study: str, commitment: str) -> list[int]:
+    """When a study's episodes were exported before it was closed, as the chain says (ms since 1970)."""
+    sql = """SELECT json_extract(note, '$.at_ms') AS at_ms FROM chain WHERE kind = 'exported'
+        AND json_extract(note, '$.study') = ? AND json_extract(note, '$.commitment') = ? ORDER BY number"""
+    return [int(row["at_ms"]) for row in reader.query(sql, [study, commitment])]
+
+
 def erased_people(reader: Reader, study: str) -> list[dict[str, Any]]:
     """Return what is kept of everybody whose rows were erased from a study (`app.db.erasure.note_erased`)."""
     sql = "SELECT value FROM meta WHERE name LIKE ? || '|' || ? || '|%'"

@@ -90,7 +90,7 @@ def write_pseudonymized(
                 table = TABLES[name]
                 conn.execute(table.insert(), [found[column] for column in table.names()])
             chain.append_all(conn, chain.things(conn))
-            chain.append_marks(conn, chain.freezings(source, study))
+            chain.append_marks(conn, chain.said_alone(source, study))
         conn.execute("PRAGMA journal_mode = DELETE")
         conn.execute("VACUUM")
     finally:

@@ -13,6 +13,7 @@ from app.report.statistics.formatting import counted, percent
 from app.report.statistics.intervals import Estimate
 from app.report.statistics.likelihood import TAIL
 from app.series.data import StudyData
+from app.series.files import iso
 from app.series.policy_episodes import closed_seeds
 from app.series.protocol import protocol_hash
 from app.series.seeds import commitment
@@ -48,6 +49,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
     if group.kind == "human":
         found += _about_who_left(data, group)
         found += _about_secret(data)
+        found += _about_exports(data)
     found += _about_skewness(figure.score, figure.steps, group.words)
     if figure.score.headline == "guaranteed":
         found.append(
@@ -106,6 +108,16 @@ def _about_secret(data: StudyData) -> Iterable[str]:
         yield (
             f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
             "have chosen among as many secrets and protocols."
+        )
+
+
+def _about_exports(data: StudyData) -> Iterable[str]:
+    """Yield that somebody could see figures of people before the study was closed."""
+    if data.exports_ms:
+        days = sorted({iso(at_ms)[:10] for at_ms in data.exports_ms})
+        yield (
+            f"Its episodes were exported while it was open, on {', '.join(days)}: whoever read them knew figures of people "
+            "when it was decided how long to go on."
         )
 
 

@@ -172,7 +172,7 @@ def load_with_folder(reader: Reader, folder: Folder, name: str) -> tuple[StudyDa
         )
     if not is_same_study(data, study):
         raise StudyError(
-            f"the study {name!r} in {reader.path} is another one than that in {folder.root}: give the right --studies"
+            f"the study {name!r} in {reader.path} is another one than that in {folder.root}: put that of this database there"
         )
     if study.protocol.recruitment == "invitation":
         opened = [p.invitation for p in participants(reader, name) if p.invitation is not None]

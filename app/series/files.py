@@ -47,7 +47,7 @@ def write_bytes(path: Path, content: bytes, private: bool = False) -> None:
             os.fsync(file.fileno())
     except OSError as error:
         raise StudyError(
-            f"cannot write {path}: {(error.strerror or str(error)).lower()}; choose another folder with --studies"
+            f"cannot write {path}: {(error.strerror or str(error)).lower()}; choose another place with --database"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""The folder of studies: a draft that can be edited, frozen for good, closed at the end.
+"""The folder of studies, DATABASE-studies beside a database: a draft that can be edited, frozen for good, closed at the end.
 
     NAME/protocol.json   the protocol; what freezing fixed may not change any more
     NAME/draft.json      the protocol as it was before freezing filled its texts in
@@ -27,6 +27,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Literal
 
+from app.db.file import studies_beside
 from app.db.study_rows import SeriesRow, is_same_study
 from app.series.beacon import Beacon
 from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_object
@@ -176,6 +177,11 @@ class Folder:
     def __init__(self, root: Path | str) -> None:
         self.root = Path(root)
         self._known: dict[str, tuple[object, Study]] = {}
+
+    @classmethod
+    def beside(cls, database: Path) -> Folder:
+        """The studies that are played in a database."""
+        return cls(studies_beside(database))
 
     def path(self, name: str) -> Path:
         """Return where a study lies; StudyError when no study can be called so."""

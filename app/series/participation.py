@@ -35,9 +35,10 @@ class StudyParticipation:
         phase, stage = found or ("", "")
         return phase == "ranked" and stage not in ("debrief", "complete")
 
-    def hides_figures(self) -> bool:
-        """Return whether the participant is a person in an open study, whose figures nobody sees."""
-        return self.driver == "human" and self._study().is_open
+    def is_secret(self, episode_id: str) -> bool:
+        """Whether the episode is a ranked one of a study that is not closed."""
+        found = self._study_store.phase_and_stage(episode_id)
+        return found is not None and found[0] == "ranked" and self._study().is_open
 
     def check_open(self) -> None:
         """Check that the study is open; RefusedError when it is not."""
@@ -96,10 +97,6 @@ class CardParticipation(StudyParticipation):
     """The participation of an agent with a card (`app.series.cards`): nobody sees a score before the evaluation closes."""
 
     def hides_scores(self, episode_id: str) -> bool:
-        """Return whether the evaluation is open."""
-        return self._study().is_open
-
-    def hides_figures(self) -> bool:
         """Return whether the evaluation is open."""
         return self._study().is_open
 

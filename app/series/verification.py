@@ -230,7 +230,7 @@ def _check_series(
         of_folder = (
             ""
             if row.secret
-            else " in the folder of studies (--studies), which may be another server's"
+            else " in the folder beside the database, which may be another server's"
         )
         yield Finding(where, "commitment", row.commitment, f"{bound} from the secret{of_folder}")
     yield from check_beacon(where, beacon, row.beacon_signature, row.frozen_ms)

@@ -1,8 +1,8 @@
 """Who asks, and what they may see and move.
 
 A session that the page began is its player's: only their cookie sees and moves it. One that a script began (`control` is
-"bearer") is anybody's who knows its id. A study's board is its participant's. The operator may see every session. Whoever may
-not see a session gets the answer for an id that does not exist.
+"bearer") is anybody's who knows its id. A study's board is its participant's; the operator watches boards on their own page
+(`app.web.admin`). Whoever may not see a session gets the answer for an id that does not exist.
 
 The cookies are a player's and a participant's for two years, the operator's for some hours. No script can read any. Who plays
 and who takes part in studies are two people to the server: nothing links a browser's one cookie to its other.
@@ -113,16 +113,8 @@ def may_control(connection: HTTPConnection, session: Session) -> bool:
     return is_bearer or is_owner(connection, session)
 
 
-async def visible_session(connection: HTTPConnection, session_id: str) -> Session:
-    """Return the session that is asked for; UnknownSessionError when there is none that the asker may see."""
-    session = await services_of(connection).lobby.get(session_id)
-    if not (may_control(connection, session) or await is_operator(connection)):
-        raise UnknownSessionError(session_id)
-    return session
-
-
-async def controlled_session(connection: HTTPConnection, session_id: str) -> Session:
-    """Return the session that is to be moved; UnknownSessionError when there is none that the asker may move."""
+async def session_of(connection: HTTPConnection, session_id: str) -> Session:
+    """The session that the asker sees and moves; UnknownSessionError if it is not theirs."""
     session = await services_of(connection).lobby.get(session_id)
     if not may_control(connection, session):
         raise UnknownSessionError(session_id)

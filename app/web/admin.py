@@ -24,6 +24,7 @@ from app.board.session import Session
 from app.db import ratings
 from app.db.reader import Reader
 from app.db.series import StudyStore
+from app.db.store import Store
 from app.db.study_rows import Participant, participant_label
 from app.db.trial import Trial
 from app.series.closing import close_study as close_study_of
@@ -339,7 +340,8 @@ async def watch_board(websocket: WebSocket, session_id: str) -> None:
 
 async def _send(websocket: WebSocket, session: Session) -> None:
     """Send each message of a board for as long as the operator is logged in."""
-    async with aclosing(board_messages(session)) as messages:
+    store = services_of(websocket).store
+    async with aclosing(board_messages(store, session)) as messages:
         async for message in messages:
             if not await is_operator(websocket):
                 await close(websocket, NOT_LOGGED_IN, "logged out")
@@ -348,20 +350,23 @@ async def _send(websocket: WebSocket, session: Session) -> None:
 
 
 async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, Any]]:
-    """Return the boards that a person or a script plays now, those of participants first; no player's id."""
-    live = (each for each in lobby.sessions() if each.is_human and each.channel.subscribers)
-    listed = sorted(live, key=lambda session: session.participation is None)[:MAX_BOARDS]
+    """Return the boards that may be watched and that somebody plays now, those of participants first; no player's id."""
+    live = [each for each in lobby.sessions() if each.is_human and each.channel.subscribers]
 
     def newest(present: Participant | None) -> Trial | None:
         trials = [] if present is None else study_store.trials(present.id)
         return trials[-1] if trials else None
 
-    def read() -> list[tuple[Participant | None, Trial | None]]:
-        present = (study_store.participant_of_session(session.id) for session in listed)
-        return [(each, newest(each)) for each in present]
+    def read() -> list[tuple[Session, Participant | None, Trial | None]]:
+        shown = sorted(
+            (session for session in live if not _is_secret(session, session.current.id)),
+            key=lambda session: session.participation is None,
+        )[:MAX_BOARDS]
+        present = ((each, study_store.participant_of_session(each.id)) for each in shown)
+        return [(each, participant, newest(participant)) for each, participant in present]
 
     found = []
-    for session, (participant, trial) in zip(listed, await lobby.store.read(read), strict=True):
+    for session, participant, trial in await lobby.store.read(read):
         found.append(
             {
                 "session": session.id,
@@ -379,27 +384,36 @@ async def list_boards(lobby: Lobby, study_store: StudyStore) -> list[dict[str, A
     )
 
 
-async def board_messages(session: Session) -> AsyncGenerator[str, None]:
+def _is_secret(session: Session, episode_id: str) -> bool:
+    """Whether nobody but its participant sees anything of a board's episode; it asks the database."""
+    participation = session.participation
+    return participation is not None and participation.is_secret(episode_id)
+
+
+async def board_messages(store: Store, session: Session) -> AsyncGenerator[str, None]:
     """Yield the newest frame of a board whenever it changes, and its history wherever frames were missed, until closed.
 
-    Scores of a person in a study are left out while it is open.
-    The operator is no subscriber: a board that its player has left is not kept alive by being watched.
+    Nothing is yielded while the episode is secret. The operator is no subscriber: a board that its player has left is not kept
+    alive by being watched.
     """
     frame, episode, steps = "", "", 0
-    hides = session.participation is not None and session.participation.hides_figures()
     woken = asyncio.Event()
     woken.set()
     leave = session.channel.add_listener(woken.set)
     try:
         while await woken.wait():
             woken.clear()
-            newest = session.shown.frame(session.current.id, hides)
+            # what is checked is what is shown: the next episode may begin meanwhile
+            current, shown = session.current.id, session.shown
+            if await store.read(partial(_is_secret, session, current)):
+                continue
+            newest = shown.frame(current)
             if newest == frame:
                 continue
             frame = newest
             yield frame
-            if session.current.id != episode or session.shown.steps > steps + 1:
-                yield session.history()
-            episode, steps = session.current.id, session.shown.steps
+            if current != episode or shown.steps > steps + 1:
+                yield shown.history(current)
+            episode, steps = current, shown.steps
     finally:
         leave()

@@ -11,12 +11,11 @@ from app.board.messages import Act, ChangePace, Pace
 from app.board.session import SCRIPT, RefusedError, Session
 from app.task import Messages, describe
 from app.web.access import (
-    controlled_session,
     is_owner,
     player_of,
     remember_player,
     services_of,
-    visible_session,
+    session_of,
 )
 from app.web.errors import bad_input
 from app.web.protection import has_own_origin
@@ -154,14 +153,14 @@ async def get_my_session(
 @router.get("/sessions/{session_id}/about", tags=["play"], summary="The session as it stands now")
 async def get_about(request: Request, session_id: str) -> dict[str, Any]:
     """Return what POST /api/sessions returned, as it stands now; a page that was reloaded begins here."""
-    session = await visible_session(request, session_id)
+    session = await session_of(request, session_id)
     return await session_summary(_lobby(request), session)
 
 
 @router.post("/sessions/{session_id}/pace", tags=["play"], summary="Change how a policy moves")
 async def change_pace(request: Request, session_id: str, wanted: ChangePace) -> Pace:
     """Set exactly one of `moves_per_second`, `pause`, `step`, `follow` (rivals only) where a policy drives."""
-    session = await controlled_session(request, session_id)
+    session = await session_of(request, session_id)
     _check_no_study(session, "it has no pace and no rival", "its participant moves it")
     with bad_input():
         return await _lobby(request).change_pace(session, wanted)
@@ -200,7 +199,7 @@ def board_router(messages: Messages) -> APIRouter:
             terrain = await _lobby(request).first_terrain(wanted)
             await services_of(request).daily_boards.check_seed(terrain.config, terrain.seed)
             if wanted.replays is not None:
-                await controlled_session(request, wanted.replays)
+                await session_of(request, wanted.replays)
             if has_own_origin(request):
                 session, was_open = await services_of(request).page_boards.begin(wanted, player_id)
                 response.status_code = 200 if was_open else 201
@@ -214,14 +213,14 @@ def board_router(messages: Messages) -> APIRouter:
     )
     async def get_frame(request: Request, session_id: str) -> Response:
         """Return the same bytes that the session's socket sends."""
-        return _json((await visible_session(request, session_id)).frame)
+        return _json((await session_of(request, session_id)).frame)
 
     @router.get(
         "/sessions/{session_id}/history", tags=["play"], summary="The path so far", responses=path
     )
     async def get_history(request: Request, session_id: str) -> Response:
         """Return the position and the number of discovered cells after each step, the start first."""
-        return _json((await visible_session(request, session_id)).history())
+        return _json((await session_of(request, session_id)).history())
 
     @router.post(
         "/sessions/{session_id}/act", tags=["play"], summary="Make one move", responses=act_answers
@@ -231,7 +230,7 @@ def board_router(messages: Messages) -> APIRouter:
 
         When it does not, 409 returns the current frame and nothing changes: repeating a move after a lost answer is harmless.
         """
-        session = await controlled_session(request, session_id)
+        session = await session_of(request, session_id)
         _check_no_study(session, "its moves come over the socket", "open /ws/sessions/{id}")
         try:
             with bad_input():
@@ -256,7 +255,7 @@ def board_router(messages: Messages) -> APIRouter:
         """
         lobby, boards = _lobby(request), services_of(request).page_boards
         wanted = wanted or messages.episode()
-        session = await controlled_session(request, session_id)
+        session = await session_of(request, session_id)
         player_id = session.row.player_id  # None: a rival's
         instead = "POST /api/studies/{name}/next begins the next episode"
         _check_no_study(session, "its terrains are the study's", instead)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import gzip
-from contextlib import suppress
 from functools import lru_cache
 from os import stat_result
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse, Response
@@ -19,8 +18,8 @@ from starlette.staticfiles import NotModifiedResponse
 from starlette.types import Scope
 
 from app import STATIC
-from app.series.participation import StageError
-from app.series.protocol import StudyError
+from app.series.folder import Folder
+from app.task import Rules
 from app.web import api_docs
 from app.web.access import services_of
 from app.web.protection import NO_CACHE, page_policy
@@ -152,12 +151,22 @@ _serve(admin_router, "/admin", "admin", {"Content-Security-Policy": page_policy(
 # it stands in no frame: nobody can be made to press a button that they do not see
 
 
+class PlayedTask(NamedTuple):
+    """One of the environments that are played here, and the studies beside its database."""
+
+    rules: Rules
+    studies: Folder
+
+
 @router.get("/play")
 async def offers_page(request: Request) -> Response:
     """Serve the list of the environments that can be played here."""
     first, *others = request.app.state.offers.items()
     root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
-    offers = [(root or "./", first[1]), *((f"{root}play/{name}/", each) for name, each in others)]
+    offers = [
+        (root or "./", first[1].rules),
+        *((f"{root}play/{name}/", played.rules) for name, played in others),
+    ]
     text = environment.get_template("offers/index.html").render(
         root=root_of(request), offers=offers
     )
@@ -175,12 +184,11 @@ async def offer_page(request: Request, name: str) -> Response:
 
 @router.get("/study/{name}")
 async def study_page(request: Request, name: str) -> Response:
-    """Serve the page of a study; lead to its environment where that is another one that is played here."""
-    services, offers = services_of(request), request.app.state.offers
-    with suppress(StudyError, StageError):  # the page shows what the API says of it
-        task = services.progress.study(name).protocol.task
-        for number, (offer, rules) in enumerate(offers.items()):
-            if rules.name == task != services.lobby.task.name:
+    """Serve the page of a study, or lead to the environment played here that has it."""
+    own, offers = services_of(request).progress.folder, request.app.state.offers
+    if name not in own.names():  # the page shows what the API says of it
+        for number, (offer, played) in enumerate(offers.items()):
+            if name in played.studies.names():
                 root = root_of(request) + "../../" * bool(request.scope.get("root_path"))
                 place = f"play/{offer}/study/{name}" if number else f"study/{name}"
                 at = request.url.replace(path=place, netloc="", scheme="")

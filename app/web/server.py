@@ -178,7 +178,9 @@ def _app_of(
         lifespan=lifespan, docs_url=None, redoc_url=None,
     )  # fmt: skip
     _add_protection(app, settings, metrics, protection, name)
-    app.state.offers = {offer_name(rules_of(settings.task)): rules_of(settings.task)}
+    rules = rules_of(settings.task)
+    played = pages.PlayedTask(rules, Folder.beside(settings.database))
+    app.state.offers = {offer_name(rules): played}
     add_error_handlers(app)
     # first what is asked for most: routes are tried in turn
     app.mount("/static", pages.static_files, name="static")
@@ -260,7 +262,7 @@ def _services(
     # the daily terrain and the leaderboard's own boards are MarsExplorer's
     is_mars = task.name == MARS
     offers = task.policies.offers() if is_mars else ()
-    folder, study_store = Folder(settings.studies), StudyStore(store)
+    folder, study_store = Folder.beside(store.path), StudyStore(store)
     of_session = Participations(folder, study_store, sources).of_session
     limits = settings.limits
     lobby = Lobby(store, task, sources, settings.idle_s, of_session, limits.decision_s, stored)
@@ -286,13 +288,13 @@ def _services(
         progress=progress,
         cards=Cards(progress),
         debriefs=Debriefs(store, task),
-        leaderboard=Leaderboard(store.path, offers, settings.studies, jobs, task.name),
+        leaderboard=Leaderboard(store.path, offers, jobs, task.name),
         replays=Replays(store.path, offers, jobs, task, replayer),
         ratings=Ratings(lobby, jobs),
         health=health,
         admin=None
         if password is None
-        else AdminServices(password, progress, settings.studies, health, jobs, downloads),
+        else AdminServices(password, progress, health, jobs, downloads),
     )
 
 
@@ -454,7 +456,10 @@ def run(settings: Settings, opened: Callable[[str], object] = lambda address: No
             tasks = []
             for each in served:
                 rules_of(each.task).prepare()
-                task = _task(each, hidden=[other.database for other in served])
+                task = _task(
+                    each,
+                    hidden=[path for other in served for path in (other.database, other.studies)],
+                )
                 tasks.append(stack.enter_context(closing(task)))
                 if guards := task.guards():
                     print(guards, flush=True)

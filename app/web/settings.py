@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import ip_network
 from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    SecretStr,
+    ValidationError,
+)
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from app import IS_CHECKOUT, ROOT
+from app.db.file import studies_beside
+
+PREFIX = "MARS_"
+"""With which the names of variables begin that hold a setting."""
 
 DEFAULT_DATABASE = ROOT / "data" / "playground.db" if IS_CHECKOUT else Path("playground.db")
 """In a checkout `data/playground.db`; where the package is installed, `playground.db` in the directory it is started in."""
-
-DEFAULT_STUDIES = DEFAULT_DATABASE.parent / "studies"
 
 
 def _checked_url(url: str) -> str:
@@ -118,14 +130,27 @@ class Limits(BaseModel):
     token: SecretStr | None = Field(default=None, min_length=16)
 
 
-class Settings(BaseSettings):
+class Place(BaseSettings):
+    """Where a server and its files are, which is all that commands beside it need; see Settings."""
+
+    model_config = SettingsConfigDict(
+        env_prefix=PREFIX, env_nested_delimiter="__", frozen=True, extra="forbid"
+    )
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
+    database: Path = DEFAULT_DATABASE
+    signers: Path | None = None
+
+
+class Settings(Place):
     """One server's settings, frozen; `Settings(port=0)` overrides, `MARS_PORT=9000` in the environment as well.
 
     host, port   where to listen; port 0 takes a free one. A socket that systemd passes on stands in for both
-    database     the SQLite file; made on first start
+    database     the SQLite file; made on first start. The studies that are played in it lie in the folder beside it
     task         what is played: mars, or gymnasium: with an id or a description as JSON (`serve --env ENV`)
     more         further ones, each below /play/NAME with a database of its own beside the first one's
-    studies      the folder of studies; need not exist
     signers      the file of pinned signing keys of releases; None: known_signers.json in the user's configuration folder
     policies     paths of further policies to offer in addition to the shipped ones (`serve --policy PATH`)
     maps         map_server files (YAML) to offer for play (`serve --map FILE`)
@@ -147,21 +172,11 @@ class Settings(BaseSettings):
     limits       what one client may ask of the server
     """
 
-    model_config = SettingsConfigDict(
-        env_prefix="MARS_", env_nested_delimiter="__", frozen=True, extra="forbid"
-    )
-
-    host: str = "127.0.0.1"
-    port: int = Field(default=8000, ge=0, le=65535)
-    database: Path = DEFAULT_DATABASE
     task: str = "mars"
     more: tuple[str, ...] = ()
-    studies: Path = DEFAULT_STUDIES
-    signers: Path | None = None
     policies: tuple[Path, ...] = ()
     maps: tuple[Path, ...] = ()
     cell_m: float | None = Field(default=None, gt=0)
-    public_url: Annotated[str, AfterValidator(_checked_url)] | None = None
     trusted_proxies: tuple[Annotated[str, AfterValidator(_checked_proxy)], ...] = ()
     durable: bool = False
     admin: bool = False
@@ -180,3 +195,55 @@ class Settings(BaseSettings):
     def backups(self) -> Path:
         """The folder of the backups."""
         return self.backup_to or self.database.with_name("backups")
+
+    @property
+    def studies(self) -> Path:
+        """The folder of the studies; it need not exist."""
+        return studies_beside(self.database)
+
+
+_EXPECTED = {
+    "bool_parsing": "true or false",
+    "extra_forbidden": "no setting of this name",
+    "float_parsing": "a number",
+    "greater_than": "a number above {gt:g}",
+    "greater_than_equal": "{ge:g} or more",
+    "int_parsing": "a whole number",
+    "less_than_equal": "{le:g} or less",
+    "literal_error": "{expected}",
+    "model_type": "a JSON object of limits",
+    "too_short": "at least {min_length} characters",
+}
+"""What was expected, by the type of pydantic's error."""
+
+
+def fault_of(error: ValidationError | SettingsError, flags: Mapping[str, JsonValue]) -> str:
+    """Describe the first wrong setting: its name, what was expected, and the way out."""
+    if isinstance(error, SettingsError):
+        field = re.search(r'"(.+?)"', str(error))
+        name = f"{PREFIX}{field[1].upper()}" if field else "a setting"
+        return f'{name}: expected JSON, such as ["127.0.0.1"]: correct it or unset it'
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    expected = _EXPECTED.get(first["type"], first["msg"].removeprefix("Value error, expected "))
+    sentence = f"expected {expected.format_map(first.get('ctx', {}))}"
+    # a password or a token is not printed
+    if path[-1] not in ("token", "admin_password") and "; got " not in sentence:
+        sentence += f", got {first['input']!r}"
+    if path[0] in flags:
+        return f"setting {path[0]}: {sentence}"
+    variable = PREFIX + "__".join(path[:2] if path[0] == "limits" else path[:1]).upper()
+    return f"{variable}: {sentence}: correct it or unset it"
+
+
+def unknown_variables(names: Iterable[str]) -> Iterator[str]:
+    """Yield a note on each variable that is named like a setting and is none."""
+    known = [PREFIX + name.upper() for name in Settings.model_fields]
+    for name in sorted(names):
+        # a wrong name of a limit is an error of `Settings`
+        if name.startswith(f"{PREFIX}LIMITS__") or not name.startswith(PREFIX):
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            question = f"; did you mean {near[0]}?" if near else ""
+            yield f"the variable {name} is no setting and is ignored{question}"

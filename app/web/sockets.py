@@ -31,7 +31,7 @@ from app.board.messages import (
 from app.board.session import HUMAN, SCRIPT, Move, RefusedError, Session, StudyUnavailableError
 from app.db.store import StoreError
 from app.task import Task
-from app.web.access import close, is_owner, may_control, services_of, visible_session
+from app.web.access import close, is_owner, services_of, session_of
 from app.web.protection import has_own_origin
 
 UNKNOWN_SESSION = 4404
@@ -77,7 +77,7 @@ async def send_while(receiving: Awaitable[None], sending: Coroutine[Any, Any, No
 @router.websocket("/ws/sessions/{session_id}")
 async def play_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one play socket until it leaves."""
-    find = partial(visible_session, websocket, session_id)
+    find = partial(session_of, websocket, session_id)
     await serve_session(websocket, find, lambda session: PlaySocket(websocket, session).serve())
 
 
@@ -86,7 +86,6 @@ class PlaySocket:
 
     def __init__(self, websocket: WebSocket, session: Session) -> None:
         self._websocket, self._session = websocket, session
-        self._may_control = may_control(websocket, session)
         self._is_owner = is_owner(websocket, session)
         self._is_page = has_own_origin(websocket) is True
         self._keeping: asyncio.Task[None] | None = None
@@ -163,7 +162,6 @@ class PlaySocket:
                 await asyncio.sleep(0)  # it begins before the act that follows
                 return None
             if isinstance(message, Act):
-                self._check_control()
                 move = as_move(message, session.task, self._driver(message))
                 await session.act(move, lambda text: self._tell(encode_error(text)))
                 return None
@@ -198,7 +196,6 @@ class PlaySocket:
     async def _keep(self, events: Events) -> Kept:
         """Store input events and return how many are kept: all, none for a reason, or none for now."""
         try:
-            self._check_control()
             if not (self._is_owner and self._is_page):
                 raise RefusedError(
                     "input events are kept of the board's own player, on this server's page, and of nobody else"
@@ -212,10 +209,6 @@ class PlaySocket:
 
     def _count_refusal(self, reason: str) -> None:
         services_of(self._websocket).store.metrics.count_refusal(reason)
-
-    def _check_control(self) -> None:
-        if not self._may_control:
-            raise RefusedError("this board is its player's: nobody else can move its rover")
 
 
 def as_move(act: Act, task: Task, driver: str) -> Move:

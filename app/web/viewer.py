@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException, Request, WebSocket
 from fastapi.responses import RedirectResponse, Response
 
 from app.board.lobby import UnknownSessionError
-from app.web.access import close, services_of, visible_session
+from app.web.access import close, services_of, session_of
 from app.web.protection import viewer_policy
 from app.web.sockets import UNKNOWN_SESSION
 
@@ -36,7 +36,7 @@ async def client_page(request: Request, version: str) -> Response:
 @router.get("/viewer/{session_id}/")
 async def viewer_page(request: Request, session_id: str) -> Response:
     """Serve viser's page under a session's own address."""
-    await visible_session(request, session_id)
+    await session_of(request, session_id)
     return client_response(request, _viewer(request).page, "private, no-cache")
 
 
@@ -67,7 +67,7 @@ def client_response(request: Request, page: Any, cache_control: str) -> Response
 async def viewer_socket(websocket: WebSocket, session_id: str) -> None:
     """Serve one browser's 3-D socket until it leaves."""
     try:
-        session = await visible_session(websocket, session_id)
+        session = await session_of(websocket, session_id)
     except UnknownSessionError:
         await websocket.accept()
         await close(websocket, UNKNOWN_SESSION, "unknown session")

@@ -173,7 +173,7 @@ class Campaign:
         """Let people take part in a study on a real server, close it, and return it with its report."""
         self._count += 1
         place = self.root / f"{self.seed}-{self._count}"
-        folder, database = Folder(place / "studies"), place / "playground.db"
+        folder, database = Folder(place / "playground.db-studies"), place / "playground.db"
         rest: dict[str, Any] = {
             "warm_up": 1,
             "ranked": self.ranked,
@@ -192,7 +192,7 @@ class Campaign:
         if recruitment == "invitation":
             issued = Invitations(folder).issue(NAME, 1 + max(each.link for each in people))
             links = [token_of(study, each.id) for each in issued]
-        settings = {"database": database, "studies": folder.root, "limits": hasty_limits()}
+        settings = {"database": database, "limits": hasty_limits()}
         with running_server(_policies(), **settings) as server:
             ids = tuple(_take_part(server, each, links, recruitment) for each in people)
         closed = close_study(folder, None, NAME, now_ms(), True)
@@ -213,7 +213,7 @@ class Campaign:
         """Return the honest study after the worst have erased themselves, and a new release was made of it."""
         honest, place = self.honest(), self.root / f"{self.seed}-erased"
         shutil.copytree(honest.database.parent, place)
-        folder, database = Folder(place / "studies"), place / honest.database.name
+        folder, database = Folder(place / "playground.db-studies"), place / honest.database.name
         for number in self.worst():
             forget(database, honest.people[number])
         build_release(request_of(NAME, place / "release", database, folder, ("A. Author",)))

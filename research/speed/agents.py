@@ -104,8 +104,6 @@ def served(folder: Path, task: str) -> Iterator[SimpleNamespace]:
         "serve",
         "--database",
         folder / "play.db",
-        "--studies",
-        folder / "studies",
         "--port",
         port,
     ]
@@ -125,8 +123,8 @@ def served(folder: Path, task: str) -> Iterator[SimpleNamespace]:
 
 def prepared(folder: Path, task: str, agents: int) -> list[str]:
     """Freeze an evaluation of a task and return the tokens of so many cards."""
-    own(folder / "studies", task=task, instances=INSTANCES, sees="observation")
-    return [token_of(folder / "studies", f"author {number}") for number in range(agents)]
+    own(folder / "play.db-studies", task=task, instances=INSTANCES, sees="observation")
+    return [token_of(folder / "play.db-studies", f"author {number}") for number in range(agents)]
 
 
 def lost(folder: Path, told: dict[str, dict[str, int]]) -> tuple[int, int]:

@@ -2,7 +2,7 @@
 
     python -m research.speed.floods --database FILE [--seconds 4] [--rounds 3] [--port bare|nginx]
 
-`python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and `FOLDER/studies`.
+`python -m research.speed.large_database --keep FOLDER` makes a database of 100,000 episodes and its studies.
 A server plays on a copy of the database, alone and behind the nginx of `deploy/`. Eight people make ten moves a second each.
 One client, at another address and with the processor's lowest priority, since elsewhere it is another machine's, floods the
 server in one way after the other. Quiet times and floods take turns. A last row is of another's ghosts while ghosts and costs
@@ -37,6 +37,7 @@ from urllib.parse import urlsplit
 import httpx
 import numpy as np
 
+from app.db.file import studies_beside
 from tests.support.browser import free_port
 from tests.support.nginx import running_nginx, shipped, trusting
 from tests.support.others import measure
@@ -182,7 +183,7 @@ def served(database: Path, port_kind: str) -> Iterator[SimpleNamespace]:
     """Yield a server: `url`, where everybody asks, and `client()`."""
     port, front = free_port(), free_port()
     public = f"https://localhost:{front}"
-    words = ["serve", "--database", database, "--studies", database.parent / "studies"]
+    words = ["serve", "--database", database]
     proxy = ["--trusted-proxy", "127.0.0.1", "--public-url", public]
     command = [*words, "--port", port, *(proxy if port_kind == "nginx" else [])]
     with contextlib.ExitStack() as stack:
@@ -278,7 +279,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(shutil.copy(given.database, folder))
         os.sync()  # else the first quiet time waits for the disk
-        (copy.parent / "studies").symlink_to(given.database.absolute().parent / "studies")
+        studies_beside(copy).symlink_to(studies_beside(given.database.absolute()))
         for port, (what, kind, of) in itertools.product(given.port or ("bare", "nginx"), rows):
             quiet, busy, answers = compare(copy, port, kind, of, given.rounds)
             told = ", ".join(f"{status}: {count:,}" for status, count in sorted(answers.items()))

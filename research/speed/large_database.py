@@ -35,7 +35,7 @@ SERVER = """
 import sys
 from app.web import server
 from app.web.settings import Settings
-server.run(Settings(database=sys.argv[1], studies=sys.argv[2], port=0))
+server.run(Settings(database=sys.argv[1], port=0))
 """
 LONGEST_S = 60.0
 
@@ -66,7 +66,7 @@ def measure(client: httpx.Client, path: str, requests: int) -> str:
 def campaign(folder: Path, requests: int) -> None:
     """Serve a database and print the table of its reads."""
     database, token = folder / "playground.db", secrets.token_hex(16)
-    command = [sys.executable, "-c", SERVER, str(database), str(folder / "studies")]
+    command = [sys.executable, "-c", SERVER, str(database)]
     environment = os.environ | {"MARS_LIMITS__TOKEN": token}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
@@ -102,7 +102,7 @@ def main() -> None:
         if not database.exists():
             folder.mkdir(parents=True, exist_ok=True)
             began = time.monotonic()
-            make_episodes(database, folder / "studies", given.episodes, CONFIGS)
+            make_episodes(database, folder / "playground.db-studies", given.episodes, CONFIGS)
             size, seconds = database.stat().st_size / 1e6, time.monotonic() - began
             print(f"{given.episodes:,} episodes, {size:,.0f} MB, made in {seconds:.0f} s")
         campaign(folder, given.requests)

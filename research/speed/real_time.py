@@ -74,7 +74,7 @@ def served(env: str, folder: Path, cores: set[int] | None = None) -> Iterator[tu
     """Yield the address and the process of a server of an environment, kept on some cores where they are named."""
     port, database = free_port(), folder / "boards.db"
     command = [sys.executable, "-m", "app.cli", "serve", "--env", env, "--port", str(port)]
-    command += ["--database", str(database), "--studies", str(folder / "studies")]
+    command += ["--database", str(database)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
         if cores is not None:

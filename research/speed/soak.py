@@ -63,10 +63,9 @@ class Soak:
         self._database, self._outcomes = folder / "playground.db", list[list[Outcome]]()
         self._over, self._token = threading.Event(), secrets.token_hex(16)
         for name in STUDIES:
-            freeze(folder / "studies", name, players=1000)
+            freeze(folder / "playground.db-studies", name, players=1000)
         settings = {
             "DATABASE": self._database,
-            "STUDIES": folder / "studies",
             "PORT": 0,
             "BACKUP_EVERY": min(30.0, minutes / 3),
             "BACKUP_TO": folder / "backups",
@@ -192,7 +191,7 @@ def run(folder: Path, minutes: float, every_s: float) -> tuple[list[dict[str, An
         for thread in threads:
             thread.join()
     print(f"SIGTERM: exit code {code} after {took_s:.1f} s", flush=True)
-    where = ["--database", str(folder / "playground.db"), "--studies", str(folder / "studies")]
+    where = ["--database", str(folder / "playground.db")]
     verified = subprocess.run([sys.executable, "-m", "app.cli", "verify", *where]).returncode
     print(f"{len(list((folder / 'backups').glob('*.db')))} backups")
     return samples, code == 0 and took_s < STOP_S and verified == 0

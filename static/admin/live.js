@@ -1,4 +1,4 @@
-// Boards that are being played: one socket each, with the frames that the operator may see, scores included.
+// Boards that are being played: one socket each, with the frames that the operator may see.
 import { boardOf, received } from "../common/game_state.js";
 import { follow, socketUrl } from "../common/socket.js";
 import { create } from "../common/page.js";

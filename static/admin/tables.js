@@ -41,12 +41,14 @@ function measure(name, value, text, low, high) {
 /** @param {HTMLTableElement} table @param {Task} task @param {Admin.Study} study */
 export function paintPeople(table, task, study) {
   const rows = study.participants.map((person) => {
-    const bar = create("progress", [], { max: String(study.ranked), value: String(person.ranked), "aria-label": `Ranked episodes of ${person.label}` });
     const kind = person.kind === "script" ? [create("span", `script: ${person.script ?? ""}`, { class: "kind" })] : [];
-    const progress = person.stage === "warm_up" ? `warm-up ${person.warm_up} of ${study.warm_up}` : `${person.ranked} of ${study.ranked}`;
+    const { ranked, warm_up: warmUp } = person;
+    /** @type {Node[]} */
+    const bar = ranked === null ? [] : [create("progress", [], { max: String(study.ranked), value: String(ranked), "aria-label": `Ranked episodes of ${person.label}` })];
+    const progress = person.stage === "warm_up" ? `warm-up ${warmUp} of ${study.warm_up}` : ranked === null ? "\u2013" : `${ranked} of ${study.ranked}`;
     const numbers = [person.mean_steps?.toFixed(1) ?? "\u2013", person.mean_score === null ? "\u2013" : score(person.mean_score)].map((text) => create("td", text, { class: "number" }));
-    const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [bar, progress]), ...numbers,
-      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", ago(study.now_ms - person.last_ms), { class: "number" })];
+    const cells = [create("th", [person.label, ...kind], { scope: "row" }), create("td", stageName(person.stage)), create("td", [...bar, progress]), ...numbers,
+      create("td", endings(task, person.outcomes)), create("td", flags(person, study.labels), { class: "flags" }), create("td", `${person.minutes} min`, { class: "number" })];
     return create("tr", cells, { "data-testid": `person-${person.label}`, "data-quiet": String(person.is_quiet), "data-stage": person.stage });
   });
   if (rows.length === 0) rows.push(create("tr", create("td", "Nobody has joined yet.", { colspan: "8" })));

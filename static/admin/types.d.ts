@@ -18,8 +18,8 @@ declare namespace Admin {
   type Stage = {stage: string, human: number, script: number};
   type Participant = {
     id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number,
-    last_ms: number, is_quiet: boolean, left_at: string | null, deviations: number, repeated: string[], not_attested: string[],
-    invitation: string | null, supervised_ms: number | null, warm_up: number, ranked: number, mean_score: number | null,
+    minutes: number, is_quiet: boolean, left_at: string | null, deviations: number | null, repeated: string[], not_attested: string[],
+    invitation: string | null, supervised_ms: number | null, warm_up: number, ranked: number | null, mean_score: number | null,
     mean_steps: number | null, outcomes: Record<string, number>,
   };
   type Invitation = {

@@ -58,7 +58,7 @@ def test_the_operator_sees_a_study_from_the_first_participant_to_its_end(
     serve, player, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("app.web.operator.participants.FRESH_S", 0.5)
-    study = freeze(tmp_path / "studies", size=(7, 9), title="Dunes of the south")
+    study = freeze(tmp_path / "playground.db-studies", size=(7, 9), title="Dunes of the south")
     server = serve(admin_password=PASSWORD)
     me = player(server, NO_3D)
     page = me.page
@@ -171,7 +171,7 @@ def test_a_late_answer_about_a_study_is_not_shown_in_place_of_the_one_chosen_sin
     serve, player, tmp_path
 ):
     for name in ("dunes", "rocks"):
-        freeze(tmp_path / "studies", name, title=f"The {name}")
+        freeze(tmp_path / "playground.db-studies", name, title=f"The {name}")
     me = player(serve(admin_password=PASSWORD), NO_3D)
     page, late = me.page, []
     page.goto(f"{me.url}/admin#dunes")

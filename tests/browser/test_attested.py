@@ -190,7 +190,7 @@ def test_keys_inside_the_3d_view(serve, player, tmp_path):
 
 
 def test_remapped_keys_in_a_study(serve, open_browser, tmp_path):
-    freeze(tmp_path / "studies", name="tiny", size=(6, 8), pause_after_s=900)
+    freeze(tmp_path / "playground.db-studies", name="tiny", size=(6, 8), pause_after_s=900)
     server = serve()
     page = open_browser([*NO_3D, *AS_A_PERSON]).new_context().new_page()
     me = Participant(page, server.url).goto()

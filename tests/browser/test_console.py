@@ -18,7 +18,7 @@ NOT_LOGGED_IN = "the server responded with a status of 401"
 @pytest.fixture
 def site(serve, tmp_path):
     """A server with an open study and an ended episode, and the addresses of its pages."""
-    freeze(tmp_path / "studies", "dunes", recruitment="open")
+    freeze(tmp_path / "playground.db-studies", "dunes", recruitment="open")
     store = Store(tmp_path / "playground.db")
     episode = play(store, 4, explore=True).id
     store.close()

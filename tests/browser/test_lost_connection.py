@@ -21,7 +21,7 @@ OPEN = "game.player.frame.outcome === null && window.marsStudy.state.game.link =
 
 
 def test_keys_pressed_while_the_server_dies_are_all_kept_once(spawn, open_browser, tmp_path):
-    freeze(tmp_path / "studies", size=(6, 8), pause_after_s=900)
+    freeze(tmp_path / "playground.db-studies", size=(6, 8), pause_after_s=900)
     server = spawn()
     page = open_browser([*NO_3D, *AS_A_PERSON]).new_page()
     page.add_init_script(NOTE)

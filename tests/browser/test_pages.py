@@ -19,8 +19,8 @@ READ = ("about", "study", "leaderboard", "docs", "nowhere/at/all")
 def site(serve, tmp_path):
     """A server with a study that is open to everybody, one by invitation, and an ended episode; and where its pages are."""
     title = "How well do people explore dunes?"
-    freeze(tmp_path / "studies", "dunes", recruitment="open", title=title)
-    freeze(tmp_path / "studies", "secret", recruitment="invitation")
+    freeze(tmp_path / "playground.db-studies", "dunes", recruitment="open", title=title)
+    freeze(tmp_path / "playground.db-studies", "secret", recruitment="invitation")
     store = Store(tmp_path / "playground.db")
     episode = play(store, 4, explore=True).id
     store.close()

@@ -85,7 +85,7 @@ def test_policies_play_beside_a_person_after_a_ranked_episode_and_by_themselves(
 
 def test_a_study_of_it_is_played_from_consent_to_code(spawn, tmp_path, player, briefly_examined):
     server = spawn(task="gymnasium:CliffWalking-v1", more=(LAKE,))
-    folder = Folder(tmp_path / "studies")
+    folder = Folder(tmp_path / "playground-frozenlake-v1.db-studies")
     rest = {"warm_up": 1, "ranked": 2, "players": 2, "break_every": 1, "declarations": DECLARATIONS}
     folder.create(default_protocol("lake", rules_of(LAKE).configuration({}), LAKE, **rest))
     folder.freeze("lake")

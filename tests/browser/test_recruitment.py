@@ -49,8 +49,10 @@ def refusal(person):
 @pytest.fixture
 def invited(serve, tmp_path):
     """A server with an operator and a study by invitation, the study, and two invitations."""
-    study = freeze(tmp_path / "studies", "tiny", recruitment="invitation", pause_after_s=1)
-    issued = Invitations(Folder(tmp_path / "studies")).issue("tiny", 2)
+    study = freeze(
+        tmp_path / "playground.db-studies", "tiny", recruitment="invitation", pause_after_s=1
+    )
+    issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue("tiny", 2)
     return serve(admin_password=PASSWORD), study, issued
 
 
@@ -167,7 +169,6 @@ def edit_draft(path, **changed):
 def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_again(
     serve, visitor, tmp_path, capsys
 ):
-    studies = ("--studies", tmp_path / "studies")
     database = ("--database", tmp_path / "playground.db")
     plan = [
         "--size=7x9",
@@ -178,12 +179,14 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         "--policy=frontier-cost",
         f"--declarations={DECLARATIONS_FILE}",
     ]
-    command(capsys, "study", "new", "tiny", *plan, *studies)
-    draft = tmp_path / "studies" / "tiny" / "protocol.json"
+    command(capsys, "study", "new", "tiny", *plan, *database)
+    draft = tmp_path / "playground.db-studies" / "tiny" / "protocol.json"
     edit_draft(draft, debrief_policy="frontier-cost", pause_after_s=900)
-    assert "by invitation" in command(capsys, "study", "freeze", "tiny", "--underpowered", *studies)
+    assert "by invitation" in command(
+        capsys, "study", "freeze", "tiny", "--underpowered", *database
+    )
     server = serve()
-    links = command(capsys, "study", "invite", "tiny", 2, "--url", server.url, *studies).split()
+    links = command(capsys, "study", "invite", "tiny", 2, "--url", server.url, *database).split()
 
     people = [visitor(link, server) for link in links]
     for me in people:
@@ -203,17 +206,17 @@ def test_a_whole_study_by_invitation_from_its_draft_to_a_bundle_that_is_derived_
         me.choose("finish")
         me.stands("complete")
         assert me.errors == []
-    listed = command(capsys, "study", "invite", "tiny", "--list", *studies, *database)
+    listed = command(capsys, "study", "invite", "tiny", "--list", *database)
     assert listed.count("used") == 2
 
-    command(capsys, "study", "close", "tiny", "--yes", *studies, *database)
+    command(capsys, "study", "close", "tiny", "--yes", *database)
     late = visitor(links[0], server)
     assert "is closed" in late.page.get_by_test_id("problem").inner_text()
     server.stop()
-    command(capsys, "study", "show", "tiny", *studies)
-    command(capsys, "verify", *database, *studies)
+    command(capsys, "study", "show", "tiny", *database)
+    command(capsys, "verify", *database)
     bundle = tmp_path / "tiny-1"
-    command(capsys, "release", "--study", "tiny", "--out", bundle, *database, *studies)
+    command(capsys, "release", "--study", "tiny", "--out", bundle, *database)
     command(capsys, "reproduce", bundle)
     sql = "SELECT attestation, count(*) FROM episodes WHERE driver = 'human' GROUP BY attestation"
     with closing(sqlite3.connect(tmp_path / "playground.db")) as db:

@@ -31,7 +31,7 @@ def studies(tmp_path):
     """`studies(...)` freezes the study "tiny", with a protocol as asked for, and returns the folder."""
 
     def make(size=(6, 8), **rest):
-        folder = Folder(tmp_path / "studies")
+        folder = Folder(tmp_path / "playground.db-studies")
         config, back = EnvConfig.of("random", size), "https://example.org/done?cc={code}"
         rest = {
             "warm_up": 1,
@@ -222,8 +222,8 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     spawn, studies, participant, tmp_path
 ):
     """The whole of a study, every screen of it judged by axe on the way."""
-    folder = studies(pause_after_s=900)  # a slow machine may restart for longer than a minute
-    server = spawn(studies=folder)
+    studies(pause_after_s=900)  # a slow machine may restart for longer than a minute
+    server = spawn()
     me = participant(server, query="?PROLIFIC_PID=p-77&unknown=1", reduced_motion="reduce")
     screens = Screens(me)
     learn_and_answer(me, screens)
@@ -274,7 +274,7 @@ def test_from_consent_to_code_by_keyboard_alone_through_reload_second_tab_and_re
     server.kill()
     me.wait("window.marsStudy.state.game.link === 'lost'", 3_000)
     eventually(lambda: "lost" in me.page.get_by_test_id("link").inner_text())
-    server = spawn(studies=folder, port=server.port)
+    server = spawn(port=server.port)
     me.driving()
     assert me.frame == kept, "a restarted server goes on in the same episode at the same step"
     hidden_until = len(me.received)
@@ -369,7 +369,8 @@ def check_database(tmp_path, first, second):
 def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
     serve, studies, participant, tmp_path
 ):
-    server = serve(studies=studies())
+    studies()
+    server = serve()
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")
@@ -402,7 +403,8 @@ def test_remapped_keys_drive_and_colours_change_and_both_are_kept(
 
 
 def test_a_study_without_questions_goes_on_to_its_warm_up(serve, studies, participant):
-    me = participant(serve(studies=studies(questions=())))
+    studies(questions=())
+    me = participant(serve())
     me.choose("agree")
     me.stands("instructions")
     me.choose("to-tutorial")
@@ -426,7 +428,8 @@ def chosen(tmp_path):
 def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once(
     serve, studies, participant, tmp_path
 ):
-    server = serve(studies=studies())
+    studies()
+    server = serve()
     me = participant(server)
     held = []
     me.page.route("**/settings", lambda route: route.continue_() if held else held.append(route))
@@ -449,7 +452,8 @@ def test_the_last_choice_is_kept_though_calls_are_slow_and_the_page_goes_at_once
 def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(
     serve, studies, participant, tmp_path
 ):
-    server = serve(studies=studies(pause_after_s=3))
+    studies(pause_after_s=3)
+    server = serve()
     me = participant(server, reduced_motion="reduce")
     me.choose("agree")
     me.stands("instructions")
@@ -477,7 +481,8 @@ def test_stillness_pauses_and_the_key_that_goes_on_does_not_move(
 
 
 def test_giving_up_asks_first_and_leaving_ends_it(serve, studies, participant, tmp_path):
-    server = serve(studies=studies(ranked=3, break_every=10))
+    studies(ranked=3, break_every=10)
+    server = serve()
     me = participant(server, reduced_motion="reduce")
     me.to_ranked()
     me.choose("open-give-up")
@@ -518,7 +523,8 @@ HOLD_NEXT = """() => {
 
 def test_leaving_waits_for_the_answer_that_is_due(serve, studies, participant, tmp_path):
     """The socket may show the next board before the request that began it is answered."""
-    server = serve(studies=studies(ranked=3, break_every=10))
+    studies(ranked=3, break_every=10)
+    server = serve()
     me = participant(server, reduced_motion="reduce")
     me.to_ranked()
     me.choose("open-give-up")
@@ -539,7 +545,8 @@ def test_leaving_waits_for_the_answer_that_is_due(serve, studies, participant, t
 
 
 def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
-    server = serve(studies=studies())
+    studies()
+    server = serve()
     me = participant(server, size="phone", has_touch=True, is_mobile=True)
     me.page.get_by_test_id("agree").tap()
     me.page.get_by_test_id("to-tutorial").tap()
@@ -555,7 +562,7 @@ def test_fingers_drive_on_a_phone(serve, studies, participant, tmp_path):
 
 def test_a_closed_and_an_unknown_study_say_so(serve, studies, participant):
     folder = studies()
-    server = serve(studies=folder)
+    server = serve()
     me = participant(server)
     me.choose("agree")
     me.stands("instructions")

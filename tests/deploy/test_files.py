@@ -35,7 +35,7 @@ def test_the_environment_of_the_unit_is_read_as_settings(monkeypatch):
     assert settings.public_url == "https://mars.example"
     assert settings.trusted_proxies == ("127.0.0.1/32",)
     assert (settings.log_format, settings.metrics_host) == ("json", "127.0.0.1")
-    assert settings.database.parent == settings.backup_to.parent == settings.studies.parent
+    assert settings.database.parent == settings.backup_to.parent
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")

@@ -5,6 +5,7 @@ They run in the environment that `make agents` makes; no model is asked, but a s
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -65,12 +66,13 @@ def frozen(tmp_path_factory):
 
 
 @pytest.fixture
-def card(serve, frozen):
+def card(serve, frozen, tmp_path):
     """`card(task)` serves an evaluation on a database of its own, and returns the server and a card's address."""
 
     def begin(task):
-        server = serve(task=task, studies=frozen(task))
-        return server, f"{server.url}/agents/{token_of(frozen(task))}"
+        studies = shutil.copytree(frozen(task), tmp_path / "playground.db-studies")
+        server = serve(task=task)
+        return server, f"{server.url}/agents/{token_of(studies)}"
 
     return begin
 

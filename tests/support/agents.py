@@ -103,8 +103,8 @@ def best_way(root, index, study="dunes", tries=60):
 
 
 def paths(root):
-    """Return the options that name the database and the studies in a folder."""
-    return ["--database", str(root / "playground.db"), "--studies", str(root / "studies")]
+    """Return the option that names the database in a folder."""
+    return ["--database", str(root / "playground.db")]
 
 
 def closed_evaluation(root, policies):
@@ -112,7 +112,7 @@ def closed_evaluation(root, policies):
     from tests.support.servers import hasty_limits, running_server
     from tests.support.stored_studies import freeze, play_study
 
-    studies, database = root / "studies", root / "playground.db"
+    studies, database = root / "playground.db-studies", root / "playground.db"
     study = freeze(
         studies, close=False, draw=lambda count: bytes(count)
     )  # the rule has not the best ways there
@@ -120,7 +120,7 @@ def closed_evaluation(root, policies):
     Folder(studies).close("dunes", seals=True)
     sealed(studies, of="dunes")
     tokens = [token_of(studies, author) for author in ("Ann", "ann ", "Bo")]
-    where = {"database": database, "studies": studies, "limits": hasty_limits()}
+    where = {"database": database, "limits": hasty_limits()}
     with running_server(policies, **where) as server:
         first, second, third = (Agent(server, token) for token in tokens)
         first.call("describe", {"agent": "Mapper", "model": "rule", "prompts_sha256": "0" * 64})

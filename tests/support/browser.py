@@ -15,7 +15,7 @@ from app.web.simulate import occupancy_codes
 from tests.support.servers import PATIENCE_S, eventually
 
 SCREENSHOTS = Path(__file__).parents[1] / "browser" / "screenshots"
-"""Where pictures of the screens go, when MARS_PICTURES is set."""
+"""Where pictures of the screens go, when TESTS_PICTURES is set."""
 
 KEY_OF = {"north": "ArrowUp", "east": "ArrowRight", "south": "ArrowDown", "west": "ArrowLeft"}
 QUIET = [
@@ -62,8 +62,8 @@ def violations(page, **options):
 
 
 def keep_picture(page, name, full_page=False):
-    """Keep a picture of a screen for people to look at, when MARS_PICTURES is set."""
-    if os.environ.get("MARS_PICTURES"):
+    """Keep a picture of a screen for people to look at, when TESTS_PICTURES is set."""
+    if os.environ.get("TESTS_PICTURES"):
         SCREENSHOTS.mkdir(exist_ok=True)
         page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=full_page)
 

@@ -27,7 +27,7 @@ import pytest
 
 from app import jobs
 
-ADDRESS = "MARS_TESTS_FORK_AT"
+ADDRESS = "TESTS_FORK_AT"
 """The environment variable that says where the process listens; processes that test inherit it."""
 
 

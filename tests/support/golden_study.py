@@ -76,9 +76,9 @@ def is_valid(episode):
     return np.array(found)
 
 
-def write_report(database, studies, path, *options):
+def write_report(database, path, *options):
     """Write the report of the study in a database as JSON; return the command's exit code."""
-    where = "--database", str(database), "--studies", str(studies), "--json", str(path)
+    where = "--database", str(database), "--json", str(path)
     try:
         main(["report", "--study", NAME, "--no-moves", *where, *options])
     except SystemExit as left:
@@ -89,11 +89,11 @@ def write_report(database, studies, path, *options):
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         play(Path(folder) / "golden.db")
-        studies = shutil.copytree(STUDIES, Path(folder) / "studies")
+        shutil.copytree(STUDIES, Path(folder) / "golden.db-studies")
         export_to(Path(folder) / "golden.db", STUDIES / "export", "all", lambda done, total: None)
         sys.exit(
             max(
-                write_report(Path(folder) / "golden.db", studies, STUDIES / name, *options)
+                write_report(Path(folder) / "golden.db", STUDIES / name, *options)
                 for name, options in REPORTS.items()
             )
         )

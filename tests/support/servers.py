@@ -250,7 +250,7 @@ def serve(tmp_path, limits, shipped_policies):
     with ExitStack() as running:
 
         def start(sources=None, policies=None, offered=(), **settings):
-            paths = {"database": tmp_path / "playground.db", "studies": tmp_path / "studies"}
+            paths = {"database": tmp_path / "playground.db"}
             settings = {**paths, "limits": limits, "policies": offered, **settings}
             one = running_server(policies or shipped_policies, sources, **settings)
             return running.enter_context(one)
@@ -275,7 +275,7 @@ def spawn(tmp_path, tmp_path_factory, limits):
     processes, logs = [], tmp_path_factory.mktemp("servers")
 
     def start(listening=None, **settings):
-        paths = {"database": str(tmp_path / "playground.db"), "studies": str(tmp_path / "studies")}
+        paths = {"database": str(tmp_path / "playground.db")}
         settings = {**paths, "port": 0, "limits": limits, **settings}
         process = ServerProcess(settings, logs / f"{len(processes)}.log", listening)
         processes.append(process)

@@ -19,7 +19,7 @@ from app.cli.console import (
     study_errors,
     task_name,
 )
-from app.cli.options import DATABASE, KEY, PATH, STUDIES, SizeType, flag, path_option
+from app.cli.options import DATABASE_AND_STUDIES, KEY, PATH, STUDIES, SizeType, flag, path_option
 from app.cli.study import study as studies
 
 if TYPE_CHECKING:
@@ -103,8 +103,7 @@ def new(
 @evaluation.command(short_help="Fix the protocol and draw the secret.")
 @argument("name")
 @flag("--beacon", "As of `study freeze`, for instances of its own.")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def freeze(name: str, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix an evaluation's protocol for good, and print its hash and its commitment: publish them before any agent plays."""
     studies.check_kind("evaluation", "freeze", name, folder)
@@ -168,8 +167,7 @@ def list_(folder: Folder) -> None:
 @argument("name")
 @flag("--yes", "Do not ask.")
 @flag("--now", "Close it also while an agent is at it.")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def close(name: str, yes: bool, now: bool, folder: Folder, database: Path) -> None:
     """End an evaluation: attempts that run are abandoned and count, the secrets are revealed, and every card gets its receipt.
 

@@ -12,7 +12,7 @@ import click
 from click import ClickException, UsageError, echo, option
 
 from app.cli.console import failures, print_table, progress, study_errors, write_file
-from app.cli.options import DATABASE, STUDIES, flag, path_option
+from app.cli.options import DATABASE_AND_STUDIES, flag, path_option
 
 if TYPE_CHECKING:
     from app.report.costs import CostSummary
@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 @click.command(short_help="A study's figures with their intervals, as a page and as JSON.")
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
-@DATABASE
+@DATABASE_AND_STUDIES
 @path_option("--html", "Write the report to this file, its methods and checklist beside it.")
 @path_option("--json", "json_path", "Write every number to this file.")
-@STUDIES
 @flag("--synthetic", "Report over the scripts instead of the people, marked SYNTHETIC throughout.")
 @flag("--no-policies", "Play no policies: no comparisons, done in a second.")
 @flag("--no-moves", "Leave out the cost of each move: done sooner.")
@@ -102,8 +101,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
 
 @click.command(short_help="Where the players of a study lose moves.")
 @option("--study", "name", required=True, metavar="NAME", help="The study.")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 @path_option("--json", "json_path", "Write the summary and every move's cost to this file.")
 def costs(name: str, database: Path, folder: Folder, json_path: Path | None) -> None:
     """Print the mean cost per episode of each player, and in which moves it lies.

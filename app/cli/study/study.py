@@ -20,14 +20,22 @@ from app.cli.console import (
     default_config,
     env_config_of,
     failures,
+    place,
     print_table,
     progress,
-    settings_of,
     study_errors,
     task_name,
     write_file,
 )
-from app.cli.options import DATABASE, STUDIES, SizeType, flag, path_option, several
+from app.cli.options import (
+    DATABASE,
+    DATABASE_AND_STUDIES,
+    STUDIES,
+    SizeType,
+    flag,
+    path_option,
+    several,
+)
 from app.task import counted
 
 if TYPE_CHECKING:
@@ -52,7 +60,8 @@ def study() -> None:
 
     A frozen protocol cannot change any more: its hash and a commitment to the secret that fixes every terrain are
     published before the first participant joins; closing reveals the secret, so that anybody can check both.
-    Studies lie in data/studies in a checkout, ./studies elsewhere; --studies or MARS_STUDIES name another folder.
+    A study lies in the folder beside its database, of lab.db in lab.db-studies. --database or MARS_DATABASE names the database;
+    without them it is data/playground.db in a checkout, ./playground.db elsewhere.
 
     \b
     Examples:
@@ -184,8 +193,7 @@ def _asked() -> dict[str, str]:
     "--beacon",
     "Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
 )
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
@@ -297,8 +305,7 @@ def _note_freezing(found: Study, database: Path) -> bool:
 @argument("name")
 @option("--signature", help="The round's signature, 96 hexadecimal digits.  [default: by --relay]")
 @option("--relay", default=RELAY, help="Where the beacon's rounds can be fetched.")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def open_(name: str, signature: str | None, relay: str, folder: Folder, database: Path) -> None:
     """Enter the signature of the beacon's round that was named when the study was frozen: the terrains follow from it.
 
@@ -325,8 +332,7 @@ def open_(name: str, signature: str | None, relay: str, folder: Folder, database
 @flag("--yes", "Do not ask.")
 @flag("--now", "Close it also while somebody is at it.")
 @flag("--sealed", "Keep the secret, so that agents can be evaluated on the same terrains.")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def close(name: str, yes: bool, now: bool, sealed: bool, folder: Folder, database: Path) -> None:
     """End a study: nobody can join or go on, and the secret behind its terrains is revealed.
 
@@ -508,7 +514,12 @@ def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     from app.series.data import load
 
     with failures(f"cannot read {database}"), study_errors():
-        return spread_of(load(database, name), metric)
+        data = load(database, name)
+        if data.closed_ms is None:
+            raise UsageError(
+                f"the study {name!r} is open, and its spread is a figure of people: close it first, or give the two SDs"
+            )
+        return spread_of(data, metric)
 
 
 @study.command(short_help="Print single-use links to a study.")
@@ -526,8 +537,7 @@ def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
     metavar="FILE",
 )
 @path_option("--csv", "table", "Write them to a file, with links: id, state, link.", metavar="FILE")
-@DATABASE
-@STUDIES
+@DATABASE_AND_STUDIES
 def invite(
     name: str,
     count: int,
@@ -556,9 +566,9 @@ def invite(
     if [count > 0, lists, panel is not None].count(True) != 1:
         given = "the number of links to make, such as 10, --list to see all, or --ids FILE"
         raise UsageError(f"expected {given}")
-    settings = settings_of()
-    known = url or settings.public_url
-    base = known or f"http://{settings.host}:{settings.port}"
+    server = place()
+    known = url or server.public_url
+    base = known or f"http://{server.host}:{server.port}"
     invitations = Invitations(folder)
     found, rows, links = [], [], []
     uses = _uses(database, name)

@@ -10,6 +10,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from app.db.file import studies_beside
 from app.db.reader import Reader
 from app.db.trial import Trial
 from app.jobs import Jobs
@@ -42,7 +43,6 @@ class Leaderboard:
         self,
         database: Path,
         offers: Sequence[PolicyOffer],
-        studies: Path,
         jobs: Jobs,
         task: str = MARS,
     ) -> None:
@@ -51,7 +51,7 @@ class Leaderboard:
         self._evaluations = PolicyEvaluations(figures, jobs, ShippedFigures())
         self.volunteers = VolunteerFigures()
         self._people = HumanSummaries()
-        self._studies = ClosedStudies(studies)
+        self._studies = ClosedStudies(studies_beside(database))
         self._reading = threading.Lock()
         self._turn = asyncio.Lock()
         self._next: asyncio.Task[list[LeaderboardEntry]] | None = None

@@ -59,8 +59,8 @@ class Export:
 class Exports:
     """The exports of one server; the newest of each kind and study is kept."""
 
-    def __init__(self, database: Path, studies: Path, jobs: Jobs, downloads: Downloads) -> None:
-        self._database, self._studies, self._jobs = database, studies, jobs
+    def __init__(self, database: Path, jobs: Jobs, downloads: Downloads) -> None:
+        self._database, self._jobs = database, jobs
         self._downloads = downloads
         self._made: dict[tuple[str, ExportKind], Export] = {}
 
@@ -75,9 +75,8 @@ class Exports:
         if old is not None and old.state == "making":
             raise ExportError(f"this {what} is being made already: wait until it is done")
         folder = self._downloads.new_folder()
-        where = ("--database", str(self._database), "--studies", str(self._studies))
         files, outputs = _written(folder, study, what, authors)
-        words = (what, "--study", study, *where, *outputs)
+        words = (what, "--study", study, "--database", str(self._database), *outputs)
         making_of = (make_export, words, folder, what)
         try:
             making = self._jobs.submit(*making_of, owner=OWNER, limit_s=LIMIT_S)

@@ -43,7 +43,7 @@ def list_participants(
 ) -> list[dict[str, Any]]:
     """Return the participants of a study in the order of joining, each with its progress so far.
 
-    is_open  whether the study is: of people then only counts are listed, neither means nor outcomes
+    is_open  whether the study is: then nothing of a person's ranked episodes is listed
     """
     trials = defaultdict[str, list[Trial]](list)
     for trial in series.trial_activity(reader, study):
@@ -56,6 +56,7 @@ def list_participants(
         signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
     found = []
     for person in series.participants(reader, study):
+        hides = is_open and person.kind == "human"
         own, seen = trials[person.id], events.get(person.id, {"last_ms": 0, "deviations": 0})
         acted = (trial.ended_ms or trial.moved_ms or trial.started_ms for trial in own)
         last_ms = max(person.joined_ms, seen["last_ms"], *acted)
@@ -64,31 +65,29 @@ def list_participants(
             {
                 **{name: getattr(person, name) for name in PARTICIPANT_FIELDS},
                 "label": participant_label(person.id),
-                "last_ms": last_ms,
+                "minutes": (last_ms - person.joined_ms) // 60_000,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
                 "left_at": left.get(person.id),
-                "deviations": seen["deviations"],
+                "deviations": None if hides else seen["deviations"],
                 "repeated": repeated_reasons(signs[person.id]),
                 "not_attested": [
                     f"{each.attestation} {each.phase.replace('_', '-')} {each.trial + 1}: {each.attestation_reason}"
                     for each in own
-                    if each.attestation_reason
+                    if each.attestation_reason and not (hides and each.phase == "ranked")
                 ],
-                **_totals(own, is_open and person.kind == "human"),
+                **_totals(own, hides),
             }
         )
     return found
 
 
 def _totals(trials: Sequence[Trial], hides: bool) -> dict[str, Any]:
-    """Return the numbers of finished episodes, and the means over ranked ones (None before the first, and where hidden)."""
+    """Return the numbers of finished episodes, and the means over ranked ones; None before the first, and where hidden."""
     ended = [trial for trial in trials if trial.outcome is not None]
-    ranked = [trial for trial in ended if trial.phase == "ranked"]
-    counts = {"warm_up": sum(trial.phase == "warm_up" for trial in ended), "ranked": len(ranked)}
-    if hides:
-        return {**counts, "mean_score": None, "mean_steps": None, "outcomes": {}}
+    ranked = [trial for trial in ended if trial.phase == "ranked" and not hides]
     return {
-        **counts,
+        "warm_up": sum(trial.phase == "warm_up" for trial in ended),
+        "ranked": None if hides else len(ranked),
         "mean_score": fmean(trial.score or 0.0 for trial in ranked) if ranked else None,
         "mean_steps": fmean(trial.steps_to_target or 0 for trial in ranked) if ranked else None,
         "outcomes": dict(Counter(trial.outcome for trial in ranked)),
@@ -133,7 +132,11 @@ class LiveFigures:
         except StudyError:  # nobody has joined
             return {"figure": None, "labels": []}
         people = {person.id for person in data.people if person.kind == "human"}
-        own = [trial for trial in data.trials if trial.participant in people]
+        own = [
+            trial
+            for trial in data.trials
+            if trial.participant in people and (trial.phase != "ranked" or data.closed_ms)
+        ]
         found = [(name, trial.participant) for trial in own for name in trial.labels]
         by_label = []
         for label, number in Counter(name for name, _ in found).most_common():

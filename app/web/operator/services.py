@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import Any
 
 from app.db.operators import ActionLog
@@ -27,7 +26,6 @@ class AdminServices:
         self,
         password: AdminPassword,
         progress: ParticipantProgress,
-        studies: Path,
         health: Health,
         jobs: Jobs,
         downloads: Downloads,
@@ -36,7 +34,7 @@ class AdminServices:
         self.actions, self.progress, self.health = ActionLog(store), progress, health
         self.login = AdminLogin(password, store, self.actions)
         self.figures = participants.LiveFigures(store.path)
-        self.exports = Exports(store.path, studies, jobs, downloads)
+        self.exports = Exports(store.path, jobs, downloads)
         self.began = time.monotonic()
 
     def studies(self) -> list[dict[str, Any]]:

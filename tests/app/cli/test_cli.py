@@ -21,10 +21,12 @@ import pytest
 from app.cli.commands import COMMANDS, EXTRAS, INCLUDED, missing_extra
 from app.cli.main import cli
 from app.cli.options import SizeType
+from app.db.database import reading
 from app.db.store import Store
 from app.web.settings import DEFAULT_DATABASE
 from marsexplorer.maps import GridMap, write_map
 from tests.support.command import command
+from tests.support.declared import DECLARATIONS_FILE
 from tests.support.policy_files import write_onnx
 from tests.support.recorded import play
 from tests.support.servers import PATIENCE_S, eventually
@@ -180,12 +182,78 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(run, args, part):
     assert part in err
 
 
-def test_a_wrong_setting_in_the_environment_is_one_sentence(run, monkeypatch):
-    monkeypatch.setenv("MARS_PORT", "many")
+@pytest.mark.parametrize(
+    ("name", "setting", "expected"),
+    [
+        ("MARS_PORT", "many", "expected a whole number, got 'many'"),
+        ("MARS_PORT", "70000", "expected 65535 or less, got '70000'"),
+        ("MARS_DURABLE", "maybe", "expected true or false, got 'maybe'"),
+        ("MARS_LOG_FORMAT", "xml", "expected 'text' or 'json', got 'xml'"),
+        ("MARS_IDLE_S", "0", "expected a number above 0, got '0'"),
+        ("MARS_PUBLIC_URL", "mars", "expected the address of the pages, like https://mars.example"),
+        ("MARS_TRUSTED_PROXIES", "127.0.0.1", 'expected JSON, such as ["127.0.0.1"]'),
+        ("MARS_LIMITS", "7", "expected a JSON object of limits, got 7"),
+        ("MARS_LIMITS__TOKEN", "abc", "expected at least 16 characters: correct"),
+        ("MARS_LIMITS__TOKN", "abc", "expected no setting of this name, got 'abc'"),
+        ("MARS_LIMITS__MESSAGES", "q", "expected BURST+RATE/s"),
+    ],
+)
+def test_a_wrong_setting_in_the_environment_names_itself_and_the_way_out(
+    run, monkeypatch, name, setting, expected
+):
+    monkeypatch.setenv(name, setting)
     code, _, err = run("serve")
-    assert code == 2
-    assert is_one_sentence(err)
-    assert "setting port" in err
+    assert (code, is_one_sentence(err)) == (2, True), err
+    assert err.startswith(f"marsexplorer: {name}: {expected}"), err
+    assert "correct it or unset it" in err
+
+
+def test_a_wrong_setting_of_the_server_stops_no_command_that_does_not_need_it(
+    run, monkeypatch, database, tmp_path
+):
+    monkeypatch.setenv("MARS_LIMITS__TOKEN", "abc")
+    monkeypatch.setenv("MARS_DATABASE", str(database))
+    assert run("export", "--out", tmp_path / "out")[0] == 0
+    assert run("study", "list")[0] == 0
+    assert run("operator", "list")[0] == 0
+
+
+def test_a_variable_that_is_no_setting_is_named_with_the_one_that_was_meant(run, monkeypatch):
+    monkeypatch.setenv("MARS_DATABSE", "lab.db")
+    code, _, err = run("study", "list")
+    assert code == 0
+    note = "the variable MARS_DATABSE is no setting and is ignored; did you mean MARS_DATABASE?"
+    assert note in err
+
+
+def test_two_databases_share_no_study_and_one_option_names_both(run, tmp_path):
+    """A study is beside its database, its freezing in the chain of that one alone."""
+    for name in ("a", "a.sqlite", "b.db"):
+        Store(tmp_path / name).close()
+    where = "--database", tmp_path / "b.db"
+    new = "--size", "7", "--warm-up", 0, "--ranked", 1, "--players", 2, "--policy", "random"
+    assert run("study", "new", "dunes", *new, "--declarations", DECLARATIONS_FILE, *where)[0] == 0
+    assert run("study", "freeze", "dunes", "--underpowered", *where)[0] == 0
+    for name in ("a", "a.sqlite"):
+        code, out, _ = run("study", "list", "--database", tmp_path / name)
+        assert (code, "no studies in" in out) == (0, True)
+        with reading(tmp_path / name) as conn:
+            assert conn.execute("SELECT count(*) FROM chain WHERE kind = 'frozen'").fetchone() == (
+                0,
+            )
+    with reading(tmp_path / "b.db") as conn:
+        assert conn.execute("SELECT count(*) FROM chain WHERE kind = 'frozen'").fetchone() == (1,)
+    (tmp_path / "link.db").symlink_to(tmp_path / "b.db")
+    assert "dunes" in run("study", "list", "--database", tmp_path / "link.db")[1]
+    options = {
+        name
+        for group in (cli, *(cli.get_command(None, name) for name in ("study", "evaluation")))
+        for name, each in (
+            (name, group.get_command(None, name)) for name in group.list_commands(None)
+        )
+        if any("--studies" in option.opts for option in each.params)
+    }
+    assert options == set()
 
 
 def test_sizes_are_read_as_sides_or_rows_by_columns():

@@ -14,9 +14,9 @@ from tests.support.study import freeze
 
 @pytest.fixture
 def root(tmp_path):
-    freeze(tmp_path / "studies")
-    sealed(tmp_path / "studies")
-    return tmp_path / "studies"
+    freeze(tmp_path / "playground.db-studies")
+    sealed(tmp_path / "playground.db-studies")
+    return tmp_path / "playground.db-studies"
 
 
 @pytest.fixture
@@ -80,9 +80,9 @@ def test_a_reset_that_waits_for_the_end_of_its_card_begins_nothing(agent):
 
 
 def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
-    freeze(tmp_path / "studies")
-    sealed(tmp_path / "studies", calls=3, minutes=5, hours=1)
-    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    freeze(tmp_path / "playground.db-studies")
+    sealed(tmp_path / "playground.db-studies", calls=3, minutes=5, hours=1)
+    agent = Agent(serve(), token_of(tmp_path / "playground.db-studies"))
     agent.play(0, moves=1)
     agent.server.clock.wait(6 * 60_000)
     status, said = refused(agent, "act", 0, 0)
@@ -100,9 +100,9 @@ def test_the_limits_of_calls_and_of_time_hold(serve, tmp_path):
 
 
 def test_the_count_of_calls_goes_on_after_a_restart(serve, tmp_path):
-    freeze(tmp_path / "studies")
-    sealed(tmp_path / "studies", calls=2)
-    agent = Agent(serve(), token_of(tmp_path / "studies"))
+    freeze(tmp_path / "playground.db-studies")
+    sealed(tmp_path / "playground.db-studies", calls=2)
+    agent = Agent(serve(), token_of(tmp_path / "playground.db-studies"))
     for index in range(3):  # one attempt and one move each are 2 x 3 calls
         agent.play(index, moves=1)
     assert refused(agent, "begin", 0)[0] == 429
@@ -128,8 +128,10 @@ def test_an_erased_card_plays_no_further_and_its_number_is_kept(serve, root, tmp
 
 @pytest.mark.long
 def test_another_environment_is_played_the_same_way(serve, tmp_path):
-    own(tmp_path / "studies", instances=2)
-    agent = Agent(serve(task="gymnasium:FrozenLake-v1"), token_of(tmp_path / "studies"))
+    own(tmp_path / "playground.db-studies", instances=2)
+    agent = Agent(
+        serve(task="gymnasium:FrozenLake-v1"), token_of(tmp_path / "playground.db-studies")
+    )
     about = agent.cards.about(agent.card)
     assert about["actions"] == ["left", "down", "right", "up"]
     assert agent.cards.task_name(agent.card) == "FrozenLake-v1"

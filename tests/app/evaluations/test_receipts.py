@@ -34,7 +34,7 @@ def closed(tmp_path_factory, shipped_policies):
 def receipts_of(root):
     """The receipts by author and number."""
     found = {}
-    for path in (root / "studies/agents/receipts").iterdir():
+    for path in (root / "playground.db-studies/agents/receipts").iterdir():
         content = json.loads(path.read_text())
         found[content["card"]["author"], content["card"]["number"]] = path
     return found
@@ -45,7 +45,7 @@ def files(closed, tmp_path):
     """A copy of Ann's first receipt, and of the opening."""
     receipt = tmp_path / "receipt.json"
     shutil.copy(receipts_of(closed)["Ann", 1], receipt)
-    return receipt, closed / "studies/agents/opening.json"
+    return receipt, closed / "playground.db-studies/agents/opening.json"
 
 
 def verify(capsys, receipt, *more):
@@ -89,7 +89,10 @@ def test_what_was_left_or_never_begun_counts_as_abandoned(closed, capsys):
     assert [came[i]["outcome"] for i in range(3)] == ["abandoned", "explored", "abandoned"]
     assert [came[i]["begun"] for i in range(3)] == [False, True, True]
     assert came[0]["score"] <= came[2]["score"] < came[1]["score"]
-    assert verify(capsys, path, "--opening", closed / "studies/agents/opening.json")[0] == 0
+    assert (
+        verify(capsys, path, "--opening", closed / "playground.db-studies/agents/opening.json")[0]
+        == 0
+    )
 
 
 def test_a_further_card_of_an_author_says_what_it_has_seen_and_does_not_rank(closed, capsys):
@@ -181,7 +184,7 @@ def test_a_receipt_presented_for_another_card_or_series_is_refused(files, closed
 
 
 def test_an_opening_holds_its_seeds_to_the_round_that_was_named(tmp_path, monkeypatch):
-    public, folder = OwnBeacon(), Folder(tmp_path / "studies")
+    public, folder = OwnBeacon(), Folder(tmp_path / "playground.db-studies")
     monkeypatch.setattr(beacon, "QUICKNET", replace(public.after(0), round=1))
     config, policies = EnvConfig("random", 7, 9), {"policies": ("random",), "debrief_policy": None}
     folder.create(evaluation_of_task("agents", config, "mars", 1, Agents(), **policies))
@@ -190,7 +193,7 @@ def test_an_opening_holds_its_seeds_to_the_round_that_was_named(tmp_path, monkey
     folder.open("agents", public.sign(named))
     Store(tmp_path / "playground.db").close()
     assert run("evaluation", "close", "agents", "--yes", *paths(tmp_path)) == 0
-    opening = read_signed(tmp_path / "studies/agents/opening.json", OPENING_FORMAT)
+    opening = read_signed(tmp_path / "playground.db-studies/agents/opening.json", OPENING_FORMAT)
 
     def wrong(**changes):
         return {each.what for each in check_opening({**opening, **changes})}
@@ -230,7 +233,9 @@ def test_receipts_are_the_same_bytes_when_they_are_written_again(closed, capsys)
     before = {path: path.read_bytes() for path in receipts_of(closed).values()}
     assert command(capsys, "evaluation", "close", "agents", "--yes", *paths(closed))[0] == 0
     assert {path: path.read_bytes() for path in receipts_of(closed).values()} == before
-    assert read_signed(closed / "studies/agents/opening.json", "marsexplorer-opening-1")
+    assert read_signed(
+        closed / "playground.db-studies/agents/opening.json", "marsexplorer-opening-1"
+    )
 
 
 def test_the_files_are_written_again_without_a_card_that_was_erased(closed, tmp_path, capsys):
@@ -243,13 +248,13 @@ def test_the_files_are_written_again_without_a_card_that_was_erased(closed, tmp_
     assert (code, "evaluation close agents" in said) == (0, True)
     assert command(capsys, "evaluation", "close", "agents", *paths(root))[0] == 0
     assert (mine.read_bytes() == before, bos.exists()) == (True, False)
-    opening = root / "studies/agents/opening.json"
+    opening = root / "playground.db-studies/agents/opening.json"
     assert bos.stem not in opening.read_text() + (opening.parent / "comparison.json").read_text()
     assert verify(capsys, mine, "--opening", opening)[0] == 0
 
 
 def comparison_of(root):
-    return json.loads((root / "studies/agents/comparison.json").read_text())
+    return json.loads((root / "playground.db-studies/agents/comparison.json").read_text())
 
 
 def test_agents_policies_and_people_stand_on_one_scale(closed):
@@ -277,15 +282,15 @@ def test_agents_policies_and_people_stand_on_one_scale(closed):
 def test_the_page_tells_of_each_instance_what_came_of_everybody_who_ended_it(
     serve, tmp_path, finishers
 ):
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "playground.db-studies", close=False)
     with closing(StudyRecorder(tmp_path / "playground.db", study)) as recorder:
         recorder.play(recorder.join(0, stage="ranked"), "ranked", 0, "crash")
         for number in range(1, 1 + finishers):
             done = recorder.join(number)
             for trial in range(3):
                 recorder.play(done, "ranked", trial)
-    Folder(tmp_path / "studies").close("dunes", seals=True)
-    sealed(tmp_path / "studies", of="dunes")
+    Folder(tmp_path / "playground.db-studies").close("dunes", seals=True)
+    sealed(tmp_path / "playground.db-studies", of="dunes")
     assert run("evaluation", "close", "agents", "--yes", "--now", *paths(tmp_path)) == 0
     data = load(tmp_path / "playground.db", "dunes")
     for each in comparison_of(tmp_path)["instances"]:

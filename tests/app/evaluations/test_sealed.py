@@ -28,22 +28,22 @@ PATH_ENV = "gymnasium:tests.support.environments:Path-v0"
 @pytest.fixture
 def root(tmp_path):
     """A study that three have played and that was closed sealed, and an open evaluation on its terrains."""
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "playground.db-studies", close=False)
     play_study(tmp_path / "playground.db", study)
     assert run("study", "close", "dunes", "--sealed", "--yes", *paths(tmp_path)) == 0
-    sealed(tmp_path / "studies", of="dunes")
+    sealed(tmp_path / "playground.db-studies", of="dunes")
     return tmp_path
 
 
 def paths(root, *more):
-    return ["--database", root / "playground.db", "--studies", root / "studies", *more]
+    return ["--database", root / "playground.db", *more]
 
 
 def secrets_of(root):
     """All that would reveal an instance: secrets, seeds, packed maps."""
     found = []
     for name in ("dunes", "agents"):
-        study = Folder(root / "studies").study(name)
+        study = Folder(root / "playground.db-studies").study(name)
         seeds = [study.seed("ranked", index) for index in range(3)]
         maps = [
             packbits(generate(study.protocol.env_config, seed)).tobytes().hex() for seed in seeds
@@ -54,7 +54,7 @@ def secrets_of(root):
 
 def test_no_route_tells_anything_of_a_sealed_terrain(serve, root):
     server = serve(admin_password="long enough 1")
-    agent = Agent(server, token_of(root / "studies"))
+    agent = Agent(server, token_of(root / "playground.db-studies"))
     agent.play(0)
     agent.play(1, moves=3)
     rows = server.services.store.connection.execute(
@@ -133,9 +133,11 @@ def test_every_command_refuses_a_sealed_terrain_with_a_sentence(root, capsys, tm
     for path in (tmp_path / "csv").iterdir():
         assert path.read_text().count("\n") == 1, path
     for name in ("dunes", "agents"):
-        code, out, _ = command(capsys, "study", "show", name, "--studies", root / "studies")
+        code, out, _ = command(capsys, "study", "show", name, "--database", root / "playground.db")
         assert not [each for each in secrets_of(root) if each in out]
-    code, out, said = command(capsys, "evaluation", "show", "agents", "--studies", root / "studies")
+    code, out, said = command(
+        capsys, "evaluation", "show", "agents", "--database", root / "playground.db"
+    )
     assert not [each for each in secrets_of(root) if each in out + said]
     code, _, said = command(
         capsys,
@@ -155,14 +157,14 @@ def test_a_participant_is_shown_no_ranked_terrain_before_the_evaluation_closes(s
     from tests.support.study import Person
     from tests.support.study import freeze as freeze_small
 
-    freeze_small(tmp_path / "studies")
-    folder = Folder(tmp_path / "studies")
+    freeze_small(tmp_path / "playground.db-studies")
+    folder = Folder(tmp_path / "playground.db-studies")
     server = serve()
     person = Person(server)
     person.to_warm_up()
     person.play_on()
     folder.close("small", seals=True)
-    sealed(tmp_path / "studies")
+    sealed(tmp_path / "playground.db-studies")
     for url in ("debrief/0?phase=ranked", "debrief/0/costs?phase=ranked"):
         answer = person.client.get(f"/api/studies/small/{url}")
         assert (answer.status_code, "'small' is sealed" in answer.json()["detail"]) == (409, True)
@@ -200,9 +202,9 @@ def alike(agent, instances, moves):
 
 def test_two_instances_that_look_alike_so_far_answer_alike(serve, tmp_path):
     config = EnvConfig("random", 7, 9, sensor_radius=2)
-    own(tmp_path / "studies", task="mars", config=config, instances=40)
-    agent = Agent(serve(), token_of(tmp_path / "studies"))
-    study = Folder(tmp_path / "studies").study("agents")
+    own(tmp_path / "playground.db-studies", task="mars", config=config, instances=40)
+    agent = Agent(serve(), token_of(tmp_path / "playground.db-studies"))
+    study = Folder(tmp_path / "playground.db-studies").study("agents")
     pairs = list(alike(agent, 40, ["east"]))
     assert len(pairs) > 3
     assert len({generate(config, study.seed("ranked", i)).tobytes() for i in range(40)}) > 30
@@ -211,18 +213,18 @@ def test_two_instances_that_look_alike_so_far_answer_alike(serve, tmp_path):
 
 
 def test_the_same_holds_of_another_environment(serve, tmp_path, briefly_examined):
-    own(tmp_path / "studies", task=PATH_ENV, instances=6)
-    agent = Agent(serve(task=PATH_ENV), token_of(tmp_path / "studies"))
+    own(tmp_path / "playground.db-studies", task=PATH_ENV, instances=6)
+    agent = Agent(serve(task=PATH_ENV), token_of(tmp_path / "playground.db-studies"))
     pairs = list(alike(agent, 6, ["wave", "forward"]))
     assert len(pairs) > 3
     assert all(one == other for one, other in pairs)
 
 
 def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys):
-    folder, database = Folder(tmp_path / "studies"), tmp_path / "playground.db"
-    study = freeze(tmp_path / "studies", close=False)
+    folder, database = Folder(tmp_path / "playground.db-studies"), tmp_path / "playground.db"
+    study = freeze(tmp_path / "playground.db-studies", close=False)
     play_study(database, study)
-    sealed(tmp_path / "studies", of="dunes")  # while people may still play
+    sealed(tmp_path / "playground.db-studies", of="dunes")  # while people may still play
     with pytest.raises(StudyError, match="close it with --sealed"):
         folder.close("dunes")
     with pytest.raises(StudyError, match="people still play these terrains"):
@@ -245,7 +247,14 @@ def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys
     with pytest.raises(StudyError, match="its terrains are known, and it cannot be sealed"):
         folder.close("dunes", seals=True)
     code, out, _ = command(
-        capsys, "evaluation", "new", "third", "--of", "dunes", "--studies", tmp_path / "studies"
+        capsys,
+        "evaluation",
+        "new",
+        "third",
+        "--of",
+        "dunes",
+        "--database",
+        tmp_path / "playground.db",
     )
     assert (code, "Not paired: the study 'dunes' was closed without --sealed" in out) == (0, True)
     third = folder.freeze("third")
@@ -257,7 +266,7 @@ def test_what_may_be_sealed_evaluated_and_closed_in_which_order(tmp_path, capsys
 
 @pytest.mark.parametrize("verb", ["freeze", "close"])
 def test_people_and_agents_are_each_frozen_and_closed_by_their_own_command(tmp_path, capsys, verb):
-    folder, config = Folder(tmp_path / "studies"), EnvConfig("random", 7, 9)
+    folder, config = Folder(tmp_path / "playground.db-studies"), EnvConfig("random", 7, 9)
     folder.create(default_protocol("dunes", config, warm_up=1, ranked=1))
     folder.create(evaluation_of_task("agents", config, "mars", 1, Agents()))
     for asked, name, right in (
@@ -270,17 +279,25 @@ def test_people_and_agents_are_each_frozen_and_closed_by_their_own_command(tmp_p
 
 
 def test_nothing_is_closed_where_no_receipt_could_be_signed(tmp_path):
-    own(tmp_path / "studies", task="mars", config=EnvConfig("random", 7, 9), instances=1)
+    own(
+        tmp_path / "playground.db-studies",
+        task="mars",
+        config=EnvConfig("random", 7, 9),
+        instances=1,
+    )
     code = "import sys; sys.modules['matplotlib'] = None; from app.cli.main import main; main()"
     words = ("evaluation", "close", "agents", "--yes", *paths(tmp_path))
     done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
     assert done.returncode
     assert "needs the extra [export]" in done.stderr
-    assert Folder(tmp_path / "studies").status("agents") == "open"
+    assert Folder(tmp_path / "playground.db-studies").status("agents") == "open"
 
 
 def test_nothing_is_closed_where_a_policys_file_is_lost_and_receipts_wait_for_it(tmp_path, capsys):
-    folder, file = Folder(tmp_path / "studies"), write_onnx(tmp_path / "mine.onnx", seed=1)
+    folder, file = (
+        Folder(tmp_path / "playground.db-studies"),
+        write_onnx(tmp_path / "mine.onnx", seed=1),
+    )
     rest = {"policies": (str(file),), "debrief_policy": None}
     config = EnvConfig("random", 6, 7, sensor_radius=3)
     folder.create(evaluation_of_task("agents", config, "mars", 1, Agents(), **rest))
@@ -309,21 +326,23 @@ def test_nothing_is_closed_where_a_policys_file_is_lost_and_receipts_wait_for_it
     ],
 )
 def test_a_mistake_with_an_evaluation_is_one_sentence(tmp_path, capsys, words, part):
-    code, _, said = command(capsys, "evaluation", *words.split(), "--studies", tmp_path)
+    code, _, said = command(
+        capsys, "evaluation", *words.split(), "--database", tmp_path / "play.db"
+    )
     assert (code, part in said, said.count("\n")) == (2, True, 1)
 
 
 def test_agents_enter_no_figure_of_people(serve, root, capsys):
     server = serve()
     before = [server.client().get(url).json() for url in ("/api/human-level", "/api/leaderboard")]
-    Agent(server, token_of(root / "studies")).play_all()
+    Agent(server, token_of(root / "playground.db-studies")).play_all()
     assert [
         server.client().get(url).json() for url in ("/api/human-level", "/api/leaderboard")
     ] == before
     assert server.services.store.connection.execute(
         "SELECT count(*) FROM volunteers"
     ).fetchall() == [(0,)]
-    Folder(root / "studies").close("agents")
+    Folder(root / "playground.db-studies").close("agents")
     server.stop()
     found = root / "report.json"
     code, _, said = command(

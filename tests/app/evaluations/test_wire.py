@@ -90,8 +90,8 @@ def free_way(seen):
 
 @pytest.fixture
 def root(tmp_path):
-    own(tmp_path / "studies", **MARS)
-    return tmp_path / "studies"
+    own(tmp_path / "playground.db-studies", **MARS)
+    return tmp_path / "playground.db-studies"
 
 
 @pytest.fixture
@@ -345,8 +345,8 @@ def test_mcp_has_a_handshake_and_two_tools(wire):
     [("picture", {"picture"}), ("observation", {"observation", "text"})],
 )
 def test_an_agent_sees_what_the_protocol_shows_and_nothing_else(serve, tmp_path, sees, shown):
-    own(tmp_path / "studies", **MARS, sees=sees)
-    wire = Wire(serve(), token_of(tmp_path / "studies"))
+    own(tmp_path / "playground.db-studies", **MARS, sees=sees)
+    wire = Wire(serve(), token_of(tmp_path / "playground.db-studies"))
     with wire.socket() as ask:
         seen = ask("reset", index=0)["data"]["observation"]
     assert set(seen) == {"index", "step", *shown}
@@ -362,8 +362,8 @@ def known(answer):
 
 def test_instances_that_look_alike_so_far_are_told_alike(serve, tmp_path):
     config = EnvConfig("random", 9, 9, sensor_radius=1)
-    own(tmp_path / "studies", task="mars", config=config, instances=12)
-    wire = Wire(serve(), token_of(tmp_path / "studies"))
+    own(tmp_path / "playground.db-studies", task="mars", config=config, instances=12)
+    wire = Wire(serve(), token_of(tmp_path / "playground.db-studies"))
     with wire.socket() as ask:
         firsts = {index: ask("reset", index=index) for index in range(12)}
         alike = {}

@@ -86,7 +86,7 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
 
 
 def test_a_reading_of_the_leaderboard_drops_what_no_figure_is_made_from(store, tmp_path):
-    board = Leaderboard(store.path, [], tmp_path / "studies", Jobs(1))
+    board = Leaderboard(store.path, [], Jobs(1))
     for entry in board.entries():
         board._people_of(entry)
     assert set(board._people._made) == set(board._people._replays) == {SMALL.hash, WIDE.hash}

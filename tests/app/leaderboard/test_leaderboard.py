@@ -43,7 +43,7 @@ def test_policies_terrains_are_those_that_training_refuses():
 def test_boards_that_people_have_played_stand_first_and_others_wait(tmp_path):
     store = Store(tmp_path / "play.db")
     try:
-        studies = ClosedStudies(tmp_path / "studies")
+        studies = ClosedStudies(tmp_path / "playground.db-studies")
         unplayed = entries.list_entries(store, studies, VolunteerFigures())
         assert [each.to_dict()["players"] for each in unplayed] == [0] * len(entries.offered())
         play(store, seed=1, explore=True)
@@ -202,7 +202,7 @@ def test_nobody_has_played(serve, quick):
 
 
 def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(serve, tmp_path):
-    study = freeze(tmp_path / "studies")
+    study = freeze(tmp_path / "playground.db-studies")
     server = serve()
     person = Person(server)
     person.to_warm_up()
@@ -216,7 +216,7 @@ def test_a_study_appears_when_it_is_closed_with_policies_on_its_own_terrains(ser
     assert client.get("/api/leaderboard/study-small").status_code == 404
     # a study's episodes make no figure of the playground
     assert client.get("/api/leaderboard/random-7x9").status_code == 404
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     first = client.get("/api/leaderboard").json()[0]
     told = {"id": "study-small", "study": "small", "players": 1, "terrains": 3}
     assert told.items() <= first.items()

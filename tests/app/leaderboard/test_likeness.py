@@ -15,7 +15,7 @@ from tests.support.stored_studies import freeze, play_study
 
 
 def test_the_leaderboards_share_is_that_of_peoples_moves(tmp_path):
-    study_ = freeze(tmp_path / "studies", policies=("random", "frontier-cost"))
+    study_ = freeze(tmp_path / "play.db-studies", policies=("random", "frontier-cost"))
     play_study(tmp_path / "play.db", study_)  # people drive as frontier-cost does
     reader = Reader.open(tmp_path / "play.db")
     data = load(reader, "dunes")

@@ -17,7 +17,7 @@ PASSWORD = "red-planet-4"
 
 
 def test_who_plays_joins_and_logs_in_is_nowhere_in_the_log(spawn, tmp_path):
-    freeze(tmp_path / "studies", recruitment="open")
+    freeze(tmp_path / "playground.db-studies", recruitment="open")
     server = spawn(log_format="json", admin_password=PASSWORD)
     secrets_of_theirs = {PASSWORD, "ada-5f1-outside", "not-a-token-of-ours"}
     client = server.page()

@@ -38,7 +38,7 @@ from tests.support.stored_studies import StudyRecorder, freeze, play_study
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("costs")
-    return folder, play_study(folder / "play.db", freeze(folder / "studies"))
+    return folder, play_study(folder / "play.db", freeze(folder / "play.db-studies"))
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_without_experts_file_no_move_is_judged_and_the_report_says_so(place):
 
 
 def test_the_moves_of_a_spoilt_episode_enter_nothing_that_follows_from_moves(tmp_path, estimator):
-    made = freeze(tmp_path / "studies", policies=("frontier-cost",))
+    made = freeze(tmp_path / "play.db-studies", policies=("frontier-cost",))
     with closing(StudyRecorder(tmp_path / "play.db", made)) as recorder:
         for number in range(2):
             person = recorder.join(number)
@@ -171,7 +171,7 @@ def test_the_analysis_is_kept_next_to_the_database(place):
 
 def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_path, capsys):
     folder, people = place
-    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    where = "--database", folder / "play.db"
     files = "--html", tmp_path / "r.html", "--json", tmp_path / "r.json"
     code, _, _ = command(capsys, "report", "--study", "dunes", *where, *files)
     assert code == 0
@@ -188,7 +188,7 @@ def test_the_report_shows_where_people_lose_moves_and_names_nobody(place, tmp_pa
 
 
 def test_forgetting_a_participant_deletes_the_costs_that_were_kept(tmp_path, capsys):
-    (person, *_) = play_study(tmp_path / "play.db", freeze(tmp_path / "studies"))
+    (person, *_) = play_study(tmp_path / "play.db", freeze(tmp_path / "play.db-studies"))
     cost_cache(tmp_path / "play.db").mkdir()
     (cost_cache(tmp_path / "play.db") / "kept.npy").write_bytes(b"")
     assert run("forget", person, "--database", tmp_path / "play.db", "--yes") == 0
@@ -197,7 +197,7 @@ def test_forgetting_a_participant_deletes_the_costs_that_were_kept(tmp_path, cap
 
 def test_the_command_prints_players_and_writes_every_move(place, tmp_path, capsys):
     folder, people = place
-    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    where = "--database", folder / "play.db"
     written = "--json", tmp_path / "costs.json"
     code, said, err = command(capsys, "costs", "--study", "dunes", *where, *written)
     assert code == 0, err

@@ -283,7 +283,7 @@ def test_who_watches_sees_the_end_of_an_episode_that_is_left_and_wakes_nobody(se
 
 
 def test_what_cannot_be_watched_is_unknown(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve()
     person = Person(server)
     person.to_warm_up()

@@ -159,8 +159,10 @@ def play_forged(person, forger):
 @pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.long)])
 def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, tmp_path, times):
     small = {"size": SIZE, "ranked": 1, "warm_up": 1, "recruitment": "invitation"}
-    study = freeze(tmp_path / "studies", **small)
-    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 1 + 8 * times)
+    study = freeze(tmp_path / "playground.db-studies", **small)
+    issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(
+        study.name, 1 + 8 * times
+    )
     invitations = iter([token_of(study, each.id) for each in issued])
     person = Person(server, invitation=next(invitations))
     person.to_warm_up()
@@ -198,8 +200,8 @@ def test_no_forger_in_a_study_enters_a_human_figure_but_as_one_who_left(server, 
 def test_a_program_at_a_persons_speed_is_not_told_apart(server, tmp_path, speed, fewest, most):
     """Measure what docs/study.md states of forgers who press with honest times; a hundred times as fast, none counts."""
     boards = {"size": (9, 12), "ranked": 2, "warm_up": 1, "players": 10}
-    study = freeze(tmp_path / "studies", recruitment="invitation", **boards)
-    issued = Invitations(Folder(tmp_path / "studies")).issue(study.name, 10)
+    study = freeze(tmp_path / "playground.db-studies", recruitment="invitation", **boards)
+    issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue(study.name, 10)
 
     def take_part(number):
         policy = NoisyPolicy("frontier-cost", 0.1, 6, number)

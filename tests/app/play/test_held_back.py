@@ -43,7 +43,7 @@ def view_of_who_joins(table):
 
 def operators_stream(table):
     async def first():
-        messages = board_messages(table.board)
+        messages = board_messages(table.server.services.store, table.board)
         found = await anext(messages)
         await messages.aclose()
         return json.loads(found)

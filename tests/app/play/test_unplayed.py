@@ -56,7 +56,7 @@ async def delete_later(path, hours):
 
 
 def test_boards_that_nobody_has_moved_on_are_deleted_and_nothing_else_is(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve()
     path = tmp_path / "playground.db"
     kept, gone = set(), set()
@@ -150,7 +150,7 @@ def test_a_running_server_deletes_them_by_itself(serve, tmp_path):
 
 
 def test_what_was_left_for_a_day_is_closed_but_in_a_study(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve()
     person = Person(server, client=server.client())
     person.to_tutorial()

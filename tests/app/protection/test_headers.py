@@ -18,7 +18,7 @@ VIEWER = {"/viewer/client/", "/viewer/client/{version}/", "/viewer/{session_id}/
 
 @pytest.fixture
 def site(serve, tmp_path):
-    freeze(tmp_path / "studies", "small")
+    freeze(tmp_path / "playground.db-studies", "small")
     return serve(admin_password="correct-horse", public_url="https://mars.example")
 
 

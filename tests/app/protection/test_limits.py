@@ -185,7 +185,7 @@ def test_boards_and_episodes_have_a_rate_for_each_player_and_for_each_address(se
 
 
 def test_joins_have_a_rate_and_whoever_has_the_token_has_none(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve(limits=Limits(joins_per_address="3+0.001/s", token=TOKEN))
 
     def join(**headers):
@@ -260,7 +260,7 @@ def test_the_addresses_of_one_network_are_one_and_visitors_are_told_apart_behind
 
 def test_a_class_of_a_hundred_people_behind_one_address_plays_unhindered(serve, tmp_path):
     """Each joins, begins a board, opens a socket and moves; the default settings refuse nothing."""
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve(limits=Limits())
     with ExitStack() as stack:
         for _ in range(100):

@@ -23,7 +23,7 @@ SITES = (
 
 @pytest.fixture
 def operated(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     return serve(admin_password="correct-horse")
 
 

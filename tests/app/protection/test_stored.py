@@ -133,7 +133,7 @@ def test_a_player_has_a_budget_of_their_own(serve):
 
 
 def test_a_class_of_participants_plays_on_where_their_address_has_spent_its_budget(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve(limits=Limits(stored_address_percent=percent(1)))
     assert [begin(server.client()).status_code for _ in range(2)] == [201, 429]
     for _ in range(20):
@@ -147,7 +147,7 @@ def test_a_class_of_participants_plays_on_where_their_address_has_spent_its_budg
 
 
 def test_a_study_has_a_budget_of_its_own(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve(limits=Limits(stored_study_percent=percent(1000)))
     person = Person(server, client=server.client())
     person.to_warm_up()

@@ -10,7 +10,7 @@ from tests.support.stored_studies import StudyRecorder, freeze, play_study
 def made(tmp_path_factory):
     """A closed study of three, its database, and its release with its report."""
     folder = tmp_path_factory.mktemp("made")
-    study = freeze(folder / "studies")
+    study = freeze(folder / "play.db-studies")
     play_study(folder / "play.db", study)
     recorder = StudyRecorder(folder / "play.db", study)
     recorder.join(7, stage="withdrawn", consent=False)

@@ -26,8 +26,8 @@ def command(*args):
 def place(tmp_path_factory):
     """A closed study by invitation with somebody at every point where people leave; two releases, one of an import."""
     folder = tmp_path_factory.mktemp("people")
-    study = freeze(folder / "studies", close=False, recruitment="invitation")
-    invitations = Invitations(Folder(folder / "studies"))
+    study = freeze(folder / "play.db-studies", close=False, recruitment="invitation")
+    invitations = Invitations(Folder(folder / "play.db-studies"))
     issued = [each.id for each in invitations.issue(study.name, 9)]
     invitations.revoke(study.name, issued[-1:])
     recorder = StudyRecorder(folder / "play.db", study)
@@ -47,9 +47,9 @@ def place(tmp_path_factory):
     write_chain_anew(recorder.conn)
     recorder.close()
     forget(folder / "play.db", people[0])
-    Folder(folder / "studies").close(study.name)
+    Folder(folder / "play.db-studies").close(study.name)
     common = ("--study", study.name)
-    where = "--database", folder / "play.db", "--studies", folder / "studies"
+    where = "--database", folder / "play.db"
     command("release", *common, *where, "--out", folder / "one")
     command("import", folder / "one", "--database", folder / "new.db")
     command(
@@ -57,8 +57,6 @@ def place(tmp_path_factory):
         *common,
         "--database",
         folder / "new.db",
-        "--studies",
-        folder / "none",
         "--out",
         folder / "two",
     )
@@ -68,7 +66,7 @@ def place(tmp_path_factory):
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_flow_of_the_released_report_is_that_of_the_operators_own(place, name):
     with closing(Reader.open(place / "play.db")) as reader:
-        data, _ = load_with_folder(reader, Folder(place / "studies"), "dunes")
+        data, _ = load_with_folder(reader, Folder(place / "play.db-studies"), "dunes")
     flow = build(data).groups[0].flow
     own = asdict(flow)
     arrivals = {

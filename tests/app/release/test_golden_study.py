@@ -18,15 +18,15 @@ OF_THE_DAY = {"made_at", "software_version"}
 def place(tmp_path_factory):
     """The study's folder, its database and its bundle."""
     folder = tmp_path_factory.mktemp("golden")
-    shutil.copytree(golden_study.STUDIES, folder / "studies")
+    shutil.copytree(golden_study.STUDIES, folder / "golden.db-studies")
     golden_study.play(folder / "golden.db")
-    where = ("--database", folder / "golden.db", "--studies", folder / "studies")
+    where = ("--database", folder / "golden.db")
     assert run("release", "--study", "golden", *where, "--out", folder / "bundle") == 0
     return folder
 
 
-def report(database, studies, path, *options):
-    assert golden_study.write_report(database, studies, path, *options) == 0
+def report(database, path, *options):
+    assert golden_study.write_report(database, path, *options) == 0
     return json.loads(path.read_text())
 
 
@@ -62,7 +62,7 @@ def same(one, other, software):
 @pytest.mark.parametrize(("name", "options"), golden_study.REPORTS.items())
 def test_the_report_has_the_figures_that_it_always_had(place, tmp_path, name, options):
     expected = json.loads((golden_study.STUDIES / name).read_text())
-    found = report(place / "golden.db", place / "studies", tmp_path / name, *options)
+    found = report(place / "golden.db", tmp_path / name, *options)
     assert differences(expected, found) == []
     assert sum(isinstance(value, float) for _, value in leaves(expected)) > 400
 
@@ -93,7 +93,7 @@ def test_a_bundle_is_imported_once_with_every_figure_and_refused_under_other_nam
     assert "69 were there already" in capsys.readouterr().out
     assert verify_database(tmp_path / "new.db").findings == ()
     for name, options in golden_study.REPORTS.items():
-        found = report(tmp_path / "new.db", tmp_path / "none", tmp_path / name, *options)
+        found = report(tmp_path / "new.db", tmp_path / name, *options)
         expected = json.loads((golden_study.STUDIES / name).read_text())
         assert [each for each in differences(expected, found) if each[0][0] == "groups"] == []
     copy = shutil.copy(place / "golden.db", tmp_path / "copy.db")

@@ -143,7 +143,9 @@ def test_boards_of_the_size_of_pictures_are_kept_as_they_are(tmp_path, monkeypat
     """Minari would compress them like photographs, and lose cells."""
     import minari
 
-    study = freeze(tmp_path / "studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1)
+    study = freeze(
+        tmp_path / "play.db-studies", config=EnvConfig("random", 33, 34), warm_up=0, ranked=1
+    )
     recorder = StudyRecorder(tmp_path / "play.db", study)
     ident = recorder.play(recorder.join(0), "ranked", 0)
     recorder.close()
@@ -168,7 +170,7 @@ def test_a_release_is_built_while_a_server_runs(copy):
 
 
 def test_a_study_in_which_nobody_finished_anything_is_a_release_too(tmp_path):
-    study = freeze(tmp_path / "studies")
+    study = freeze(tmp_path / "play.db-studies")
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.play(recorder.join(0, stage="ranked"), "warm_up", 0, "open")
     recorder.close()
@@ -258,7 +260,7 @@ def test_release_import_verify_release_is_equal_row_by_row(made, tmp_path):
 
 
 def test_an_import_waits_for_no_server(made, tmp_path):
-    study = freeze(tmp_path / "studies", "other")
+    study = freeze(tmp_path / "play.db-studies", "other")
     recorder = StudyRecorder(tmp_path / "play.db", study)
     with pytest.raises(StoreError, match="in use by another server"):
         import_release(made[0] / "out", tmp_path / "play.db")
@@ -353,21 +355,21 @@ def test_no_release_where_free_text_holds_an_identity(copy):
 
 
 def test_an_open_study_is_not_released(tmp_path):
-    play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
+    play_study(tmp_path / "play.db", freeze(tmp_path / "play.db-studies", close=False))
     refused(tmp_path, "still open and a release would give its terrains away: close it first")
     assert table(tmp_path / "play.db", "releases", "version") == []
 
 
 def test_a_study_closed_in_its_folder_alone_is_released_with_its_secret(tmp_path, capsys):
     """`study close` may have run while no server noted it in the database."""
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "play.db-studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
     recorder.play(recorder.join(0), "ranked", 0)
     recorder.close()
     from app.series.folder import Folder
 
-    Folder(tmp_path / "studies").close(study.name)
-    where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
+    Folder(tmp_path / "play.db-studies").close(study.name)
+    where = "--database", tmp_path / "play.db"
     code, out, err = run(capsys, "release", "--study", "dunes", *where, "--out", tmp_path / "out")
     assert code == 0, err
     manifest = json.loads((tmp_path / "out" / MANIFEST).read_text())
@@ -411,7 +413,7 @@ def test_a_disk_that_refuses_is_a_sentence(made, tmp_path):
 
 
 def test_the_commands_report_what_they_did(copy, capsys):
-    code, out, _ = run(capsys, "verify", "--database", copy / "play.db", "--studies", copy / "none")
+    code, out, _ = run(capsys, "verify", "--database", copy / "play.db")
     assert (code, "all as recorded; 18 episodes" in out) == (0, True)
     code, out, _ = run(capsys, "verify", "--dataset", copy / "out", "--key", "00")
     assert (code, "the signing key is" in out) == (1, True)

@@ -117,7 +117,7 @@ def check_whole_study(spawn, tmp_path, study, participants, moves, **rest):
 
 
 def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_path):
-    study = freeze(tmp_path / "studies", size=9)
+    study = freeze(tmp_path / "playground.db-studies", size=9)
     outcomes, verified = check_whole_study(spawn, tmp_path, study, 3, 40, seed=3)
     assert [each.stage for each in outcomes] == ["complete"] * 3
     assert all(each.debrief["completion_code"] for each in outcomes)
@@ -128,14 +128,14 @@ def test_a_small_study_survives_a_kill_and_enters_no_human_figure(spawn, tmp_pat
 def test_ten_participants_of_a_whole_study_survive_a_kill(spawn, tmp_path):
     """10 x (15 + 30) at 21x21, some of whom leave, and a kill -9 in the middle."""
     sizes = {"size": 21, "warm_up": 15, "ranked": 30, "players": 10, "break_every": 10}
-    study = freeze(tmp_path / "studies", **sizes)
+    study = freeze(tmp_path / "playground.db-studies", **sizes)
     outcomes, _ = check_whole_study(spawn, tmp_path, study, 10, 15_000, seed=11, leaving=0.2)
     stages = Counter(each.stage for each in outcomes)
     assert set(stages) == {"complete", "left"}
 
 
 def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
-    study = freeze(tmp_path / "studies", size=7, ranked=4)
+    study = freeze(tmp_path / "playground.db-studies", size=7, ranked=4)
     simulation = Simulation(server.url, study, 6, seed=4, leaving=1.0)
     assert {each.stage for each in simulation.result()} == {"left"}
     path = tmp_path / "playground.db"
@@ -147,7 +147,7 @@ def test_those_who_leave_withdraw_or_close_the_page(server, tmp_path):
 
 
 def test_the_command_prints_who_came_how_far(server, tmp_path, capsys):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     given = "--study", "small", "--url", server.url, "--speed", "1e6"
     code, out, err = command(capsys, "simulate", *given)
     assert code == 0, err
@@ -168,7 +168,7 @@ def test_the_noise_is_the_share_of_random_moves(noise):
 
 
 def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
-    study = freeze(tmp_path / "studies")
+    study = freeze(tmp_path / "playground.db-studies")
 
     def refused(**rest):
         """What the command says, which must be one line."""
@@ -185,21 +185,21 @@ def test_each_mistake_is_a_sentence(server, tmp_path, capsys):
     for url in ("localhost:8000", "http://"):
         assert "must be like http://127.0.0.1:8000" in refused(url=url)
     assert 'no policy "nobodys"' in refused(policy="nobodys")
-    Folder(tmp_path / "studies").close(study.name)
+    Folder(tmp_path / "playground.db-studies").close(study.name)
     assert "is closed" in refused()
 
 
 def test_closing_the_study_ends_it_for_everybody_with_a_sentence(server, tmp_path):
-    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
+    study = freeze(tmp_path / "playground.db-studies", size=9, **ENDLESS)
     simulation = Simulation(server.url, study, 2, seed=6, speed=400)
     simulation.reaches(30)
-    Folder(tmp_path / "studies").close(study.name)
+    Folder(tmp_path / "playground.db-studies").close(study.name)
     with pytest.raises(RefusedError, match="closed"):
         simulation.result()
 
 
 def test_a_server_that_stays_away_ends_it_with_a_sentence(spawn, tmp_path):
-    study = freeze(tmp_path / "studies", size=9, **ENDLESS)
+    study = freeze(tmp_path / "playground.db-studies", size=9, **ENDLESS)
     server = spawn()
     simulation = Simulation(server.url, study, 1, seed=6, speed=400, wait_s=0.5)
     simulation.reaches(10)

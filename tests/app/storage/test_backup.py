@@ -304,20 +304,20 @@ OPENING = {
     "serve": "--database FILE --port 0",
     "play": "--no-browser --database FILE",
     "export": "--database FILE --out new",
-    "evaluation close": "agents --yes --database FILE --studies studies",
-    "evaluation freeze": "sealed --database FILE --studies studies",
-    "evaluation open": "open --database FILE --studies studies",
+    "evaluation close": "agents --yes --database FILE",
+    "evaluation freeze": "sealed --database FILE",
+    "evaluation open": "open --database FILE",
     "replay": "a1b2 --database FILE --out new.html",
-    "study close": "open --yes --database FILE --studies studies",
-    "study freeze": "draft --underpowered --database FILE --studies studies",
-    "study invite": "open --list --database FILE --studies studies",
-    "study open": "open --database FILE --studies studies",
+    "study close": "open --yes --database FILE",
+    "study freeze": "draft --underpowered --database FILE",
+    "study invite": "open --list --database FILE",
+    "study open": "open --database FILE",
     "study power": "--half-width 0.1 --study open --database FILE",
-    "report": "--study closed --database FILE --studies studies",
-    "costs": "--study closed --database FILE --studies studies",
+    "report": "--study closed --database FILE",
+    "costs": "--study closed --database FILE",
     "verify": "--database FILE",
     "stamp": "--authority http://127.0.0.1:9 --database FILE",
-    "release": "--study closed --out new --author Ada --database FILE --studies studies",
+    "release": "--study closed --out new --author Ada --database FILE",
     "import": "bundle --database FILE",
     "merge": "play.db FILE --out new.db",
     "forget": "ada --yes --database FILE",
@@ -350,24 +350,26 @@ def test_every_command_refuses_a_trigger_a_view_and_a_pipe_at_once(database, tmp
     }
     assert opening == OPENING.keys()
     monkeypatch.chdir(tmp_path)
-    freeze("studies", "open", close=False)
-    play_study(tmp_path / "study.db", freeze("studies", "closed"))
-    draft = default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS)
-    Folder("studies").create(draft)
-    Folder("studies").create(evaluation_of_task("sealed", CONFIG, "mars", 3, Agents()))
-    own("studies", task="mars", config=CONFIG)
+    studies = Folder("study.db-studies")
+    freeze(studies.root, "open", close=False)
+    play_study(tmp_path / "study.db", freeze(studies.root, "closed"))
+    studies.create(default_protocol("draft", CONFIG, policies=(), declarations=DECLARATIONS))
+    studies.create(evaluation_of_task("sealed", CONFIG, "mars", 3, Agents()))
+    own(studies.root, task="mars", config=CONFIG)
 
     def run(name, words):
         answers = "a long password\n" * 2
         return CliRunner().invoke(cli, [*name.split(), *words.split()], input=answers)
 
-    bundled = "--study closed --out bundle --author Ada --database study.db --studies studies"
+    bundled = "--study closed --out bundle --author Ada --database study.db"
     assert run("release", bundled).exit_code == 0
     for kind, harm in HARM.items():
         back_up(database, tmp_path / f"{kind}.db")
         with closing(sqlite3.connect(f"{kind}.db")) as db:
             db.executescript(harm)
     os.mkfifo("pipe.db")
+    for kind in (*HARM, "pipe"):
+        shutil.copytree(studies.root, f"{kind}.db-studies")
     before = {path.name for path in tmp_path.iterdir()}
     for kind in (*HARM, "pipe"):
         refused = f"{kind}.db holds the {kind} evil|must be a file, pipe.db is|no backup at pipe.db"

@@ -36,7 +36,7 @@ from tests.support.stored_studies import StudyRecorder, freeze, play_study
 @pytest.fixture(scope="module")
 def origin(tmp_path_factory):
     folder = tmp_path_factory.mktemp("origin")
-    study = freeze(folder / "studies")
+    study = freeze(folder / "play.db-studies")
     return folder / "play.db", play_study(folder / "play.db", study)
 
 
@@ -135,7 +135,7 @@ def test_input_events_that_come_late_are_an_entry_of_their_own_and_change_none(s
 
 
 def test_a_participants_change_replaces_their_entry_and_hides_no_change_made_before_it(tmp_path):
-    recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "studies"))
+    recorder = StudyRecorder(tmp_path / "play.db", freeze(tmp_path / "play.db-studies"))
     person = recorder.join(0)
     study_store = StudyStore(recorder.store)
     study_store.add_stage_event(person, 5, "break", {})
@@ -258,7 +258,7 @@ def test_an_entry_that_calls_others_forgotten_cannot_take_two_or_later_ones(copy
 
 
 def test_kept_episodes_that_were_changed_are_found_after_their_person_is_forgotten(tmp_path):
-    study = freeze(tmp_path / "studies", keep_episodes_when_forgotten=True)
+    study = freeze(tmp_path / "play.db-studies", keep_episodes_when_forgotten=True)
     path = tmp_path / "play.db"
     person, *_ = play_study(path, study)
     conn = sqlite3.connect(path, isolation_level=None)
@@ -333,7 +333,7 @@ def run(capsys, *args):
 
 def test_verify_prints_the_head_and_where_an_earlier_one_stood(copy, tmp_path, capsys):
     path, people = copy
-    given = ("verify", "--database", path, "--studies", tmp_path)
+    given = ("verify", "--database", path)
     code, said = run(capsys, *given)
     head = verify_database(path).chain
     assert code == 0

@@ -164,7 +164,7 @@ def test_a_login_while_the_database_is_locked_checks_the_password_and_counts_the
 
 
 def test_every_action_is_logged_with_its_operator_and_how_it_ended(database, serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve()
     ada = server.page()
     log_in(server.page(), "ada", "wrong-wrong")
@@ -204,7 +204,7 @@ def test_every_action_is_logged_with_its_operator_and_how_it_ended(database, ser
 
 
 def test_an_action_that_cannot_be_logged_is_not_done(database, serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server = serve()
     ada = server.page()
     log_in(ada, "ada", ADA)

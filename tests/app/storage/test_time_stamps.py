@@ -118,7 +118,7 @@ def authority(tmp_path_factory):
 @pytest.fixture
 def database(tmp_path):
     path = tmp_path / "play.db"
-    people = play_study(path, freeze(tmp_path / "studies"))
+    people = play_study(path, freeze(tmp_path / "play.db-studies"))
     return path, people
 
 
@@ -135,7 +135,7 @@ def test_a_stamp_says_when_the_head_stood_and_verify_what_came_after_it(
     code, said = run(capsys, "stamp", "--authority", authority.url, "--database", path)
     file = tmp_path / f"play.db-{head.entries}.tsr"
     assert (code, file.is_file(), head.head in said) == (0, True, True), said
-    given = ("verify", "--database", path, "--studies", tmp_path, "--stamp", file)
+    given = ("verify", "--database", path, "--stamp", file)
     code, said = run(capsys, *given, "--certificate", authority.root)
     assert code == 0
     assert re.search(r"time stamp of 20\d\d-\d\d-\d\d \d\d:\d\d:\d\d UTC", said)
@@ -184,7 +184,7 @@ def test_a_chain_that_was_made_anew_does_not_hold_the_head_that_was_stamped(
         conn.execute("UPDATE participants SET settings = '{}' WHERE id = ?", [people[0]])
         write_chain_anew(conn)
     assert verify_database(path).findings == ()
-    given = ("verify", "--database", path, "--studies", tmp_path, "--stamp", file)
+    given = ("verify", "--database", path, "--stamp", file)
     code, said = run(capsys, *given, "--certificate", authority.root)
     assert (code, "no entry with the head that was stamped" in said) == (1, True)
 
@@ -195,7 +195,7 @@ def test_a_stamp_of_another_authority_or_a_changed_one_is_found(
     path, _ = database
     file = tmp_path / "a.tsr"
     run(capsys, "stamp", "--authority", authority.url, "--database", path, "--out", file)
-    given = ("verify", "--database", path, "--studies", tmp_path, "--stamp", file)
+    given = ("verify", "--database", path, "--stamp", file)
     other = Authority(tmp_path / "other")
     for certificate in (("--certificate", other.root), ()):
         code, said = run(capsys, *given, *certificate)

@@ -13,7 +13,7 @@ from tests.support.study import Person, freeze
 
 @pytest.fixture
 def study(tmp_path):
-    return freeze(tmp_path / "studies")
+    return freeze(tmp_path / "playground.db-studies")
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_a_study_publishes_hash_and_commitment_and_its_secret_when_closed(server
         "config": study.protocol.env_config.to_dict(),
         "warm_up": 2, "ranked": 3, "players": 2, "consent_version": "1",
     }  # fmt: skip
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     now = client.get("/api/studies/small").json()
     assert (now["status"], now["secret"]) == ("closed", study.secret.hex())
 
@@ -242,7 +242,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
         client.post("/api/studies/none/join").json()["detail"]
         == "there is no such study here: check the link"
     )
-    freeze(tmp_path / "studies", "later")
+    freeze(tmp_path / "playground.db-studies", "later")
     assert client.post("/api/studies/later/join").status_code == 201
     stranger = server.client()
     answer = stranger.get("/api/studies/small/me")
@@ -270,7 +270,7 @@ def test_unknown_things_and_bad_bodies_are_said_in_words(server, tmp_path):
 def test_a_draft_and_a_thawed_study_cannot_be_joined_and_tell_no_path(server, tmp_path):
     from app.series.protocol import default_protocol
 
-    folder = Folder(tmp_path / "studies")
+    folder = Folder(tmp_path / "playground.db-studies")
     folder.create(default_protocol("draft", EnvConfig.of("random", 7)))
     client = server.client()
     answer = client.post("/api/studies/draft/join")
@@ -303,7 +303,7 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     person.call("next")
     with person.socket() as socket:
         frame = socket.receive("frame")
-        Folder(tmp_path / "studies").close("small")
+        Folder(tmp_path / "playground.db-studies").close("small")
         socket.act(frame, "south", input="key")
         assert "is closed" in socket.receive("refused")["reason"]
     assert "is closed" in person.refused("next")
@@ -314,7 +314,7 @@ def test_a_closed_study_can_be_read_and_not_played(server, study, tmp_path):
     done.call("advance", {"from": "debrief"})
     assert rows(server, "SELECT secret FROM series") == [{"secret": study.secret.hex()}]
     (
-        tmp_path / "studies" / "small" / "closed.json"
+        tmp_path / "playground.db-studies" / "small" / "closed.json"
     ).unlink()  # its terrains are public: there is no way back
     assert "is closed" in person.refused("next")
 
@@ -390,7 +390,7 @@ def test_series_episodes_never_enter_the_playgrounds_own_human_level(server, tmp
     person = Person(server)
     person.to_warm_up()
     person.play_on()
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     client = server.client()
     client.get("/api/studies/small")
     assert len(client.get("/api/episodes").json()) == 6
@@ -400,17 +400,18 @@ def test_series_episodes_never_enter_the_playgrounds_own_human_level(server, tmp
 
 
 def test_a_database_that_holds_another_study_of_that_name_is_not_mixed_with_it(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     Person(serve()).server.stop()
-    freeze(tmp_path / "others")
-    server = serve(studies=tmp_path / "others")
+    (tmp_path / "playground.db-studies").rename(tmp_path / "former")
+    freeze(tmp_path / "playground.db-studies")
+    server = serve()
     assert "cannot be played on this server now" in Person(server, joins=False).refused("join")
 
 
 def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_ranked_rounds(
     serve, tmp_path
 ):
-    freeze(tmp_path / "studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
+    freeze(tmp_path / "playground.db-studies", "bare", warm_up=0, ranked=1, outside_ids=(), completion_code="THANKS",
            return_url="https://example.org/done?code={code}")  # fmt: skip
     person = Person(serve(), "bare", outside_ids={"PROLIFIC_PID": "p"})
     person.to_warm_up()

@@ -70,7 +70,7 @@ def test_the_signature_of_a_round_is_checked_with_the_public_beacons_key():
 def test_nobody_takes_part_before_the_round_is_entered_and_then_the_seeds_follow_from_it(
     serve, tmp_path, beacon
 ):
-    folder = frozen(tmp_path / "studies", beacon, recruitment="open")
+    folder = frozen(tmp_path / "playground.db-studies", beacon, recruitment="open")
     named = folder.study("dunes").beacon
     assert folder.status("dunes") == "frozen"
     server = serve()
@@ -113,7 +113,7 @@ def test_a_round_that_is_out_already_is_not_named(tmp_path):
 )
 def test_verify_holds_the_seeds_and_the_signature_to_the_round(tmp_path, beacon, harm, what):
     """Also after the chain was made anew, as whoever can write the file could do."""
-    folder = frozen(tmp_path / "studies", beacon)
+    folder = frozen(tmp_path / "play.db-studies", beacon)
     study = folder.open("dunes", beacon.sign(folder.study("dunes").beacon))
     path = tmp_path / "play.db"
     play_study(path, folder.close("dunes"))
@@ -131,7 +131,7 @@ def cautions(data):
 
 
 def test_the_report_says_whether_secrets_may_have_been_tried_out(tmp_path, beacon):
-    folder = frozen(tmp_path / "studies", beacon)
+    folder = frozen(tmp_path / "play.db-studies", beacon)
     folder.open("dunes", beacon.sign(folder.study("dunes").beacon))
     path = tmp_path / "play.db"
     play_study(path, folder.close("dunes"))
@@ -146,11 +146,11 @@ def test_the_report_says_whether_secrets_may_have_been_tried_out(tmp_path, beaco
 
 def test_a_study_that_was_frozen_again_is_told_by_the_chain(tmp_path, capsys):
     """The first freezing is in the chain although nobody joined that study."""
-    studies, path = tmp_path / "studies", tmp_path / "play.db"
+    studies, path = tmp_path / "play.db-studies", tmp_path / "play.db"
     Store(path).close()
     for _ in range(2):
         Folder(studies).create(default_protocol("dunes", CONFIG, **REST))
-        given = ("--underpowered", "--studies", studies, "--database", path)
+        given = ("--underpowered", "--database", path)
         assert run("study", "freeze", "dunes", *given) == 0
         study = Folder(studies).study("dunes")
         (studies / "dunes").rename(tmp_path / f"kept-{study.commitment[:6]}")
@@ -161,10 +161,10 @@ def test_a_study_that_was_frozen_again_is_told_by_the_chain(tmp_path, capsys):
 
 
 def test_a_time_of_freezing_that_was_changed_before_anybody_joined_is_found(tmp_path, capsys):
-    studies, path = tmp_path / "studies", tmp_path / "play.db"
+    studies, path = tmp_path / "play.db-studies", tmp_path / "play.db"
     Store(path).close()
     Folder(studies).create(default_protocol("dunes", CONFIG, **REST))
-    given = ("--underpowered", "--studies", studies, "--database", path)
+    given = ("--underpowered", "--database", path)
     assert run("study", "freeze", "dunes", *given) == 0
     file = studies / "dunes" / "frozen.json"
     file.write_text(
@@ -203,10 +203,10 @@ def test_study_open_fetches_the_round_from_a_relay_and_notes_it_in_the_chain(
     tmp_path, capsys, beacon, relay
 ):
     url, asked, rounds = relay
-    folder, path = frozen(tmp_path / "studies", beacon), tmp_path / "play.db"
+    folder, path = frozen(tmp_path / "play.db-studies", beacon), tmp_path / "play.db"
     Store(path).close()
     named = folder.study("dunes").beacon
-    given = "--relay", url, "--studies", folder.root, "--database", path
+    given = "--relay", url, "--database", path
 
     with pytest.raises(StudyError, match="comes out at"):
         beacon.after(now_ms() + 600_000).fetch(url)

@@ -31,7 +31,7 @@ from tests.support.stored_studies import StudyRecorder, freeze
 @pytest.fixture
 def study(tmp_path):
     """An open study: one has finished, one left an episode open long ago, one has just moved, one was idle before any move."""
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "play.db-studies", close=False)
     with closing(StudyRecorder(tmp_path / "play.db", study)) as recorder:
         done, left = recorder.join(0), recorder.join(1, stage="ranked")
         for trial in range(3):
@@ -46,8 +46,7 @@ def study(tmp_path):
 
 def run(capsys, tmp_path, *args):
     """Return the exit code of a command on these studies, and what it said."""
-    where = ["--studies", tmp_path / "studies", "--database", tmp_path / "play.db"]
-    return command(capsys, "study", *args, *where)
+    return command(capsys, "study", *args, "--database", tmp_path / "play.db")
 
 
 def outcomes(path):
@@ -68,7 +67,7 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
     assert (code, "--yes closes without asking" in said) == (1, True)
     code, _, said = run(capsys, tmp_path, "close", "dunes", "--yes")
     assert (code, "1 person has moved" in said, "--now" in said) == (2, True, True)
-    assert Folder(tmp_path / "studies").status("dunes") == "open"
+    assert Folder(tmp_path / "play.db-studies").status("dunes") == "open"
     assert outcomes(path)[None] == 2
     assert run(capsys, tmp_path, "close", "dunes", "--yes", "--now")[0] == 0
     assert outcomes(path) == {"abandoned": 2, "explored": 4}
@@ -92,7 +91,9 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
 
 def test_whoever_withdraws_after_being_interrupted_is_counted_once(study, tmp_path, capsys):
     path = tmp_path / "play.db"
-    with closing(StudyRecorder(path, Folder(tmp_path / "studies").study("dunes"))) as recorder:
+    with closing(
+        StudyRecorder(path, Folder(tmp_path / "play.db-studies").study("dunes"))
+    ) as recorder:
         recorder.clock = now_ms() - 60_000
         early = recorder.join(3, stage="warm_up")
         recorder.play(early, "warm_up", 0, "open")
@@ -112,9 +113,10 @@ def test_another_study_of_the_same_name_that_is_closed_ends_nothing(
     study, tmp_path, capsys, ranked
 ):
     path, other = tmp_path / "play.db", freeze(tmp_path / "elsewhere", ranked=ranked, close=False)
-    where = ["--studies", tmp_path / "elsewhere", "--database", path]
-    assert command(capsys, "study", "close", "dunes", "--yes", "--now", *where)[0] == 0
-    closed = Folder(tmp_path / "elsewhere").study("dunes")
+    (tmp_path / "play.db-studies").rename(tmp_path / "former")
+    (tmp_path / "elsewhere").rename(tmp_path / "play.db-studies")
+    assert command(capsys, "study", "close", "dunes", "--yes", "--now", "--database", path)[0] == 0
+    closed = Folder(tmp_path / "play.db-studies").study("dunes")
     with closing(Store(path)) as store:
         assert note_closed(store, closed) == []
         StudyStore(store).note_closed(closed.row())
@@ -150,7 +152,7 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     tmp_path, capsys
 ):
     """Each of them is counted once in the flow, `verify` and `reproduce` find no difference."""
-    study, path = freeze(tmp_path / "studies", close=False), tmp_path / "play.db"
+    study, path = freeze(tmp_path / "play.db-studies", close=False), tmp_path / "play.db"
     with closing(StudyRecorder(path, study)) as recorder:
         people = [recorder.join(number, stage=stage) for number, stage in enumerate(
             ("complete", "complete", "complete", "ranked", "ranked"))]  # fmt: skip
@@ -167,7 +169,7 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     forget(path, erased)
     assert verify_database(path).findings == ()
     out = tmp_path / "out"
-    where = ["--database", path, "--studies", tmp_path / "studies"]
+    where = ["--database", path]
     assert (
         command(capsys, "release", "--study", "dunes", "--author", "Ada", "--out", out, *where)[0]
         == 0
@@ -208,7 +210,7 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     from tests.support.study import Person
     from tests.support.study import freeze as freeze_small
 
-    freeze_small(tmp_path / "studies")
+    freeze_small(tmp_path / "playground.db-studies")
     person = Person(server)
     person.to_warm_up()
     person.call("next")
@@ -216,8 +218,8 @@ def test_a_study_that_a_command_closes_is_noted_by_the_server_that_has_its_datab
     read = StudyStore.open_names
     monkeypatch.setattr(StudyStore, "open_names", lambda own: raised(fails) or read(own))
     eventually(lambda: not fails)
-    where = ["--studies", tmp_path / "studies", "--database", path]
-    code, out, _ = command(capsys, "study", "close", "small", "--yes", "--now", *where)
+    words = ("study", "close", "small", "--yes", "--now", "--database", path)
+    code, out, _ = command(capsys, *words)
     assert (code, "has not taken note" in out) == (0, False)
     assert None not in outcomes_of(server)
     assert load(path, "small").closed_ms is not None
@@ -236,7 +238,7 @@ def test_an_open_episode_that_cannot_be_replayed_is_closed_by_its_stored_moves(
         replaying.append((type(rules).__name__, threading.current_thread().name == "writes"))
         raise RuntimeError("the episode has ended")
 
-    freeze_small(tmp_path / "studies")
+    freeze_small(tmp_path / "playground.db-studies")
     server = serve()
     person = Person(server)
     person.to_warm_up()
@@ -245,7 +247,7 @@ def test_an_open_episode_that_cannot_be_replayed_is_closed_by_its_stored_moves(
     if is_restarted:
         server.stop()
     monkeypatch.setattr(MarsRules, "replay", fail)
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     server = serve() if is_restarted else server
     eventually(lambda: None not in outcomes_of(server))
     (row,) = server.services.store.query("SELECT * FROM episodes WHERE steps = 1")
@@ -257,7 +259,7 @@ def test_an_open_episode_that_cannot_be_replayed_is_closed_by_its_stored_moves(
 
 def test_no_report_and_no_release_is_made_while_the_end_is_not_noted(study, tmp_path):
     """The episodes that are open then would be in no figure."""
-    path, folder = tmp_path / "play.db", Folder(tmp_path / "studies")
+    path, folder = tmp_path / "play.db", Folder(tmp_path / "play.db-studies")
     folder.close("dunes")
     request = request_of("dunes", tmp_path / "out", path, folder)
     with pytest.raises(ReleaseError, match="has not taken note"):

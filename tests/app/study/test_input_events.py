@@ -31,7 +31,7 @@ NEXT = [{**PRESS, "client_ms": 20.1}]
 
 @pytest.fixture(autouse=True)
 def study(tmp_path):
-    return freeze(tmp_path / "studies")
+    return freeze(tmp_path / "playground.db-studies")
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_what_is_not_kept_is_answered_with_the_reason(server, person, tmp_path, 
         assert send_events(socket, person.frame["episode"], BATCH) == (3, None), (
             "there is always room for what is kept already"
         )
-        Folder(tmp_path / "studies").close("small")
+        Folder(tmp_path / "playground.db-studies").close("small")
         count, reason = send_events(socket, person.frame["episode"], BATCH)
         assert (count, "is closed" in reason) == (0, True)
     assert kept(tmp_path) == [*ONCE, (3, "keydown", 20.1)]

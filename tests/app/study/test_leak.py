@@ -1,9 +1,12 @@
 """Nothing of an open study reaches anybody but its participants, and they see their own boards alone."""
 
+import io
 import json
 import re
-import secrets
-from contextlib import ExitStack
+import zipfile
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime
+from functools import partial
 
 import msgspec
 import pytest
@@ -11,10 +14,14 @@ from numpy import packbits
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from app.report.build import build
+from app.report.cautions import cautions
+from app.series.data import load
 from app.series.folder import Folder
+from app.series.verification import verify_database
 from app.tasks.mars.viewer3d.viewer import PROTOCOL
 from marsexplorer.terrain import generate
-from tests.support.page_loads import LOAD
+from tests.support.command import command
 from tests.support.servers import PATIENCE_S, eventually, forged
 from tests.support.study import Person, freeze
 from tests.support.viewer3d import View
@@ -22,7 +29,7 @@ from tests.support.viewer3d import View
 
 @pytest.fixture
 def study(tmp_path):
-    return freeze(tmp_path / "studies")
+    return freeze(tmp_path / "playground.db-studies")
 
 
 @pytest.fixture
@@ -132,7 +139,7 @@ def test_once_the_study_is_closed_its_episodes_are_public_and_the_debrief_shows_
     ]
     assert {done.client.get(url).status_code for url in ranked} == {409}
     assert done.me()["debrief"]["ranked_terrains"] == 0
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     stranger = server.client()
     assert stranger.get("/api/studies/small").json()["secret"] == study.secret.hex()
     assert len(stranger.get("/api/episodes").json()) == 6 + 4, "one was open, and is abandoned"
@@ -190,6 +197,10 @@ def check_that_it_is_unknown(server, session, frame, client):
         with pytest.raises(ConnectionClosed) as closed:
             socket.receive()
         assert closed.value.rcvd.code == 4404
+    check_that_the_view_is_unknown(server, session, client)
+
+
+def check_that_the_view_is_unknown(server, session, client):
     cookies = "; ".join(f"{each.name}={each.value}" for each in client.cookies.jar)
     url = f"ws://127.0.0.1:{server.port}/viewer/{session}"
     given = {"additional_headers": {"Cookie": cookies}, "origin": server.url, "proxy": None}
@@ -197,33 +208,6 @@ def check_that_it_is_unknown(server, session, frame, client):
         with pytest.raises(ConnectionClosed) as closed:
             view.recv(timeout=PATIENCE_S)
         assert closed.value.rcvd.code == 4404
-
-
-def test_the_operator_sees_a_board_and_cannot_move_it(server, study, played, monkeypatch):
-    _, person = played
-
-    async def is_operator(connection):
-        return connection.headers.get("x-admin") == "yes"
-
-    monkeypatch.setattr("app.web.access.is_operator", is_operator)
-    admin = server.client(headers={"X-Admin": "yes"})
-    session, frame = person.where["session"], person.frame
-    assert admin.get(f"/api/sessions/{session}").json() == frame
-    with server.socket(session, admin, **{"X-Admin": "yes"}) as socket:
-        assert socket.receive("frame") == frame
-        socket.act(frame, "south", input="key")
-        assert "nobody else can move its rover" in socket.receive("refused")["reason"]
-        socket.send(
-            {
-                "kind": "events",
-                "batch": secrets.token_hex(8),
-                **LOAD,
-                "episode": frame["episode"],
-                "events": [{"kind": "blur", "client_ms": 1}],
-            }
-        )
-        assert "nobody else" in socket.receive("kept")["reason"]
-    assert person.me()["about"]["frame"] == frame
 
 
 def test_scores_of_ranked_episodes_are_null_in_every_answer_until_the_debrief(server, study):
@@ -255,3 +239,194 @@ def test_scores_of_ranked_episodes_are_null_in_every_answer_until_the_debrief(se
     person.play_on()
     shown = eventually(lambda: person.client.get(f"/api/sessions/{session}").json())
     assert None not in [shown[name] for name in names]
+
+
+PASSWORD = "red-planet-4"
+OF_THE_MOMENT = ("now_ms", "health", "actions", "code_until_ms", "up_s")
+"""What differs from one moment to the next whoever plays: times, and the server's health."""
+
+
+@pytest.fixture
+def open_study(serve, study):
+    """A server with an operator; one plays the ranked episodes of an open study, another has come to the warm-up."""
+    server = serve(admin_password=PASSWORD)
+    playing, other = Person(server), Person(server)
+    for each in (playing, other):
+        each.to_warm_up()
+    playing.play_on(until=("ranked",))
+    playing.call("next")
+    operator = server.page()
+    assert operator.post("/api/admin/login", json={"password": PASSWORD}).status_code == 200
+    return (
+        server,
+        playing,
+        {"stranger": server.client(), "other": other.client, "operator": operator},
+    )
+
+
+def all_reads(server, person):
+    """Every GET of the app, of the schema or not, filled with what belongs to the person's episode and study."""
+    ids = {"session_id": person.where["session"], "watch_id": person.frame["episode"],
+           "episode_id": person.frame["episode"], "name": "small", "index": "0", "table": "episodes", "form": "html",
+           "board": "1", "day": "2026-11-22", "token": "none", "env": "none", "version": "none", "file": "small-report.json",
+           "file:path": "opening.json"}  # fmt: skip
+    for route in server.app.routes:
+        if "GET" not in (getattr(route, "methods", None) or ()):
+            continue
+        for path in dict.fromkeys((route.path, route.path.replace("{table}", "steps"))):
+            yield path, re.sub(r"\{([a-z_:]+)\}", lambda hole: ids[hole[1]], path)
+
+
+def unzipped(content):
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    return "".join(archive.read(name).decode() for name in archive.namelist())
+
+
+def answers(server, person, clients):
+    """What everybody but the participant is answered, by who asks and for what; times and the server's health left out."""
+    found = {}
+    with person.socket():  # a board that nobody is at is not live
+        for path, url in all_reads(server, person):
+            for who, client in clients.items():
+                answer = client.get(url, follow_redirects=True)
+                text = unzipped(answer.content) if url.endswith(".zip") else answer.text
+                for ident in (person.where["session"], person.frame["episode"]):
+                    text = text.replace(ident, "ID")
+                if text.startswith("{"):
+                    text = {
+                        key: part
+                        for key, part in json.loads(text).items()
+                        if key not in OF_THE_MOMENT
+                    }
+                found[who, path] = text
+    return found
+
+
+def test_what_a_participant_does_in_a_ranked_episode_changes_no_answer_to_anybody_else(open_study):
+    """The operator included: the same is answered after one move and after three episodes of the study."""
+    server, person, clients = open_study
+    person.play(moves=1)
+    first = answers(server, person, clients)
+    person.play()
+    person.call("next")
+    person.play(moves=3)
+    changed = {
+        key: text for key, text in answers(server, person, clients).items() if text != first[key]
+    }
+    assert changed == {}
+    assert len(first) > 150
+
+
+def test_no_socket_shows_a_ranked_episode_of_an_open_study_to_anybody_else(open_study):
+    server, person, clients = open_study
+    session, episode = person.where["session"], person.frame["episode"]
+    with ExitStack() as stack:
+        for who, client in clients.items():
+            for path in ("/ws/sessions/", "/ws/watch/"):
+                socket = stack.enter_context(
+                    server.socket(session if "sessions" in path else episode, client, path=path)
+                )
+                assert socket.receive()["kind"] == "error", (who, path)
+            check_that_the_view_is_unknown(server, session, client)
+        watching = stack.enter_context(
+            server.socket(session, clients["operator"], path="/ws/admin/sessions/")
+        )
+        person.play(moves=3)
+        with pytest.raises(TimeoutError):
+            watching.connection.recv(timeout=1)
+        act = {"episode": episode, "step": 3, "action": "south"}
+        assert clients["operator"].post(f"/api/sessions/{session}/act", json=act).status_code == 404
+
+
+def test_the_operator_watches_the_warm_up_until_the_first_ranked_episode(open_study):
+    server, _, clients = open_study
+
+    def listed():
+        boards = clients["operator"].get("/api/admin/overview").json()["boards"]
+        return [board["session"] for board in boards]
+
+    person = Person(server)
+    person.to_warm_up()
+    person.call("next")
+    session, path = person.where["session"], "/ws/admin/sessions/"
+    with server.socket(session, clients["operator"], path=path) as watching, person.socket():
+        assert watching.receive("frame")["episode"] == person.frame["episode"]
+        assert session in listed()
+        person.play_on(until=("ranked",))
+        person.call("next")
+        person.play(moves=2)
+        seen = []
+        with suppress(TimeoutError):
+            while True:
+                seen.append(watching.receive("frame", seconds=1)["episode"])
+        assert seen
+        assert person.frame["episode"] not in seen
+        assert session not in listed()
+
+
+READING = (
+    "export --out {out}/all",
+    "report --study small --json {out}/report.json --no-policies",
+    "study show small",
+    "study list",
+    "study invite small --list",
+    "study preregister small --out {out}/text.md",
+    "study power --study small --half-width 1",
+    "costs --study small --json {out}/costs.json",
+    "verify",
+    "operator list",
+    "operator log",
+)
+"""Commands that read a database, with what they are asked for."""
+NOT_OF_EPISODES = r"^chain: .*\n|[\d,]+ episodes simulated.*|\"made_at\": .*"
+"""What a command says of the moment, and how many episodes of all kinds a database holds."""
+
+
+def test_no_command_tells_the_operator_anything_of_a_ranked_episode(open_study, capsys, tmp_path):
+    """What they print and write is the same after one ranked episode and after two."""
+    server, person, _ = open_study
+    person.play()
+    said = [printed(capsys, server, tmp_path / "first")]
+    person.call("next")
+    person.play(moves=3)
+    said.append(printed(capsys, server, tmp_path / "second"))
+    assert said[0] == said[1]
+    refused = said[0]["study power --study small --half-width 1"][0]
+    assert "is open, and its spread is a figure of people" in refused
+    assert (
+        "left out, since they are open: small (--open-studies"
+        in said[0]["export --out {out}/all"][0]
+    )
+
+
+def printed(capsys, server, out):
+    """What each command prints, and the files that it writes, without times and whole counts."""
+    out.mkdir()
+    found = {}
+    for words in READING:
+        where = "--database", server.services.store.path
+        _, text, error = command(capsys, *words.format(out=out).split(), *where)
+        files = [re.sub(NOT_OF_EPISODES, "", path.read_text()) for path in sorted(out.rglob("*.*"))]
+        spoken = re.sub(NOT_OF_EPISODES, "", text + error, flags=re.M).replace(str(out), "OUT")
+        found[words] = spoken, files
+    return found
+
+
+def test_an_export_of_an_open_study_is_asked_for_and_stands_in_the_chain_and_the_report(
+    open_study, capsys, tmp_path
+):
+    server, person, _ = open_study
+    person.play_on()
+    path = server.services.store.path
+    export = partial(command, capsys, "export", "--database", path)
+    code, out, error = export("--out", tmp_path / "all", "--open-studies")
+    assert (code, error) == (0, "")
+    assert "taken in although open, which the chain and their reports say: small" in out
+    assert person.frame["episode"] in (tmp_path / "all/episodes.csv").read_text()
+    assert command(capsys, "study", "close", "small", "--yes", "--now", "--database", path)[0] == 0
+    assert verify_database(path).findings == ()
+    data = load(path, "small")
+    assert len(data.exports_ms) == 1
+    day = datetime.now(UTC).date().isoformat()
+    told = f"Its episodes were exported while it was open, on {day}"
+    assert [each for each in cautions(data, build(data).groups[0]) if told in each]

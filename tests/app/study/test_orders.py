@@ -17,7 +17,7 @@ ORDERS = """SELECT p.kind, json_extract(v.detail, '$.number'), (SELECT json_grou
 
 
 def test_people_and_scripts_take_rows_in_turn_also_after_a_restart(serve, tmp_path):
-    study = freeze_small(tmp_path / "studies", warm_up=0)
+    study = freeze_small(tmp_path / "playground.db-studies", warm_up=0)
     server = serve()
     people = []
     for kind in ("human", "script", "human", "human"):

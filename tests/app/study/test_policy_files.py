@@ -36,7 +36,7 @@ def mine(tmp_path):
 @pytest.fixture
 def study(tmp_path, mine):
     """An open study that compares with that file."""
-    folder = Folder(tmp_path / "studies")
+    folder = Folder(tmp_path / "playground.db-studies")
     known = {
         "warm_up": 1,
         "ranked": 2,
@@ -59,7 +59,7 @@ def moves(study, mine, files=None):
 def test_freezing_records_every_file_and_keeps_it(study, mine, tmp_path):
     ppo = find_file("ppo")  # the policy that costs are relative to
     assert study.protocol.policy_hashes == {str(mine): sha256(mine), "ppo": sha256(ppo)}
-    kept = tmp_path / "studies" / "dunes" / "policies"
+    kept = tmp_path / "playground.db-studies" / "dunes" / "policies"
     assert {path.name: path.read_bytes() for path in kept.iterdir()} == {
         f"{sha256(mine)}.onnx": mine.read_bytes(), f"{sha256(ppo)}.onnx": ppo.read_bytes()
     }  # fmt: skip
@@ -93,7 +93,7 @@ def test_a_lost_file_is_said_and_no_other_one_plays(study, mine, tmp_path):
 
 
 def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path):
-    folder = Folder(tmp_path / "studies")
+    folder = Folder(tmp_path / "playground.db-studies")
     assert list(check_policy_files(folder, ["dunes"])) == []
     kept = study.policy_files.place(str(mine))
     kept.write_bytes(b"another one")
@@ -108,7 +108,7 @@ def test_verify_names_a_kept_file_that_is_lost_or_changed(study, mine, tmp_path)
 
 
 def test_a_hash_in_the_draft_must_be_that_of_the_file(tmp_path, mine):
-    folder = Folder(tmp_path / "studies")
+    folder = Folder(tmp_path / "playground.db-studies")
     known = {"policies": (str(mine),), "debrief_policy": "random", "declarations": DECLARATIONS}
     path = folder.create(
         default_protocol("right", CONFIG, policy_hashes={str(mine): sha256(mine)}, **known)
@@ -134,7 +134,7 @@ def later_version(tmp_path, monkeypatch):
 def test_a_shipped_file_is_found_by_its_hash_whatever_its_name_is_now(
     study, later_version, tmp_path
 ):
-    files = study.policy_files.at(tmp_path / "studies" / "none" / "policies")
+    files = study.policy_files.at(tmp_path / "playground.db-studies" / "none" / "policies")
     assert files.source("ppo") == str(later_version / "ppo-first.onnx")
     assert files.source("frontier-cost") == "frontier-cost"
     (later_version / "ppo-first.onnx").unlink()

@@ -32,7 +32,7 @@ def small(name="small", **rest):
 
 @pytest.fixture
 def folder(tmp_path):
-    return Folder(tmp_path / "studies")
+    return Folder(tmp_path / "playground.db-studies")
 
 
 @pytest.fixture
@@ -163,7 +163,7 @@ def test_anyone_can_recheck_a_closed_study_with_the_lines_of_the_guide(
 ):
     text = (Path(__file__).parents[3] / "docs" / "study.md").read_text(encoding="utf-8")
     lines = text.split("```python\n")[1].split("```")[0]
-    folder = Folder(tmp_path / "data" / "studies")
+    folder = Folder(tmp_path / "data" / "playground.db-studies")
     folder.create(small("pilot", title="Größe"))
     folder.freeze("pilot")
     study = folder.close("pilot")
@@ -257,7 +257,7 @@ def run(capsys, *args):
 
 
 def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
-    at = ["--studies", str(tmp_path / "studies")]
+    at = ["--database", str(tmp_path / "playground.db")]
     short = [
         "--size",
         "7x9",
@@ -280,17 +280,15 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
     assert "draft" in out
     code, out, _ = run(capsys, "freeze", "mine", "--underpowered", *at)
     assert code == 0
-    study = Folder(tmp_path / "studies").study("mine")
+    study = Folder(tmp_path / "playground.db-studies").study("mine")
     assert (study.protocol.outside_ids, study.protocol.ranked) == (("PID",), 3)
     assert study.commitment in out
     assert study.secret.hex() not in out
     assert study.secret.hex() not in run(capsys, "show", "mine", *at)[1]
-    code, out, _ = run(
-        capsys, "close", "mine", "--yes", "--database", str(tmp_path / "none.db"), *at
-    )
+    code, out, _ = run(capsys, "close", "mine", "--yes", *at)
     assert code == 0
     assert study.secret.hex() in out
-    assert not (tmp_path / "none.db").exists()
+    assert not (tmp_path / "playground.db").exists()
     code, out, _ = run(capsys, "list", *at)
     assert [word for word in ("mine", "closed") if word not in out] == []
 
@@ -309,7 +307,7 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_sentence(tmp_path, capsys, args, code, said):
-    result = run(capsys, *args, "--studies", str(tmp_path / "studies"))
+    result = run(capsys, *args, "--database", str(tmp_path / "playground.db"))
     assert (result[0], said in result[2], result[2].count("\n")) == (code, True, 1), result[2]
 
 
@@ -341,13 +339,13 @@ def test_power_says_how_many_players_a_width_takes(tmp_path, capsys):
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, capsys):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
-    code, _, err = run(capsys, "new", "mine", "--studies", str(locked / "studies"))
-    assert (code, "cannot write" in err, "--studies" in err) == (1, True, True)
+    code, _, err = run(capsys, "new", "mine", "--database", str(locked / "playground.db"))
+    assert (code, "cannot write" in err, "--database" in err) == (1, True, True)
 
 
 def test_a_file_in_the_folders_place_is_named(tmp_path, capsys):
-    (tmp_path / "studies").write_text("not a folder")
-    code, _, err = run(capsys, "new", "mine", "--studies", str(tmp_path / "studies"))
+    (tmp_path / "playground.db-studies").write_text("not a folder")
+    code, _, err = run(capsys, "new", "mine", "--database", str(tmp_path / "playground.db"))
     assert (code, "cannot write" in err, err.count("\n")) == (1, True, 1)
 
 

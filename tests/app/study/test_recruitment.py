@@ -1,6 +1,7 @@
 """Who gets into a study: forged, foreign, used and revoked links, two who agree at once, panels' ids, the operator's code."""
 
 import json
+import shutil
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import parse_qsl, urlsplit
@@ -39,8 +40,8 @@ def invited(serve, tmp_path):
     """`invited(n)` is a server with a study by invitation, the study and n tokens."""
 
     def make(count=3):
-        study = freeze(tmp_path / "studies", recruitment="invitation")
-        issued = Invitations(Folder(tmp_path / "studies")).issue("small", count)
+        study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
+        issued = Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", count)
         return serve(), study, [token_of(study, each.id) for each in issued]
 
     return make
@@ -103,8 +104,8 @@ def test_declining_uses_nothing_up(invited):
 
 def test_no_token_a_forged_one_and_one_of_another_study_let_nobody_in(invited, tmp_path):
     server, study, (token, *_) = invited()
-    other = freeze(tmp_path / "studies", "other", recruitment="invitation")
-    (foreign,) = Invitations(Folder(tmp_path / "studies")).issue("other", 1)
+    other = freeze(tmp_path / "playground.db-studies", "other", recruitment="invitation")
+    (foreign,) = Invitations(Folder(tmp_path / "playground.db-studies")).issue("other", 1)
     assert comes(server)[1:] == (409, NO_INVITATION)
     own = token.split("-")[0]
     unknown = next(ident for ident in (f"{a}ZZZ" for a in ALPHABET) if ident != own)
@@ -129,7 +130,9 @@ def test_a_revoked_invitation_lets_nobody_agree_and_sends_nobody_away(invited, t
     server, _, (token, used, _) = invited()
     waiting, begun = comes(server, invitation=token)[0], comes(server, invitation=used)[0]
     begun.call("consent", YES)
-    Invitations(Folder(tmp_path / "studies")).revoke("small", [token.split("-")[0].lower(), used])
+    Invitations(Folder(tmp_path / "playground.db-studies")).revoke(
+        "small", [token.split("-")[0].lower(), used]
+    )
     assert waiting.refused("consent", YES) == REVOKED
     assert comes(server, invitation=token)[1:] == (409, REVOKED)
     assert comes(server, invitation=used)[1:] == (409, USED)
@@ -139,11 +142,11 @@ def test_a_revoked_invitation_lets_nobody_agree_and_sends_nobody_away(invited, t
 def test_a_closed_study_takes_nobody_whatever_they_bring(invited, tmp_path):
     server, _, (token, waits, _) = invited()
     waiting, _, _ = comes(server, invitation=waits)
-    Folder(tmp_path / "studies").close("small")
+    Folder(tmp_path / "playground.db-studies").close("small")
     assert "is closed" in comes(server, invitation=token)[2]
     assert "is closed" in waiting.refused("consent", YES)
     with pytest.raises(StudyError, match="is closed"):
-        Invitations(Folder(tmp_path / "studies")).issue("small", 1)
+        Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", 1)
 
 
 def test_of_many_who_agree_with_one_invitation_at_once_one_takes_part(invited):
@@ -194,6 +197,7 @@ def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merg
     invited, serve, tmp_path
 ):
     server, study, (token, *_) = invited()
+    shutil.copytree(tmp_path / "playground.db-studies", tmp_path / "second.db-studies")
     people = [server, serve(database=tmp_path / "second.db")]
     for each in people:
         comes(each, invitation=token)[0].call("consent", YES)
@@ -207,7 +211,7 @@ def test_an_invitation_used_on_two_servers_is_seen_once_their_databases_are_merg
 
 @pytest.mark.parametrize("recruitment", ["invitation", "panel", "open"])
 def test_a_script_joins_without_an_invitation_and_stays_a_script(serve, tmp_path, recruitment):
-    freeze(tmp_path / "studies", recruitment=recruitment)
+    freeze(tmp_path / "playground.db-studies", recruitment=recruitment)
     server = serve()
     script = Person(server, script="noisy-frontier")
     script.call("consent", YES)
@@ -219,7 +223,7 @@ def test_a_script_joins_without_an_invitation_and_stays_a_script(serve, tmp_path
 
 
 def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_path):
-    freeze(tmp_path / "studies", recruitment="panel")
+    freeze(tmp_path / "playground.db-studies", recruitment="panel")
     server = serve()
     for nothing in ({}, {PID: ""}, {PID: "  "}, {"STUDY_ID": "s"}):
         assert comes(server, outside_ids=nothing)[1:] == (409, NO_ID)
@@ -238,7 +242,7 @@ def test_a_panel_needs_its_id_and_takes_each_once_whatever_its_case(serve, tmp_p
 
 
 def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
-    freeze(tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
     server, said = serve(), "an id must be without control characters, got "
     person = Person(server)
     person.to_tutorial()
@@ -256,11 +260,11 @@ def test_an_id_with_characters_that_nobody_sees_is_refused(serve, tmp_path):
 
 
 def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp_path, capsys):
-    study = freeze(tmp_path / "studies", recruitment="panel", panel_links="signed")
+    study = freeze(tmp_path / "playground.db-studies", recruitment="panel", panel_links="signed")
     ids = tmp_path / "ids.txt"
     ids.write_text("abc 5F1\n\nbcd\n", encoding="utf-8")
     given = "study", "invite", study.name, "--ids", ids, "--url", "https://lab.example.org"
-    code, out, _ = command(capsys, *given, "--studies", tmp_path / "studies")
+    code, out, _ = command(capsys, *given, "--database", tmp_path / "playground.db")
     assert code == 0
     links = [dict(parse_qsl(urlsplit(line).query)) for line in out.splitlines()]
     assert [link[PID] for link in links] == ["abc 5F1", "bcd"]
@@ -286,36 +290,38 @@ def test_a_signed_panel_takes_each_signed_id_once_and_no_invented_one(serve, tmp
 
 
 def test_links_that_were_made_are_printed_although_their_table_cannot_be_written(tmp_path, capsys):
-    study = freeze(tmp_path / "studies", recruitment="invitation")
-    given = "study", "invite", study.name, "--studies", tmp_path / "studies"
-    assert command(capsys, *given, 2, "--database", tmp_path)[0] == 1, "a folder"
-    invitations = Invitations(Folder(tmp_path / "studies"))
+    study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
+    path = tmp_path / "playground.db"
+    given = "study", "invite", study.name, "--database", path
+    path.mkdir()
+    assert command(capsys, *given, 2)[0] == 1, "a folder"
+    path.rmdir()
+    invitations = Invitations(Folder(tmp_path / "playground.db-studies"))
     assert invitations.of(study.name) == {}
-    where = "--database", tmp_path / "none.db", "--csv", tmp_path
-    code, out, said = command(capsys, *given, 2, *where)
+    code, out, said = command(capsys, *given, 2, "--csv", tmp_path)
     links = [link_of(study, each, "http://127.0.0.1:8000") for each in invitations.of(study.name)]
     assert (out.split(), len(links)) == (links, 2)
     assert (code, "choose another --csv" in said) == (1, True)
 
 
 def test_a_list_of_ids_that_is_no_text_is_one_sentence(tmp_path, capsys):
-    study = freeze(tmp_path / "studies", recruitment="panel", panel_links="signed")
+    study = freeze(tmp_path / "playground.db-studies", recruitment="panel", panel_links="signed")
     (tmp_path / "ids").write_bytes(b"\xff\xfe5f1")
     given = "study", "invite", study.name, "--ids", tmp_path / "ids"
-    where = "--studies", tmp_path / "studies", "--database", tmp_path / "none.db"
+    where = "--database", tmp_path / "playground.db"
     code, _, said = command(capsys, *given, *where)
     assert (code, "is no text in UTF-8" in said, said.count("\n")) == (2, True, 1)
 
 
 def test_a_panel_without_an_outside_id_is_no_protocol(tmp_path):
     with pytest.raises(StudyError, match="needs outside_ids"):
-        freeze(tmp_path / "studies", recruitment="panel", outside_ids=())
+        freeze(tmp_path / "playground.db-studies", recruitment="panel", outside_ids=())
     with pytest.raises(StudyError, match="signed is for recruitment panel, got recruitment open"):
         freeze(tmp_path / "other", recruitment="open", panel_links="signed")
 
 
 def test_an_open_study_lets_everybody_in_and_flags_who_may_be_there_twice(serve, tmp_path):
-    study = freeze(tmp_path / "studies", recruitment="open")
+    study = freeze(tmp_path / "playground.db-studies", recruitment="open")
     server = serve()
     people = [
         comes(server, outside_ids=ids)[0]
@@ -375,10 +381,10 @@ def test_the_operators_code_supervises_a_session_for_two_days_of_utc(invited, mo
 
 
 def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_path):
-    study = freeze(tmp_path / "studies", recruitment="invitation")
-    invitations = Invitations(Folder(tmp_path / "studies"))
+    study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
+    invitations = Invitations(Folder(tmp_path / "playground.db-studies"))
     issued = invitations.issue("small", 4)
-    text = (tmp_path / "studies" / "small" / "invitations.json").read_text()
+    text = (tmp_path / "playground.db-studies" / "small" / "invitations.json").read_text()
     for each in issued:
         assert each.id in text
         assert token_of(study, each.id)[5:] not in text
@@ -392,29 +398,31 @@ def test_invitations_are_listed_by_id_alone_and_survive_a_damaged_command(tmp_pa
     with pytest.raises(StudyError, match="has no invitation 'ZZZZ!'"):
         invitations.revoke("small", [issued[0].id, "ZZZZ!"])
     assert all(each.revoked_ms is None for each in invitations.of("small").values())
-    freeze(tmp_path / "studies", "free", recruitment="open")
+    freeze(tmp_path / "playground.db-studies", "free", recruitment="open")
     with pytest.raises(StudyError, match="recruitment 'open'"):
         invitations.issue("free", 1)
-    (tmp_path / "studies" / "small" / "invitations.json").write_text("{}")
+    (tmp_path / "playground.db-studies" / "small" / "invitations.json").write_text("{}")
     with pytest.raises(StudyError, match="damaged"):
         invitations.of("small")
 
 
 def test_two_who_issue_at_once_lose_nothing(tmp_path):
-    freeze(tmp_path / "studies", recruitment="invitation")
+    freeze(tmp_path / "playground.db-studies", recruitment="invitation")
     with ThreadPoolExecutor(4) as pool:
         done = [
-            pool.submit(lambda: Invitations(Folder(tmp_path / "studies")).issue("small", 5))
+            pool.submit(
+                lambda: Invitations(Folder(tmp_path / "playground.db-studies")).issue("small", 5)
+            )
             for _ in range(8)
         ]
         issued = {each.id for work in done for each in work.result()}
-    assert set(Invitations(Folder(tmp_path / "studies")).of("small")) == issued
+    assert set(Invitations(Folder(tmp_path / "playground.db-studies")).of("small")) == issued
     assert len(issued) == 40
 
 
 def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys, monkeypatch):
-    freeze(tmp_path / "studies", recruitment="invitation")
-    words = ["study", "invite", "small", "1", "--studies", str(tmp_path / "studies")]
+    freeze(tmp_path / "playground.db-studies", recruitment="invitation")
+    words = ["study", "invite", "small", "1", "--database", str(tmp_path / "playground.db")]
     for more, public, address, guesses in (
         ([], "", "http://127.0.0.1:8000/", True),
         ([], "https://mars.example/lab", "https://mars.example/lab/", False),
@@ -429,14 +437,14 @@ def test_a_links_address_is_the_one_given_or_said_to_be_a_guess(tmp_path, capsys
 
 
 def test_the_commands_make_list_and_revoke_links_and_print_the_code(tmp_path, capsys):
-    folder = ["--studies", str(tmp_path / "studies")]
+    folder = ["--database", str(tmp_path / "playground.db")]
     assert run("study", "new", "lab", "--size", "7x9", "--policy", "random", *folder) == 0
-    assert Folder(tmp_path / "studies").draft("lab").recruitment == "invitation"
-    study = freeze(tmp_path / "studies", recruitment="invitation")
+    assert Folder(tmp_path / "playground.db-studies").draft("lab").recruitment == "invitation"
+    study = freeze(tmp_path / "playground.db-studies", recruitment="invitation")
     capsys.readouterr()
     assert run("study", "invite", "small", "2", "--url", "https://lab.example", *folder) == 0
     links = capsys.readouterr().out.split()
-    known = Invitations(Folder(tmp_path / "studies"))
+    known = Invitations(Folder(tmp_path / "playground.db-studies"))
     assert links == [link_of(study, ident, "https://lab.example") for ident in known.of("small")]
     ident = next(iter(known.of("small")))
     assert run("study", "revoke", "small", ident, *folder) == 0

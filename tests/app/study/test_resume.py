@@ -17,7 +17,7 @@ from tests.support.study import Person, freeze
 
 @pytest.fixture(autouse=True)
 def study(tmp_path):
-    return freeze(tmp_path / "studies")
+    return freeze(tmp_path / "playground.db-studies")
 
 
 def in_ranked(server):

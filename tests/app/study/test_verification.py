@@ -27,7 +27,7 @@ from tests.support.study import freeze as freeze_small
 def played(tmp_path_factory):
     """A closed study's database, and its participants."""
     folder = tmp_path_factory.mktemp("played")
-    study = freeze(folder / "studies")
+    study = freeze(folder / "play.db-studies")
     return folder / "play.db", study, play_study(folder / "play.db", study)
 
 
@@ -414,13 +414,13 @@ def test_a_damaged_file_is_a_sentence(played, tmp_path, capsys):
     data = bytearray(played[0].read_bytes())
     data[8192:-4096] = b"\xff" * (len(data) - 12288)
     (tmp_path / "bad.db").write_bytes(data)
-    where = "--database", tmp_path / "bad.db", "--studies", tmp_path
+    where = "--database", tmp_path / "bad.db"
     code, _, said = command(capsys, "verify", *where)
     assert (code, said.count("\n"), "is damaged" in said) == (1, 1, True)
 
 
 def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_is_known(tmp_path):
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "play.db-studies", close=False)
     recorder = StudyRecorder(tmp_path / "play.db", study)
     person = recorder.join(0)
     recorder.play(person, "warm_up", 0)
@@ -430,16 +430,14 @@ def test_open_episodes_are_counted_and_open_studies_checked_where_their_secret_i
     assert (result.findings, result.episodes, result.still_open) == ((), 1, 1)
     wrong = verify_database(tmp_path / "play.db", secrets={study.name: b"\0" * 32})
     found = {finding.what: str(finding) for finding in wrong.findings}
-    assert (
-        "in the folder of studies (--studies), which may be another server's" in found["commitment"]
-    )
+    assert "in the folder beside the database, which may be another server's" in found["commitment"]
     assert any(finding.what.startswith("seed of warm_up") for finding in wrong.findings)
 
 
 def test_seeds_of_an_evaluation_are_not_held_to_another_freezing_of_its_study(tmp_path):
     other = freeze(tmp_path / "others")
-    freeze(tmp_path / "studies", close=False)
-    agents = sealed(tmp_path / "studies", of="dunes")
+    freeze(tmp_path / "play.db-studies", close=False)
+    agents = sealed(tmp_path / "play.db-studies", of="dunes")
     with closing(StudyRecorder(tmp_path / "play.db", agents)) as recorder:
         recorder.play(recorder.join(0, "script"), "ranked", 0)
         add_series(recorder.store, other.row())
@@ -448,7 +446,7 @@ def test_seeds_of_an_evaluation_are_not_held_to_another_freezing_of_its_study(tm
 
 def test_people_who_joined_and_began_nothing_leave_nothing_to_find(serve, tmp_path):
     """A participant without a board has no session, in a database that may have none at all."""
-    freeze_small(tmp_path / "studies")
+    freeze_small(tmp_path / "playground.db-studies")
     server = serve()
     Person(server)
     server.stop()

@@ -36,16 +36,16 @@ class Player(Participant):
 
 @pytest.fixture
 def played(serve, tmp_path):
-    """The database and the folder of studies, once two people have played and the study is closed."""
+    """The database, once two people have played and the study is closed."""
     file = tmp_path / "breakout.toml"
     file.write_text('id = "ale_py:ALE/Breakout-v5"\nmax_steps = 300\n')
-    studies = ("--studies", tmp_path / "studies")
+    database = ("--database", tmp_path / "playground.db")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
     declared = ("--declarations", DECLARATIONS_FILE)
-    assert run("study", "new", "breakout", "--env", file, *sizes, *declared, *studies) == 0
-    assert run("study", "freeze", "breakout", "--underpowered", *studies) == 0
+    assert run("study", "new", "breakout", "--env", file, *sizes, *declared, *database) == 0
+    assert run("study", "freeze", "breakout", "--underpowered", *database) == 0
     out = tmp_path / "preregistration.md"
-    assert run("study", "preregister", "breakout", "--out", out, *studies) == 0
+    assert run("study", "preregister", "breakout", "--out", out, *database) == 0
     assert "Time runs at 60 frames a second." in out.read_text()
     server = serve(task=TASK)
     for number in range(2):
@@ -57,28 +57,27 @@ def played(serve, tmp_path):
             if ranked:
                 assert person.scores == {None}  # hidden until the end, of the path as well
     server.stop()
-    database = ("--database", tmp_path / "playground.db")
-    assert run("study", "close", "breakout", "--yes", *studies, *database) == 0
-    return studies, database
+    assert run("study", "close", "breakout", "--yes", *database) == 0
+    return database
 
 
 @pytest.mark.long
 def test_a_study_is_played_reported_released_verified_and_derived_again(
     played, tmp_path, capsys, monkeypatch
 ):
-    studies, database = played
+    database = played
     assert verify_database(database[1]).findings == ()
     sql = "SELECT phase, attestation, steps FROM episodes e JOIN series_episodes s ON s.episode_id = e.id"
     found = ask(database[1], sql)
     assert [each for each in found if each[0] == "ranked"] == [("ranked", "attested", 300)] * 2
     numbers = tmp_path / "report.json"
     report = ("report", "--study", "breakout", "--html", tmp_path / "r.html", "--json", numbers)
-    assert run(*report, *studies, *database) == 0
+    assert run(*report, *database) == 0
     (group,) = json.loads(numbers.read_text())["groups"]
     figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
     assert (figure["players"], figure["episodes"]) == (2, 2)
     bundle = tmp_path / "bundle"
-    assert run("release", "--study", "breakout", *studies, *database, "--out", bundle) == 0
+    assert run("release", "--study", "breakout", *database, "--out", bundle) == 0
     assert run("verify", "--dataset", bundle) == 0
     assert run("reproduce", bundle) == 0
     assert ", 0 differ" in capsys.readouterr().out

@@ -107,12 +107,12 @@ def test_what_is_not_finite_is_found(how, score, wrong):
 
 
 def test_no_study_is_frozen_of_what_does_not_pass(capsys, tmp_path, briefly_examined):
-    studies = ("--studies", tmp_path)
+    database = ("--database", tmp_path / "play.db")
     env = ("--env", f"{ODD}:Odd-counter-v0", "--declarations", DECLARATIONS_FILE)
-    assert command(capsys, "study", "new", "odd", *env, *studies)[0] == 0
-    code, _, why = command(capsys, "study", "freeze", "odd", "--underpowered", *studies)
+    assert command(capsys, "study", "new", "odd", *env, *database)[0] == 0
+    code, _, why = command(capsys, "study", "freeze", "odd", "--underpowered", *database)
     assert code == 2
     assert "does not follow from seed and actions" in why
     assert "a counter kept on the class" in why
     assert "marsexplorer doctor" in why
-    assert not (tmp_path / "odd" / "secret").exists()
+    assert not (tmp_path / "play.db-studies" / "odd" / "secret").exists()

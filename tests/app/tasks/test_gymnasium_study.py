@@ -49,14 +49,14 @@ DECLARED = ("--declarations", DECLARATIONS_FILE)
 
 @pytest.fixture(params=[LAKE, pytest.param(ROOMS, marks=pytest.mark.long)])
 def played(request, serve, tmp_path, briefly_examined):
-    """The database and the folder of studies, once two people have played and the study is closed."""
-    studies = ("--studies", tmp_path / "studies")
+    """The database, once two people have played and the study is closed."""
+    database = ("--database", tmp_path / "playground.db")
     sizes = ("--warm-up", 1, "--ranked", 4, "--players", 2, "--recruitment", "open", *DECLARED)
     env = request.param.removeprefix("gymnasium:")
-    assert run("study", "new", "any", "--env", env, *sizes, *studies) == 0
-    path = tmp_path / "studies/any/protocol.json"
+    assert run("study", "new", "any", "--env", env, *sizes, *database) == 0
+    path = tmp_path / "playground.db-studies/any/protocol.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {"debrief_policy": "random"}))
-    assert run("study", "freeze", "any", "--underpowered", *studies) == 0
+    assert run("study", "freeze", "any", "--underpowered", *database) == 0
     server = serve(task=request.param)
     done, other = (
         Participant(server.page(), "any", Wanderer(number, request.param), server.clock, number)
@@ -68,15 +68,14 @@ def played(request, serve, tmp_path, briefly_examined):
             person.take_step()
     other.take_step()
     other.me()
-    secret = [str(seed) for seed in Folder(tmp_path / "studies").study("any").seeds()]
+    secret = [str(seed) for seed in Folder(tmp_path / "playground.db-studies").study("any").seeds()]
     check_that_no_policy_plays(server, done, other, secret)
     for person in (done, other):
         while person.me()["stage"] != "complete":
             person.take_step()
     server.stop()
-    database = ("--database", tmp_path / "playground.db")
-    assert run("study", "close", "any", "--yes", *studies, *database) == 0
-    return studies, database
+    assert run("study", "close", "any", "--yes", *database) == 0
+    return database
 
 
 def check_that_no_policy_plays(server, done, other, secret):
@@ -126,11 +125,11 @@ def check_that_no_policy_plays(server, done, other, secret):
 
 
 def test_a_study_is_played_reported_released_verified_and_derived_again(played, tmp_path, capsys):
-    studies, database = played
+    database = played
     assert verify_database(database[1]).findings == ()
     page, numbers = tmp_path / "report.html", tmp_path / "report.json"
     files = ("--html", page, "--json", numbers)
-    assert run("report", "--study", "any", *studies, *database, *files) == 0
+    assert run("report", "--study", "any", *database, *files) == 0
     report = json.loads(numbers.read_text())
     (group,) = report["groups"]
     (scores,) = ask(
@@ -151,7 +150,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     is_rooms = "FourRooms" in report["protocol"]["task"]
     assert (sees in text) == is_rooms
     assert [word for word in ("99 %", "lidar", "rover", "obstacle") if word in text] == []
-    assert run("release", "--study", "any", *studies, *database, "--out", tmp_path / "bundle") == 0
+    assert run("release", "--study", "any", *database, "--out", tmp_path / "bundle") == 0
     datasheet = (tmp_path / "bundle/DATASHEET.md").read_text()
     assert (sees in datasheet) == is_rooms
     with (tmp_path / "bundle/csv/steps.csv").open(newline="") as file:
@@ -166,7 +165,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert run("verify", "--dataset", tmp_path / "bundle") == 0
     assert run("reproduce", tmp_path / "bundle") == 0
     assert ", 0 differ" in capsys.readouterr().out
-    assert run("costs", "--study", "any", *database, *studies) == 1
+    assert run("costs", "--study", "any", *database) == 1
     assert "of another environment, whose moves are not judged" in capsys.readouterr().err
 
 
@@ -174,15 +173,15 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
 def test_a_server_of_another_task_says_what_to_do_and_one_of_this_takes_its_keys(
     serve, tmp_path, capsys
 ):
-    studies = ("--studies", tmp_path / "studies")
+    database = ("--database", tmp_path / "playground.db")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open", *DECLARED)
     for name, task, spread in (
         ("lake", ("--env", "FrozenLake-v1"), "a tenth and a fifth of the limit"),
         ("mars", (), "those of synthetic players"),
     ):
-        assert run("study", "new", name, *task, *sizes, *studies) == 0
+        assert run("study", "new", name, *task, *sizes, *database) == 0
         assert f"which are {spread}" in " ".join(capsys.readouterr().out.split())
-        assert run("study", "freeze", name, "--underpowered", *studies) == 0
+        assert run("study", "freeze", name, "--underpowered", *database) == 0
         cautioned = "of 20 seeds only 1 looks different at the start" in capsys.readouterr().out
         assert cautioned == (name == "lake")
     for name, of, plays in (("lake", LAKE, "mars"), ("mars", "mars", LAKE)):

@@ -72,12 +72,12 @@ def test_a_changed_version_is_found_by_the_chain(serve, tmp_path):
 def test_a_study_is_served_where_it_was_frozen_alone(
     serve, tmp_path, capsys, caplog, part, briefly_examined
 ):
-    studies = ("--studies", tmp_path / "studies")
+    database = ("--database", tmp_path / "playground.db")
     sizes = ("--warm-up", 0, "--ranked", 1, "--players", 2, "--recruitment", "open")
     new = ("study", "new", "lake", "--env", "FrozenLake-v1", "--declarations", DECLARATIONS_FILE)
-    assert command(capsys, *new, *sizes, *studies)[0] == 0
-    assert command(capsys, "study", "freeze", "lake", "--underpowered", *studies)[0] == 0
-    protocol = json.loads((tmp_path / "studies/lake/protocol.json").read_text())
+    assert command(capsys, *new, *sizes, *database)[0] == 0
+    assert command(capsys, "study", "freeze", "lake", "--underpowered", *database)[0] == 0
+    protocol = json.loads((tmp_path / "playground.db-studies/lake/protocol.json").read_text())
     assert protocol["lock"] == json.loads(json.dumps(rules_of(LAKE).lock()))
     server = serve(task=LAKE)
     assert server.page().post("/api/studies/lake/join").status_code < 300

@@ -61,7 +61,7 @@ def test_an_ended_episode_and_no_running_one(server):
 
 
 def test_nothing_of_an_open_study(serve, tmp_path):
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "playground.db-studies", close=False)
     recorder = StudyRecorder(tmp_path / "playground.db", study)
     person = recorder.join(0)
     episodes = [recorder.play(person, "warm_up", 0), recorder.play(person, "ranked", 0)]
@@ -100,7 +100,7 @@ def test_where_no_move_is_judged_the_answer_has_experts_episode_and_the_reason(s
 
 
 def test_a_study_without_a_file_of_expert_has_none_of_another_version(tmp_path):
-    study = freeze(tmp_path / "studies")
+    study = freeze(tmp_path / "playground.db-studies")
     assert study.policy_files.expert() == "ppo"
     with pytest.raises(PolicyError, match="no file of ppo was kept when the study was frozen"):
         replace(study.policy_files, hashes={}).expert()

@@ -47,7 +47,7 @@ NO_LIMIT = {"messages": "1000000+1000000/s"}
 
 @pytest.fixture(params=[{}, NO_LIMIT], ids=["limited", "unlimited"])
 def site(serve, tmp_path, request):
-    freeze(tmp_path / "studies", "small", warm_up=0)
+    freeze(tmp_path / "playground.db-studies", "small", warm_up=0)
     return serve(admin_password="correct-horse", limits=Limits(**request.param))
 
 

@@ -88,7 +88,7 @@ def newest(database):
 def costs(folder, policies):
     """Return what is read, and what each reading costs a server that has answered it before."""
     database = folder / "playground.db"
-    reads, settings = public_reads(database), {"database": database, "studies": folder / "studies"}
+    reads, settings = public_reads(database), {"database": database}
     with running_server(policies, limits=hasty_limits(), **settings) as server:
         eventually(lambda: is_quiet(0.2))
         cookie = server.services.player_tokens.sign("a")
@@ -103,7 +103,9 @@ def test_public_reads_cost_no_more_in_a_database_ten_times_as_large(
 ):
     folders = tmp_path / "few", tmp_path / "many"
     for folder, episodes in zip(folders, (FEW, MANY), strict=True):
-        make_episodes(folder / "playground.db", folder / "studies", episodes, (SMALL,), PLAYERS)
+        make_episodes(
+            folder / "playground.db", folder / "playground.db-studies", episodes, (SMALL,), PLAYERS
+        )
     monkeypatch.setattr(sqlite3, "connect", partial(sqlite3.connect, factory=Counting))
     # what was played is not rated meanwhile
     monkeypatch.setattr("app.db.ratings.next_game", lambda reader, now_ms: None)

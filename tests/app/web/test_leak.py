@@ -210,7 +210,7 @@ def recorded(serve, tmp_path, monkeypatch):
         monkeypatch.setattr("viser._gui_api.uuid", names)
         folder = tmp_path / str(seed)
         folder.mkdir(exist_ok=True)
-        server = serve(sources(seed), database=folder / "playground.db", studies=folder / "studies")
+        server = serve(sources(seed), database=folder / "playground.db")
         with ExitStack() as stack:
             played = recorder(server, stack, body)
             for action in PATH[:moves]:
@@ -256,7 +256,8 @@ def studied(recorded, tmp_path, monkeypatch):
         if not frozen:
             freeze(tmp_path / "first", "twins", warm_up=1, ranked=1, size=size)
             frozen.append(tmp_path / "first")
-        studies = tmp_path / str(seed) / "studies"  # the same files: protocol, hash, commitment
+        # the same files: protocol, hash, commitment
+        studies = tmp_path / str(seed) / "playground.db-studies"
         shutil.copytree(frozen[0], studies)
         label = {"warm_up": "warm-up", "ranked": "ranked"}[phase]
         seeds = {label: seed}

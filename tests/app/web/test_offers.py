@@ -1,6 +1,7 @@
 """Several environments on one server: the first at /, each further one below /play with a database of its own."""
 
 from app.series.verification import verify_database
+from tests.support.study import freeze
 
 LAKE, CLIFF = "gymnasium:FrozenLake-v1", "gymnasium:CliffWalking-v1"
 CLIFFS, PASSWORD = "/play/cliffwalking-v1", "correct horse battery"
@@ -60,3 +61,14 @@ def test_each_environment_is_played_recorded_and_gone_on_with_by_itself(spawn, t
     again.kill()
     for name in ("playground.db", "playground-cliffwalking-v1.db", "playground-marsexplorer.db"):
         assert verify_database(tmp_path / name).findings == (), name
+
+
+def test_a_link_to_a_study_leads_to_the_environment_whose_database_has_it(spawn, tmp_path):
+    freeze(tmp_path / "playground-marsexplorer.db-studies", "dunes")
+    server = spawn(task=LAKE, more=("mars",))
+    person = server.page()
+    leads = person.get("/study/dunes?PROLIFIC_PID=a").headers["location"]
+    assert leads == "../play/marsexplorer/study/dunes?PROLIFIC_PID=a"
+    assert person.get("/play/marsexplorer/study/dunes").status_code == 200
+    assert person.get("/play/marsexplorer/api/studies/dunes").json()["status"] == "open"
+    assert person.get("/api/studies/dunes").status_code == 404

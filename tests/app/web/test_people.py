@@ -175,8 +175,8 @@ def test_no_name_and_no_rating_reaches_a_study_or_a_human_figure(serve, played, 
     for table in ("names", "rated_games", "ratings"):
         for place in ("chain", "export", "bundle", "bundle database", "scores"):
             assert TABLES[table].columns(place) == (), (table, place)
-    freeze(tmp_path / "studies")
-    server = serve(studies=tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
+    server = serve()
     assert named(server, "ada", "Lovelace").status_code == 200
     all_rated(server)
     own = page_of(server, "ada")
@@ -193,8 +193,8 @@ def test_no_name_and_no_rating_reaches_a_study_or_a_human_figure(serve, played, 
 
 
 def test_who_plays_and_who_takes_part_are_two_people_to_the_server(serve, played, tmp_path):
-    freeze(tmp_path / "studies")
-    server = serve(studies=tmp_path / "studies")
+    freeze(tmp_path / "playground.db-studies")
+    server = serve()
     own = page_of(server, "ada")
     own.post("/api/studies/small/join", json={}).raise_for_status()
     own.post("/api/sessions", json={"size": 5}).raise_for_status()

@@ -56,7 +56,7 @@ def command(capsys, tmp_path):
 def secret(tmp_path):
     """The ids of episodes of every secret sort by what they are, and the study that two of them belong to."""
     path = tmp_path / "playground.db"
-    study = freeze(tmp_path / "studies", close=False)
+    study = freeze(tmp_path / "playground.db-studies", close=False)
     recorder = StudyRecorder(path, study)
     person = recorder.join(0)
     ids = {

@@ -27,14 +27,14 @@ def bundle(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reproduce")
     policy = folder / "mine.onnx"
     shutil.copy(find_file("ppo"), policy)
-    study = freeze(folder / "studies", policies=("random", "frontier-cost", str(policy)))
+    study = freeze(folder / "play.db-studies", policies=("random", "frontier-cost", str(policy)))
     play_study(folder / "play.db", study)
-    kept = folder / "studies" / "dunes" / "policies"
+    kept = folder / "play.db-studies" / "dunes" / "policies"
     write_network(policy)
     given = {"policy_folder": kept, "with_report": True}
     built = build_release(ReleaseRequest(folder / "play.db", "dunes", folder / "out", **given))
     (folder / "play.db").unlink()
-    shutil.rmtree(folder / "studies")
+    shutil.rmtree(folder / "play.db-studies")
     return folder / "out", built.signer, policy
 
 
@@ -187,11 +187,11 @@ def test_a_policy_that_is_missing_when_a_release_is_made_is_left_out_only_when_a
     tmp_path, capsys, reproduce
 ):
     policy = write_onnx(tmp_path / "gone.onnx", size=(7, 9))
-    study = freeze(tmp_path / "studies", policies=("random", str(policy)))
+    study = freeze(tmp_path / "play.db-studies", policies=("random", str(policy)))
     play_study(tmp_path / "play.db", study, kinds=("human",))
     policy.unlink()
     study.policy_files.place(str(policy)).unlink()
-    where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
+    where = "--database", tmp_path / "play.db"
     for more, expected in ((), 1), (("--without-policy", policy), 0):
         args = "--study", "dunes", *where, "--out", tmp_path / "out", *more
         code, _, err = command(capsys, "release", *args)

@@ -1,6 +1,7 @@
 """`marsexplorer report` as a user meets it."""
 
 import json
+import shutil
 from functools import partial
 
 import pytest
@@ -14,7 +15,9 @@ from tests.support.stored_studies import freeze, play_study
 def place(tmp_path_factory):
     """A folder with a closed study: two people and a script have played it."""
     folder = tmp_path_factory.mktemp("report")
-    play_study(folder / "play.db", freeze(folder / "studies"))
+    play_study(folder / "play.db", freeze(folder / "play.db-studies"))
+    for name in ("alone", "draft", "thawed"):
+        shutil.copy(folder / "play.db", folder / f"{name}.db")
     return folder
 
 
@@ -22,8 +25,8 @@ def place(tmp_path_factory):
 def report(place, capsys):
     """`report(...)` runs the command on the place and returns exit code, stdout, stderr."""
 
-    def run(*args, study="dunes", database="play.db", studies="studies"):
-        where = "--database", place / database, "--studies", place / studies
+    def run(*args, study="dunes", database="play.db"):
+        where = "--database", place / database
         return command(capsys, "report", "--study", study, *where, *args)
 
     return run
@@ -62,7 +65,7 @@ def test_scripts_are_reported_when_asked_for_and_marked(report, tmp_path):
     [
         ({"study": "moon"}, 2, "nobody has joined a study 'moon'"),
         ({"database": "none.db"}, 1, "no database at"),
-        ({"study": "dunes", "studies": "elsewhere"}, 0, ""),
+        ({"study": "dunes", "database": "alone.db"}, 0, ""),
     ],
 )
 def test_mistakes_are_one_sentence(report, given, code, said):
@@ -73,21 +76,21 @@ def test_mistakes_are_one_sentence(report, given, code, said):
     assert bool(out) == (code == 0)
 
 
-def test_a_draft_and_a_thawed_protocol_are_refused(report, place, tmp_path):
+def test_a_draft_and_a_thawed_protocol_are_refused(report, place):
     from app.series.folder import Folder
     from app.series.protocol import default_protocol
     from marsexplorer.config import EnvConfig
 
-    Folder(tmp_path / "drafts").create(default_protocol("dunes", EnvConfig("random", 7, 9)))
-    code, _, err = report("--no-policies", studies=tmp_path / "drafts")
+    Folder(place / "draft.db-studies").create(default_protocol("dunes", EnvConfig("random", 7, 9)))
+    code, _, err = report("--no-policies", database="draft.db")
     assert (code, "is a draft" in err) == (2, True)
-    text = (place / "studies/dunes/protocol.json").read_text()
-    thawed = tmp_path / "thawed/dunes"
+    text = (place / "play.db-studies/dunes/protocol.json").read_text()
+    thawed = place / "thawed.db-studies/dunes"
     thawed.mkdir(parents=True)
     for name in ("frozen.json", "closed.json", "secret"):
-        (thawed / name).write_bytes((place / "studies/dunes" / name).read_bytes())
+        (thawed / name).write_bytes((place / "play.db-studies/dunes" / name).read_bytes())
     (thawed / "protocol.json").write_text(text.replace('"players": 3', '"players": 30'))
-    code, _, err = report("--no-policies", studies=tmp_path / "thawed")
+    code, _, err = report("--no-policies", database="thawed.db")
     assert (code, "thawed protocol" in err) == (2, True)
 
 
@@ -101,9 +104,9 @@ def test_a_file_that_cannot_be_written_leaves_nothing_half_done(report, tmp_path
 
 
 def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
-    play_study(tmp_path / "play.db", freeze(tmp_path / "studies", close=False))
+    play_study(tmp_path / "play.db", freeze(tmp_path / "play.db-studies", close=False))
 
-    where = "--database", tmp_path / "play.db", "--studies", tmp_path / "studies"
+    where = "--database", tmp_path / "play.db"
     run = partial(command, capsys, "report", "--study", "dunes", *where, "--no-policies")
     code, out, _ = run()
     assert (code, "mean score" in out) == (0, False)
@@ -114,6 +117,6 @@ def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
     assert "close it (`marsexplorer study close dunes`), or leave --html out" in err
     assert run("--html", page, "--synthetic")[0] == 0
     assert "SYNTHETIC" in run("--synthetic")[1]
-    Folder(tmp_path / "studies").close("dunes")
+    Folder(tmp_path / "play.db-studies").close("dunes")
     code, out, _ = run()
     assert (code, "2 players, 6 ranked episodes: mean score" in out) == (0, True)

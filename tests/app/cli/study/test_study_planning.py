@@ -37,18 +37,18 @@ SHORT = [
 def study(tmp_path, capsys):
     """`study(...)` runs a command on a folder of its own and returns exit code, stdout, stderr."""
 
-    return lambda *args: command(capsys, "study", *args, "--studies", tmp_path / "studies")
+    return lambda *args: command(capsys, "study", *args, "--database", tmp_path / "playground.db")
 
 
 def edit(tmp_path, **changes):
-    path = tmp_path / "studies" / "mine" / "protocol.json"
+    path = tmp_path / "playground.db-studies" / "mine" / "protocol.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
 
 
 def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_path):
     code, out, err = study("new", "mine", *SHORT)
     assert (code, err) == (0, "")
-    draft = Folder(tmp_path / "studies").draft("mine")
+    draft = Folder(tmp_path / "playground.db-studies").draft("mine")
     differences = f"differences from a policy of {draft.policy_difference:g} steps"
     assert draft.equivalence_margin is None
     assert differences in out
@@ -65,11 +65,11 @@ def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things
 ):
     code, out, err = study("new", "koutras2021")
     assert (code, err) == (0, "")
-    draft = Folder(tmp_path / "studies").draft("koutras2021")
+    draft = Folder(tmp_path / "playground.db-studies").draft("koutras2021")
     config = draft.env_config
     assert (draft.players, draft.warm_up, draft.ranked) == (10, 15, 30)
     assert (config.level, config.rows, config.cols) == ("random", 21, 21)
-    folder = tmp_path / "studies" / "koutras2021"
+    folder = tmp_path / "playground.db-studies" / "koutras2021"
     asked, todo = ((folder / each).read_text() for each in ("recruitment.txt", "checklist.md"))
     assert str(folder / "recruitment.txt") in out
     assert str(folder / "checklist.md") in out
@@ -112,7 +112,7 @@ def test_what_cannot_be_frozen_is_refused_with_the_way_out(study, tmp_path, chan
     edit(tmp_path, **changes)
     code, _, err = study("freeze", "mine")
     assert (code, said in err, err.count("\n")) == (2, True, 1), err
-    assert Folder(tmp_path / "studies").status("mine") == "draft"
+    assert Folder(tmp_path / "playground.db-studies").status("mine") == "draft"
 
 
 def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(study, tmp_path):
@@ -132,7 +132,7 @@ def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(stu
         )
         assert "protocol.json" in err
         assert "--declarations FILE" in err
-        assert Folder(tmp_path / "studies").status("mine") == "draft"
+        assert Folder(tmp_path / "playground.db-studies").status("mine") == "draft"
     edit(tmp_path, declarations={**DECLARATIONS, "pilots": "none"})
     assert study("freeze", "mine")[0] == 0
 
@@ -146,12 +146,12 @@ def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
     path.write_text(json.dumps({"population": 3}))
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
     assert (code, "population must be" in err) == (2, True), err
-    assert Folder(tmp_path / "studies").names() == []
+    assert Folder(tmp_path / "playground.db-studies").names() == []
 
 
 def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
     ours, theirs = pty.openpty()
-    where = ["--studies", str(tmp_path / "studies")]
+    where = ["--database", str(tmp_path / "playground.db")]
     start = [sys.executable, "-c", "from app.cli.main import main; main()"]
     run = [*start, "study", "new", "mine", *SHORT[:-2], *where]
     with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
@@ -163,7 +163,7 @@ def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
     assert process.returncode == 0
     for name, field in Declarations.model_fields.items():
         assert f"{name}: {field.description}" in said
-    found = Folder(tmp_path / "studies").draft("mine").declarations
+    found = Folder(tmp_path / "playground.db-studies").draft("mine").declarations
     assert list(found.model_dump().values()) == answers
     assert found.unanswered() == ["sampling_frame"]
 
@@ -181,7 +181,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     assert (code, "> **DRAFT.**" in draft, "protocol hash" in draft) == (0, True, False)
     assert draft.count("TO BE STATED") == 1
     study("freeze", "mine")
-    frozen = Folder(tmp_path / "studies").study("mine")
+    frozen = Folder(tmp_path / "playground.db-studies").study("mine")
     code, out, _ = study("preregister", "mine", "--out", tmp_path / "mine.md")
     assert (code, "TO BE STATED" in out) == (0, True)
     text = (tmp_path / "mine.md").read_text()
