@@ -106,15 +106,20 @@ def write_human_scores(path: Path, most_bytes: int, database: Path, at_ms: int) 
 def _datasheet(lines: Mapping[str, int], at_ms: int) -> str:
     day = datetime.fromtimestamp(at_ms / 1000, UTC).date().isoformat()
     tables = (f"## {each}.csv\n\n{markdown(TABLES[each].columns('export'))}\n" for each in COLUMNS)
-    counts = {"episodes": lines["episodes"], "moves": lines["steps"], "day": day}
-    counts["version"] = version("marsexplorer-playground")
-    return DATASHEET.format(**counts, tables="\n".join(tables))
+    episodes, moves = counted(lines["episodes"], "episode"), counted(lines["steps"], "move")
+    return DATASHEET.format(
+        day=day,
+        version=version("marsexplorer-playground"),
+        episodes=episodes,
+        moves=moves,
+        tables="\n".join(tables),
+    )
 
 
 DATASHEET = """\
 # Human scores: datasheet
 
-Exported on {day} by version {version} of the playground: {episodes} episodes, {moves} moves.
+Exported on {day} by version {version} of the playground: {episodes}, {moves}.
 
 - **Why**: to say how well people explore, beside policies on the same terrains.
 - **What a row is**: `episodes.csv` has an episode that counts, `steps.csv` a move of one, joined by `episode`.
