@@ -15,6 +15,7 @@ long.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
@@ -60,6 +61,11 @@ away may be as much again."""
 
 COPIED = "its presses have the timing of an earlier episode"
 """The reason that needs other episodes' rows: `app.db.input_events.has_copied_timing` finds it."""
+NO_DEVICE = "the move came from no key and no touch"
+UNTRUSTED = "the browser does not vouch for the press"
+UNTRUSTED_HELD = "what is held is no person's"
+_OF_A_PROGRAM = re.compile(f"{COPIED}|{NO_DEVICE}|{UNTRUSTED}|{UNTRUSTED_HELD}|presses in")
+"""Reasons that show a program. The others may be a lost message or a clock."""
 
 _KINDS = {"key": "keydown", "touch": "touchdown"}
 Row = Mapping[str, Any]
@@ -124,6 +130,11 @@ def key_map_of(
     return {**found, **{("touchdown", action): {number} for number, action in enumerate(actions)}}
 
 
+def shows_program(reason: str | None) -> bool:
+    """Tell whether the reason of a level shows that a program pressed."""
+    return reason is not None and _OF_A_PROGRAM.search(reason) is not None
+
+
 def attest(moves: Sequence[Row], events: Sequence[Row], conditions: Conditions) -> Attested:
     """Return the level of a person's episode.
 
@@ -183,7 +194,7 @@ def _check_ticks(moves: Sequence[Row], events: Sequence[Row], conditions: Condit
                 at_ms = conditions.started_ms if shown < 0 else float(moves[shown]["server_ms"])
                 shown_ms.append(at_ms)
         if move["driver"] != "human" or not held.is_trusted:
-            raise _MismatchError("what is held is no person's", step)
+            raise _MismatchError(UNTRUSTED_HELD, step)
         if runs_from_ms is None or move["server_ms"] < runs_from_ms:
             raise _MismatchError("time ran while the board stood still", step)
         made = (move["action"], move["input"])
@@ -252,13 +263,13 @@ def _presses(moves: Sequence[Row], events: Iterable[Row], key_map: KeyMap) -> li
     found, at = [], 0
     for step, move in enumerate(moves):
         if move["driver"] != "human" or move["input"] not in _KINDS:
-            raise _MismatchError("the move came from no key and no touch", step)
+            raise _MismatchError(NO_DEVICE, step)
         if move["key_down_ms"] is None or move["client_ms"] is None:
             raise _MismatchError("the move says no times", step)
         at = _own_press(move, rest, at, step)
         press, at = rest[at], at + 1
         if not press["trusted"]:
-            raise _MismatchError("the browser does not vouch for the press", step)
+            raise _MismatchError(UNTRUSTED, step)
         if move["action"] not in key_map.get((press["kind"], press["code"]), ()):
             what = f"the press {press['code']!r} does not drive where the move went"
             raise _MismatchError(what, step)

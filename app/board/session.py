@@ -270,6 +270,9 @@ class Participation(Protocol):
     def note_script(self, episode_id: str) -> None:
         """Record that a person's episode has become a script's, in the transaction of the move that made it so."""
 
+    def note_stopped(self, episode_id: str) -> None:
+        """Record that a rule of the protocol ended an episode, in the transaction that ends it."""
+
     def note_end(self) -> None:
         """Record that an episode has ended, in the transaction that ends it."""
 
@@ -468,7 +471,9 @@ class Session:
             read = partial(self._store.pauses, self.current.id, PAUSE_MS, until_ms)
             number, paused_ms = await self._store.read(read)
             if number > allowed.pauses or paused_ms > allowed.paused_s * 1000:
-                await self._end_here(await self.take_abandoned())
+                own = self.participation
+                note = None if own is None else partial(own.note_stopped, self.current.id)
+                await self._end_here(await self.take_abandoned(), note)
 
     async def _make(
         self, move: Move, at_ms: int, notice: Notice | None = None, waits: bool = True

@@ -18,6 +18,7 @@ from app.cli.options import KEY, PATH, database_option, flag, path_option
 from app.task import counted
 
 if TYPE_CHECKING:
+    from app.db.erasure import AskedBy
     from app.db.reader import Who
     from app.series.verification import Verification
 
@@ -328,10 +329,22 @@ def merge(databases: tuple[Path, ...], out: Path) -> None:
 @click.command(short_help="Erase a participant, or a player.")
 @argument("participant")
 @option("--study", help="The study, where an outside id took part in several.")
+@option(
+    "--asked-by",
+    type=click.Choice(["participant", "operator", "review board"]),
+    help="Who asked for it: the report of the study says so.",
+)
 @flag("--player", "A player by the name that they chose.")
 @database_option("The database to erase them from.")
 @flag("--yes", "Do not ask.")
-def forget(participant: str, study: str | None, player: bool, database: Path, yes: bool) -> None:
+def forget(
+    participant: str,
+    study: str | None,
+    asked_by: AskedBy | None,
+    player: bool,
+    database: Path,
+    yes: bool,
+) -> None:
     """Erase a participant, named by id, the label of their page, the outside id of their link or an agent's card, for good.
 
     With --player it is a player of the playground, by the name that they chose: name, rating and all that they played go.
@@ -367,7 +380,7 @@ def forget(participant: str, study: str | None, player: bool, database: Path, ye
         if not yes:
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
-        done = erasure.forget(database, participant, study)
+        done = erasure.forget(database, participant, study, asked_by)
         forget_costs(database)
     kept = ", and the episodes of the study stay without a person, as its protocol says"
     erased = f"one participant of {done.study}, {counted(done.episodes, 'episode')}"

@@ -264,7 +264,8 @@ def marks(conn: sqlite3.Connection) -> list[tuple[Mark, str]]:
             found.append(("closed", _note({**named, "closed_ms": study.closed_ms})))
     for name, value in select(conn, "SELECT name, value FROM meta WHERE name LIKE 'erased|%'"):
         kept, row = json.loads(value), hashlib.sha256(canonical([name, value])).hexdigest()
-        person = {each: kept[each] for each in ("stage", "after_closing")}
+        noted = ("stage", "after_closing", "ranked_ended", "asked_by")
+        person = {each: kept[each] for each in noted}
         found.append(("erased", _note({"study": name.split("|")[1], **person, "row": row})))
     columns = ("study", "version", "manifest_hash", "released_ms")
     for values in select(conn, f"SELECT {', '.join(columns)} FROM releases ORDER BY released_ms"):

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from app.db import chain, ratings, volunteers
 from app.db.backup import check_room
@@ -29,8 +29,10 @@ from app.task import counted
 
 FORGOTTEN_TABLES = ("forgotten", "forgotten_people")
 ERASED = "erased"
-"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study. The value is JSON: when
-(at_ms), the stage that they had reached, and whether the study was closed by then, so that its figures were known."""
+"""Rows of the table `meta` called `erased|STUDY|HASH` count the people who were erased from each study (`note_erased`)."""
+
+AskedBy = Literal["participant", "operator", "review board"]
+"""Who asked for an erasure."""
 
 ARRIVALS = "arrivals"
 """A row of `meta` called `arrivals|STUDY` counts the people whom a release of that study left out; the value is JSON."""
@@ -67,15 +69,18 @@ def find_participant(database: Path, name: str, study: str | None = None) -> dic
         return _find(conn, database, name, study)
 
 
-def forget(database: Path, name: str, study: str | None = None) -> Erasure:
+def forget(
+    database: Path, name: str, study: str | None = None, asked_by: AskedBy | None = None
+) -> Erasure:
     """Erase a participant, write the file anew and return what was erased.
 
-    name  a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
+    name      a participant's id, the label their page shows, an outside id of theirs or the id of an agent's card
+    asked_by  who asked for it; None: that is not said
 
     The database must not be in use: StoreError while a server, or any other program, has it open.
     """
     with _rewritten(database) as conn:
-        return _erase_rows(conn, _find(conn, database, name, study))
+        return _erase_rows(conn, _find(conn, database, name, study), asked_by)
 
 
 @contextmanager
@@ -133,7 +138,9 @@ def _find(conn: sqlite3.Connection, database: Path, name: str, study: str | None
     return found[0]
 
 
-def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
+def _erase_rows(
+    conn: sqlite3.Connection, person: dict[str, Any], asked_by: AskedBy | None
+) -> Erasure:
     now = int(time.time() * 1000)
     protocol, closed_ms = conn.execute(
         "SELECT protocol, closed_ms FROM series WHERE name = ?", [person["study"]]
@@ -147,7 +154,7 @@ def _erase_rows(conn: sqlite3.Connection, person: dict[str, Any]) -> Erasure:
     values = [(each, now) for each in hashes]
     conn.executemany("INSERT OR IGNORE INTO forgotten_people VALUES (?, ?)", values)
     if not keeps and person["kind"] == "human":
-        note_erased(conn, person, now, closed_ms is not None)
+        note_erased(conn, person, now, closed_ms is not None, asked_by)
     sql = "SELECT session_id FROM participants WHERE player_id = ? AND id <> ?"
     elsewhere = conn.execute(sql, (person["player_id"], person["id"])).fetchall()
     sessions = _sessions_of(conn, person, {row[0] for row in elsewhere})
@@ -346,12 +353,30 @@ def learn_counts(target: sqlite3.Connection, source: sqlite3.Connection) -> None
 
 
 def note_erased(
-    conn: sqlite3.Connection, person: Mapping[str, Any], at_ms: int, is_closed: bool
+    conn: sqlite3.Connection,
+    person: Mapping[str, Any],
+    at_ms: int,
+    is_closed: bool,
+    asked_by: AskedBy | None,
 ) -> None:
-    """Note that a participant's rows were erased from a study, without anything that leads to the person."""
+    """Note that a participant's rows are erased from a study, without anything that leads to the person.
+
+    Call it while their episodes are still there: how many ranked ones they had is noted.
+    """
+    sql = """SELECT count(*), count(e.ended_ms) FROM series_episodes s JOIN episodes e ON e.id = s.episode_id
+        WHERE s.participant_id = ? AND s.phase = 'ranked'"""
+    begun, ended = conn.execute(sql, [person["id"]]).fetchone()
+    tombstone = {
+        "at_ms": at_ms,
+        "stage": person["stage"],
+        "after_closing": is_closed,
+        "ranked_begun": begun,
+        "ranked_ended": ended,
+        "completed": person["completed_ms"] is not None,
+        "asked_by": asked_by,
+    }
     name = f"{ERASED}|{person['study']}|{person_hashes(person)[0]}"
-    kept = {"at_ms": at_ms, "stage": person["stage"], "after_closing": is_closed}
-    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(kept)))
+    conn.execute("INSERT OR IGNORE INTO meta VALUES (?, ?)", (name, json.dumps(tombstone)))
 
 
 def person_hashes(person: Mapping[str, Any]) -> tuple[str, str]:

@@ -170,7 +170,8 @@ class Trial:
 
     def as_left(self) -> Trial:
         """Return it as it counts where it was not spoilt: leaving costs what spoiling does."""
-        return self.forfeited() if self.outcome in LEFT else self
+        left = self.outcome in LEFT
+        return replace(self.forfeited(), outcome=self.outcome) if left else self
 
     def record(self, steps: Sequence[Mapping[str, Any]]) -> Record:
         """Return the cause of a finished episode, ready to be replayed; `steps` are its rows of that table, in order."""

@@ -18,6 +18,7 @@ from app.db.columns import TABLES
 from app.db.database import StoreError, reading, rows, transaction, writing
 from app.db.reader import Reader
 from app.db.releases import ReleaseRow, latest_release, note_release
+from app.db.trial import Trial
 from app.release import signing
 from app.release.bundle import initials
 from app.release.croissant import write_croissant
@@ -40,9 +41,10 @@ from app.report.costs import (
     why_not_judged,
 )
 from app.report.making import REPORT_STEMS, has_played, make_report, play_compared, report_files
+from app.report.statistics.exclusion_sets import lowest_reason, people_of, statuses
 from app.report.statistics.formatting import utc
 from app.series.closing import UNNOTED
-from app.series.data import StudyData, load
+from app.series.data import Person, StudyData, load
 from app.series.files import now_ms
 from app.series.folder import SEALED, Advance, Folder
 from app.series.invitations import Invitation, Invitations
@@ -300,9 +302,18 @@ def _write_derived(
     """Write the tables that only a bundle's database has: an import leaves them behind, the next release makes them anew."""
     names = list(dict.fromkeys(each.policy for each in episodes))
     ended = [trial for trial in data.trials if trial.ended_ms is not None]
+    cohort = people_of(data)
+    people = {person.id: person for person in cohort.people}
     derived: dict[str, Iterable[tuple[Any, ...]]] = {
+        "participant_statuses": list(statuses(data, cohort).items()),
         "input_summaries": [
-            (each.id, json.dumps(list(each.labels)), each.pause_share, each.active_ms)
+            (
+                each.id,
+                json.dumps(list(each.labels)),
+                _lowest(data, people.get(each.participant), each),
+                each.pause_share,
+                each.active_ms,
+            )
             for each in ended
         ],
         "policy_episodes": [
@@ -316,6 +327,13 @@ def _write_derived(
                 conn.execute(statement)
         for name, found in derived.items():
             conn.executemany(TABLES[name].insert("bundle database"), found)
+
+
+def _lowest(data: StudyData, person: Person | None, trial: Trial) -> str | None:
+    """Return why a person's ranked episode counts at the lowest score; None where it does not."""
+    if person is None or trial.phase != "ranked":
+        return None
+    return lowest_reason(data, person, trial)
 
 
 def _policy_row(each: PolicyEpisode, protocol: Protocol) -> tuple[str | int | float | None, ...]:

@@ -1,6 +1,6 @@
 -- The SELECT by which each table of the bundle is made from study.sqlite (SQLite 3.38 or newer).
--- `policy_episodes`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies' moves,
--- and what the software computes of an episode's input (labels and pauses) and moves. All else is as the server recorded it,
+-- `policy_episodes`, `participant_statuses`, `input_summaries` and `move_costs` are tables of the bundle alone: the policies'
+-- moves, where each person is, and what the software computes of an episode's input and moves. All else is as the server recorded it,
 -- under pseudonyms.
 
 -- table: participants
@@ -15,6 +15,7 @@ SELECT
   p.stage,
   p.joined_ms,
   p.completed_ms,
+  (SELECT t.status FROM participant_statuses t WHERE t.participant_id = p.id) AS status,
   json_extract(p.settings, '$.modality') AS modality,
   json_extract(p.settings, '$.palette') AS palette,
   (SELECT count(*) FROM stage_events v WHERE v.participant_id = p.id AND v.kind = 'answers') AS attempts,
@@ -78,6 +79,7 @@ SELECT
   e.score,
   CASE WHEN e.outcome IN ('explored', 'succeeded') THEN e.steps ELSE json_extract(e.config, '$.max_steps') END AS steps_to_99,
   (SELECT group_concat(value, '; ') FROM json_each(i.labels)) AS labels,
+  i.lowest,
   i.pause_share,
   i.active_ms,
   e.trajectory_hash

@@ -18,7 +18,7 @@ from app.report.model import PolicyRun
 from app.report.statistics.comparisons import compare_policy
 from app.report.statistics.exclusion_sets import METRICS, members, people_of
 from app.report.statistics.first_attempts import first_attempts
-from app.report.statistics.study_figures import live_figure, primary_set
+from app.report.statistics.study_figures import live_figure
 from app.series.data import StudyData
 from app.series.policy_episodes import PolicyEpisode
 from app.series.protocol import Protocol
@@ -41,7 +41,7 @@ def compare_agents(
     tables: dict[str, Floats] = {}
     if data is not None and is_paired:
         cohort = people_of(data)
-        ids = members(cohort, data.protocol.exclusion.get(primary_set(data), {}))
+        ids = members(cohort, data.protocol.per_protocol)
         tables = {name: cohort.table(ids, name) for name in METRICS} if ids else {}
     policies = runs_of(episodes, protocol) if protocol.rules.players is not None else ()
     random = next((run for run in policies if run.name == "random"), None)

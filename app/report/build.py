@@ -22,17 +22,19 @@ from app.report.statistics.comparisons import (
     PolicyComparison,
     compare_policy,
     holm,
-    new_terrains_interval,
     player_means,
     policy_p,
 )
 from app.report.statistics.exclusion_sets import (
     METRICS,
     Cohort,
+    Everybody,
     MetricName,
+    everybody_of,
     members,
     people_of,
     scripts_of,
+    statuses,
 )
 from app.report.statistics.first_attempts import first_attempts
 from app.report.statistics.formatting import utc
@@ -40,24 +42,22 @@ from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.learning import assess_learning, trial_means
 from app.report.statistics.spread import iqm, iqm_interval, variance_components
 from app.report.statistics.study_figures import (
-    NO_HUMAN_FIGURE,
-    claim_of,
-    figure_sentence,
-    primary_set,
+    headline,
+    status_rows,
     study_figures,
-    why_no_p,
     worst_value,
 )
 from app.series.data import StudyData
-from app.series.flow import participant_flow
+from app.series.flow import Status, participant_flow
 from app.series.policy_episodes import tested_policies
 from app.series.protocol import Protocol
 from app.task import MARS, rules_of
 from marsexplorer.intervals import Floats
 
 ESTIMAND = (
-    "The mean, over players like these, of a player's mean over exactly these terrains: every player weighs the same, and the "
-    "terrains are taken as given. The line for new terrains takes players and terrains alike as drawn at random."
+    "The mean, over players and terrains like these, of a player's mean: every player weighs the same. Per protocol: of those "
+    "who finished as the protocol asks. Everybody: of those who began a ranked episode. A difference is claimed only where "
+    "both estimates show it."
 )
 Pictures = Mapping[str, dict[str, Any]]
 
@@ -117,14 +117,16 @@ def _group(
     data: StudyData, cohort: Cohort, runs: Sequence[PolicyRun], pictures: dict[str, Any]
 ) -> GroupReport:
     """Return everything about one group: its people or one kind of script."""
-    primary = primary_set(data)
-    everybody = members(cohort, {})
-    ids = members(cohort, data.protocol.exclusion.get(primary, {}))
-    trials = [trial for person in everybody for trial in cohort.ranked[person]]
+    finished = members(cohort, data.protocol.per_protocol)
+    everybody = everybody_of(data, cohort)
+    by_person = statuses(data, cohort)
+    trials = [trial for own in cohort.ranked.values() for trial in own]
     began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
     is_human = cohort.kind == "human"
-    figures = study_figures(data, cohort)
-    no_p = why_no_p(next(each for each in figures if each.name == primary))
+    protocol = data.protocol
+    worst: dict[str, float | None] = {
+        metric: worst_value(protocol.rules, protocol.env_config, metric) for metric in METRICS
+    }
     return GroupReport(
         name=cohort.name,
         words=data.protocol.rules.words,
@@ -136,24 +138,23 @@ def _group(
         stages=dict(sorted(Counter(person.stage for person in cohort.people).items())),
         outcomes=dict(Counter(str(trial.outcome) for trial in trials)),
         labels=dict(Counter(label for trial in trials for label in trial.labels)),
-        primary=primary,
-        figures=figures,
-        no_p=no_p,
-        metrics=tuple(_metric(data, cohort, ids, metric, no_p is None) for metric in METRICS)
-        if ids
+        figures=study_figures(data, cohort, everybody),
+        worst=worst,
+        statuses=status_rows(data, cohort, everybody),
+        metrics=tuple(_metric(data, cohort, finished, metric) for metric in METRICS)
+        if finished
         else (),
         players=tuple(
-            _player_row(cohort, person, number, person in ids)
-            for number, person in enumerate(everybody, 1)
+            _player_row(everybody.cohort, person, number, by_person[person])
+            for number, person in enumerate(members(everybody.cohort, {}), 1)
         ),
-        comparisons=_comparisons(data.protocol, cohort, ids, runs, no_p is None),
+        comparisons=_comparisons(protocol, cohort, finished, everybody, runs),
         deviations=deviations(data, cohort),
         cautions=(),
         first_attempts=first_attempts(cohort) if is_human else None,
         exposure=exposure(data) if is_human else None,
-        flow=participant_flow(data) if is_human else None,
+        flow=participant_flow(data.arrivals, by_person.values()) if is_human else None,
         attestation=attestation_summary(data) if is_human else None,
-        excluded=_excluded(data, cohort, ids),
         repeated=dict(Counter(sign for person in cohort.people for sign in person.repeated)),
         pictures=pictures,
     )
@@ -163,7 +164,8 @@ def _with_costs(
     data: StudyData, cohort: Cohort, group: GroupReport, costs: Mapping[str, CostSummary]
 ) -> GroupReport:
     """Return a group's report with its costs, under the report's names, and with its cautions."""
-    names = {person: f"P{number:02d}" for number, person in enumerate(members(cohort, {}), 1)}
+    people = members(everybody_of(data, cohort).cohort, {})
+    names = {person: f"P{number:02d}" for number, person in enumerate(people, 1)}
     found = costs.get(cohort.name)
     own = None if found is None else renamed(found, names)
     reason = why_not_judged(data) if data.protocol.task == MARS else None
@@ -178,81 +180,65 @@ def _left(data: StudyData, cohort: Cohort) -> int:
     return sum(p.stage == "withdrawn" or (is_closed and p.completed_ms is None) for p in people)
 
 
-def _excluded(data: StudyData, cohort: Cohort, ids: Sequence[str]) -> dict[str, int]:
-    """Return those who ended all ranked episodes and are not among `ids`, by reason."""
-    ranked = [each for each in data.trials if each.phase == "ranked" and each.kind == cohort.kind]
-    scripted = {trial.participant for trial in ranked if trial.driver != cohort.kind}
-    reasons = Counter[str]()
-    for person in cohort.people:
-        if person.completed_ms is None or person.id in ids:
-            continue
-        if person.id in scripted:
-            reasons["a move was a script's"] += 1
-        elif len(cohort.ranked[person.id]) < cohort.terrains:
-            reasons[f"not {data.protocol.required_attestation}"] += 1
-        else:
-            reasons["by the set's rules"] += 1
-    return dict(sorted(reasons.items()))
-
-
-def _metric(
-    data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName, is_tested: bool
-) -> Metric:
+def _metric(data: StudyData, cohort: Cohort, ids: Sequence[str], metric: MetricName) -> Metric:
     table = cohort.table(ids, metric)
     several = min(table.shape) > 1 and not np.isnan(table).all(axis=0).any()
     margin = data.protocol.equivalence_margin if metric == "steps" else None
     return Metric(
         name=metric,
         mean=float(player_means(table).mean()),
-        new_terrains=new_terrains_interval(table),
         iqm=iqm(table),
         iqm_interval=iqm_interval(table) if several else None,
         variance=variance_components(table),
-        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin, is_tested),
+        learning=assess_learning(metric, cohort.table(ids, metric, "trial"), margin),
         warm_up=trial_means(cohort.warm_up_table(ids, metric)),
     )
 
 
-def _player_row(cohort: Cohort, person: str, number: int, is_in: bool) -> PlayerRow:
+def _player_row(cohort: Cohort, person: str, number: int, status: Status) -> PlayerRow:
     trials = cohort.ranked[person]
     score, steps = (float(player_means(cohort.table([person], metric))[0]) for metric in METRICS)
     explored = sum(trial.succeeded for trial in trials)
     counts = {"episodes": len(trials), "explored": explored, "failed": len(trials) - explored}
-    return PlayerRow(name=f"P{number:02d}", score=score, steps=steps, in_primary=is_in, **counts)
+    return PlayerRow(f"P{number:02d}", score=score, steps=steps, status=status.value, **counts)
 
 
 def _comparisons(
     protocol: Protocol,
     cohort: Cohort,
-    ids: Sequence[str],
+    finished: Sequence[str],
+    everybody: Everybody,
     runs: Sequence[PolicyRun],
-    is_tested: bool,
 ) -> tuple[PolicyComparison, ...]:
-    """Return every policy's comparison in each metric; none without players or policies."""
-    if not ids or not runs:
+    """Return every policy's comparison in each metric; none where nobody finished, and without policies."""
+    if not finished or not runs:
         return ()
+    began = members(everybody.cohort, {})
     rows: list[PolicyComparison] = []
     for metric in METRICS:
-        is_primary = metric == protocol.primary_metric
-        table = cohort.table(ids, metric)
-        rows += _comparisons_in(protocol, metric, table, runs, is_tested and is_primary)
+        worst = worst_value(protocol.rules, protocol.env_config, metric)
+        second = None if worst is None else everybody.cohort.table(began, metric)
+        rows += _comparisons_in(protocol, metric, cohort.table(finished, metric), second, runs)
     return tuple(rows)
 
 
 def _comparisons_in(
     protocol: Protocol,
     metric: MetricName,
-    table: Floats,
+    finished: Floats,
+    everybody: Floats | None,
     runs: Sequence[PolicyRun],
-    is_tested: bool,
 ) -> list[PolicyComparison]:
-    """Return every policy's comparison in one metric; of the primary one with the p values of the protocol's family."""
+    """Return every policy's comparison in one metric; of the primary one with the p values of the protocol's family.
+
+    finished, everybody  the tables of both estimates; no second one, no p: a difference is claimed where both claim it
+    """
     # terrains that at least one player and every policy played
-    shared = ~np.isnan(table).all(axis=0)
+    shared = ~np.isnan(finished).all(axis=0)
     for run in runs:
         shared &= ~np.isnan(run.values(metric))
     values = {run.name: run.values(metric)[shared] for run in runs}
-    played = table[:, shared]
+    played = finished[:, shared]
     players, random = played[~np.isnan(played).all(axis=1)], values.get("random")
     if not len(players):
         return []
@@ -261,10 +247,16 @@ def _comparisons_in(
         name: compare_policy(name, metric, own, players, random, worst, drawn)
         for name, own in values.items()
     }
-    family = [name for name in tested_policies(protocol) if name in rows]
-    if not is_tested or not family or len(players) < FEWEST_TO_TEST:
+    if everybody is None:
         return list(rows.values())
-    p_of = partial(policy_p, players, None, worst=worst, terrains_drawn=drawn)
+    began = everybody[:, shared]
+    for name, own in values.items():
+        second = compare_policy(name, metric, own, began, None, worst, drawn)
+        rows[name] = replace(rows[name], everybody=second.difference, everybody_interval=second.new)
+    family = [name for name in tested_policies(protocol) if name in rows]
+    if metric != protocol.primary_metric or not family or len(players) < FEWEST_TO_TEST:
+        return list(rows.values())
+    p_of = partial(policy_p, players, began, worst=worst, terrains_drawn=drawn)
     p_values = np.array([p_of(values[name]) for name in family])
     if not np.isnan(p_values).any():
         for name, p, adjusted in zip(family, p_values, holm(p_values), strict=True):
@@ -289,12 +281,5 @@ def _sentence(data: StudyData, groups: Sequence[GroupReport], synthetic: bool) -
     """Return the headline of the report."""
     if synthetic:
         return SYNTHETIC if groups else f"{SYNTHETIC} No script has played this study."
-    group = groups[0]
-    if data.closed_ms is None:
-        return data.progress_sentence()
-    if group.figure.players:
-        return f"{claim_of(data)}: {figure_sentence(group.figure, group.words)}"
-    if group.figures[0].players:
-        began = figure_sentence(group.figures[0], group.words)
-        return f"{claim_of(data)}. Nobody finished the study. Of those who began: {began}"
-    return NO_HUMAN_FIGURE
+    per_protocol, everybody, *_ = groups[0].figures
+    return headline(data, per_protocol, everybody)

@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from app.db.trial import Trial
-from app.report import measured_coverage
 from app.report.statistics.exclusion_sets import Cohort, ended_ranked
-from app.report.statistics.formatting import counted, percent
-from app.report.statistics.intervals import Estimate
-from app.report.statistics.likelihood import TAIL
+from app.report.statistics.formatting import counted
+from app.report.statistics.study_figures import StudyFigure
 from app.series.data import StudyData
 from app.series.files import iso
+from app.series.flow import EARLY, STATUS_IN_WORDS, Status
 from app.series.policy_episodes import closed_seeds
 from app.series.protocol import protocol_hash
 from app.series.seeds import commitment
@@ -23,47 +22,106 @@ if TYPE_CHECKING:
     from app.report.model import GroupReport
 
 LEAST_PLAYERS = 10
-STRONG_SKEW = 1.0
+MOST_IN_NEITHER = 1 / 5
+"""Share of those who agreed and are in neither estimate, beyond which that is a caution."""
 
 
 def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
-    """Return the cautions about a group's primary figure."""
+    """Return the cautions that this study earned about a group's estimates."""
     figure = group.figure
-    if figure.score is None or figure.steps is None:
+    if not group.everybody.players:
         return ()
     found = []
-    if erased := data.arrivals.erased_after_closing:
-        people = counted(erased, "person was", "people were")
-        found.append(
-            f"{people} erased after closing, when the figures were known, {data.arrivals.erased_finishers} of whom had ended "
-            "all ranked episodes: "
-            "no figure here holds them, so that it may not be the one that the study was closed with."
-        )
     if figure.players < data.protocol.players:
-        planned = counted(data.protocol.players, "player planned is", "players planned are")
-        found.append(f"{figure.players} of the {planned} in the primary figure.")
-    if figure.players < LEAST_PLAYERS:
-        why = "their spread, and with it every interval, is poorly known"
-        found.append(f"{counted(figure.players, 'player is', 'players are')} few: {why}.")
+        planned = f"{figure.players} of the {counted(data.protocol.players, 'player')} planned"
+        found.append(
+            f"{planned} {'is' if figure.players == 1 else 'are'} in the per-protocol estimate."
+        )
+    if 0 < figure.players < LEAST_PLAYERS:
+        are = "is" if figure.players == 1 else "are"
+        found.append(
+            f"{counted(figure.players, 'player')} {are} few: their spread, and with it every interval, is poorly known."
+        )
     found += _about_bounds(data)
+    found += _about_who_is_missing(group)
     if group.kind == "human":
-        found += _about_who_left(data, group)
+        found += _about_erased(data, group)
+        found += _about_neither(group)
         found += _about_secret(data)
         found += _about_exports(data)
-    found += _about_skewness(figure.score, figure.steps, group.words)
-    if figure.score.headline == "guaranteed":
-        found.append(
-            "Failures are a few players' here, so the guaranteed interval is the headline. Every comparison with policies, "
-            "and its interval, rests on how many of these players the sample happens to hold; "
-            f"so does learning. {group.no_p}"
-        )
-    found.append(_about_failures(group))
-    known = [each.variance for each in group.metrics if each.variance]
-    effect = max((each.design_effect for each in known), default=0)
-    if effect > 1.5:
-        resemblance = f"pooled as if independent, the variance would come out up to {effect:.1f} times too small"
-        found.append(f"A player's episodes resemble each other: {resemblance}.")
     return tuple(found)
+
+
+def _about_who_is_missing(group: GroupReport) -> Iterable[str]:
+    """Yield who began and is in the estimate for everybody alone, with both means."""
+    finished, everybody = group.figure, group.everybody
+    if not (missing := everybody.players - finished.players):
+        return
+    why = ", ".join(
+        f"{STATUS_IN_WORDS[Status(row.status)]}: {row.people}"
+        for row in group.statuses
+        if row.in_everybody and not row.in_per_protocol
+    )
+    are = "is" if missing == 1 else "are"
+    yield (
+        f"{missing} of {counted(everybody.players, 'person', 'people')} who began a ranked episode {are} not in the "
+        f"per-protocol estimate ({why}): {_means(finished, group.words)} per protocol, {_means(everybody, group.words)} of "
+        "everybody."
+    )
+
+
+def _means(figure: StudyFigure, words: Words) -> str:
+    """Return the means of an estimate in words."""
+    found = []
+    if figure.score is not None:
+        found.append(f"mean score {figure.score.mean:.3f}")
+    if figure.steps is not None:
+        found.append(f"{figure.steps.mean:.1f} {words.steps}")
+    return ", ".join(found) or "nobody"
+
+
+def _about_erased(data: StudyData, group: GroupReport) -> Iterable[str]:
+    """Yield who is missing because they were erased, and what the means could be with them."""
+    arrivals = data.arrivals
+    if not arrivals.erased_began:
+        return
+    were = "was" if arrivals.erased_began == 1 else "were"
+    people = counted(arrivals.erased_began, "person", "people")
+    asked = ", ".join(f"{who} {count}" for who, count in arrivals.erased_asked_by.items())
+    yield (
+        f"{people} who had begun a ranked episode {were} erased; {arrivals.erased_finishers} of them had ended all. Of all "
+        f"erased, {arrivals.erased_after_closing} went after closing, when the estimates were known; asked for by: "
+        f"{asked or 'not said'}. {_ranges(group)}"
+    )
+
+
+def _ranges(group: GroupReport) -> str:
+    """Return the means without the erased, and had all been worst or best."""
+    found = []
+    for figure in (group.figure, group.everybody):
+        for mean, ends, form, name in (
+            (figure.score, figure.score_range, ".3f", "mean score"),
+            (figure.steps, figure.steps_range, ".1f", f"mean {group.words.steps}"),
+        ):
+            if mean is not None and ends is not None:
+                low, high = (f"{end:{form}}" for end in ends)
+                found.append(
+                    f"{figure.name}, {name}: {mean.mean:{form}} without them, {low} to {high} had all been best or all worst"
+                )
+    return f"{'; '.join(found)}." if found else "What the means would be with them is not known."
+
+
+def _about_neither(group: GroupReport) -> Iterable[str]:
+    """Yield that many of those who agreed are in neither estimate."""
+    if group.flow is None:
+        return
+    agreed, neither = group.flow.agreed, group.flow.count(Status.BOT, *EARLY)
+    if neither > MOST_IN_NEITHER * agreed:
+        are = "is" if neither == 1 else "are"
+        yield (
+            f"{neither} of {counted(agreed, 'person', 'people')} who agreed {are} in neither estimate: "
+            f"{group.flow.count(*EARLY)} began no ranked episode, {group.flow.count(Status.BOT)} played as bots throughout."
+        )
 
 
 def _about_bounds(data: StudyData) -> Iterable[str]:
@@ -73,21 +131,7 @@ def _about_bounds(data: StudyData) -> Iterable[str]:
     if outside := sum(not low <= each <= high for each in scores):
         yield (
             f"{counted(outside, 'ranked episode')} of {len(scores)} ended with a score outside the bounds that were declared, "
-            f"{low:g} to {high:g}: intervals by bounds reach no further than what was seen."
-        )
-
-
-def _about_who_left(data: StudyData, group: GroupReport) -> Iterable[str]:
-    """Yield who is not in the primary figure because they did not go on."""
-    flow = group.flow
-    if flow is None or not data.protocol.exclusion.get(group.primary, {}).get("completed"):
-        return
-    if left := flow.withdrew + flow.unfinished + flow.interrupted:
-        did = "did not end all of them and"
-        who = counted(left, f"{did} is not", f"{did} are not")
-        yield (
-            f"Of {counted(flow.ranked, 'person', 'people')} who began a ranked episode {who} in the "
-            "primary figure: they may have left because it went badly. The row by intention to treat counts them."
+            f"{low:g} to {high:g}: what counts at the lowest score may be too good."
         )
 
 
@@ -121,43 +165,10 @@ def _about_exports(data: StudyData) -> Iterable[str]:
         )
 
 
-def _about_skewness(score: Estimate, steps: Estimate, words: Words) -> Iterable[str]:
-    for name, estimate in (("score", score), (words.steps, steps)):
-        if estimate.players > 1 and estimate.sd == 0:
-            yield f"All players have the same mean {name}: the sample has no spread, so its interval says nothing."
-        elif abs(estimate.skewness or 0.0) > STRONG_SKEW and estimate.widened:
-            side = f"the {estimate.widened} end, which the t interval alone would put too near, was moved out"
-            yield f"The players' means of {name} are skewed ({estimate.skewness:+.1f}): {side}."
-
-
-def _about_failures(group: GroupReport) -> str:
-    """Return what the sample does not show of failures that happened to few players or to none."""
-    inside = [player for player in group.players if player.in_primary]
-    bad = sum(player.failed > 0 for player in inside)
-    unseen = 1 - TAIL ** (1 / len(inside))
-    seen = f"{bad or 'none'} of {counted(len(inside), 'player')} had episodes that ended {group.words.short}"
-    cells = measured_coverage.nearest(len(inside))
-    worst = min(cells, key=lambda cell: cell.steps)
-    held = [cell.steps for cell in cells if cell.population in measured_coverage.ONE_SHAPE]
-    return (
-        f"In this sample {seen}. A kind of player that nobody here belongs to may still be up to {percent(unseen)} of the "
-        "population, and no interval made from these players' spread can know of it. In simulation with "
-        f"{counted(worst.players, 'player')} the interval of steps covered the truth in {min(held):.0f} to "
-        f"{max(held):.0f} % of studies in which everybody's scores had one shape, but in only "
-        f"{worst.steps:.0f} % where {_described(worst)}."
-    )
-
-
-def _described(cell: measured_coverage.Cell) -> str:
-    rates = {each.name: each.collisions for each in measured_coverage.SCORE_POPULATIONS}
-    rate = rates[cell.population]
-    return f"{percent(rate)} of episodes collide and nearly all collisions are a few players' (ICC {cell.icc:g})"
-
-
-SCRIPTED = "had a move made by a script: begun by a person, such an episode counts as abandoned, else in no figure"
+SCRIPTED = "had a move made by a script: begun by a person, such an episode counts per protocol as abandoned"
 SPOILT = (
-    "was spoilt by a move that fits no press, after one that did; it counts as abandoned",
-    "were spoilt by a move that fits no press, after one that did; each counts as abandoned",
+    "was spoilt by a move that fits no press, after one that did; per protocol it counts as abandoned",
+    "were spoilt by a move that fits no press, after one that did; per protocol each counts as abandoned",
 )
 
 

@@ -22,7 +22,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from app.report.model import GroupReport, Report
 from app.report.statistics.formatting import counted
 from app.report.statistics.intervals import Interval
-from app.series.flow import ParticipantFlow
+from app.series.flow import BEGAN, EARLY, ENDED, STATUS_IN_WORDS, ParticipantFlow, Status
 
 PEOPLE_COLOUR = "#1b2733"
 POLICY_COLOURS = ("#c1440e", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -83,16 +83,16 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
     """Return the group's charts as SVG by name; what has nothing to show is left out."""
     found: dict[str, tuple[float, Callable[[Canvas], None], str]] = {}
     if group.flow is not None and group.joined:
-        figure, excluded = group.figure, list(group.excluded.items())
-        steps = flow_steps(group.flow, figure.players, figure.episodes, excluded)
+        steps = flow_steps(group.flow)
         alt = "; ".join(
             " ".join([f"{each.label}: {each.count}", *(f"({why}: {n})" for why, n in each.lost)])
             for each in steps
         )
         found["flow"] = 0.56 * flow_height(steps), partial(draw_flow, steps=steps), alt
-    if group.metrics:
-        alt = "Each player's mean score and mean steps, with intervals"
+    if group.players:
+        alt = "Each player's mean score and mean steps, with both estimates and their intervals"
         found["players"] = 3.4, partial(_players, group=group), alt
+    if group.metrics:
         alt = "Mean score and steps of first attempts by ranked trial, with intervals"
         found["learning"] = 3.6, partial(_learning, group=group), alt
     if group.comparisons:
@@ -119,31 +119,43 @@ def charts(report: Report, group: GroupReport) -> dict[str, str]:
 
 def _players(canvas: Canvas, group: GroupReport) -> None:
     titles = {"score": "Score", "steps": group.words.steps.capitalize()}
-    inside = [player for player in group.players if player.in_primary]
-    means = {name: sorted(getattr(player, name) for player in inside) for name in titles}
-    tallest = max(max(_stacked(values)) for values in means.values())
+    finished = Status.FINISHED.value
+    lists = {
+        name: sorted(
+            (getattr(player, name), player.status == finished)
+            for player in group.players
+            if np.isfinite(getattr(player, name))
+        )
+        for name in titles
+    }
+    tallest = max(max(_stacked([mean for mean, _ in players])) for players in lists.values())
     for axes, (name, title) in zip(canvas.subplots(1, 2), titles.items(), strict=True):
-        values = means[name]
-        heights = _stacked(values)
-        dots = {"markersize": 5, "alpha": 0.75, "markeredgewidth": 0}
-        axes.plot(values, heights, "o", color=PEOPLE_COLOUR, **dots)
-        metric, estimate = group.metric(name), getattr(group.figure, name)
-        assert metric is not None
-        lines = [("headline", estimate.interval, POLICY_COLOURS[0], 2.6)]
-        lines.append(("new terrains", metric.new_terrains, GREY, 1.3))
+        players = lists[name]
+        heights = _stacked([mean for mean, _ in players])
+        for (mean, is_finished), height in zip(players, heights, strict=False):
+            fill = PEOPLE_COLOUR if is_finished else "none"
+            look: Any = {"markersize": 5, "alpha": 0.75, "markerfacecolor": fill}
+            axes.plot([mean], [height], "o", color=PEOPLE_COLOUR, **look)
+        estimates = [
+            ("per protocol", getattr(group.figure, name), POLICY_COLOURS[0]),
+            ("everybody", getattr(group.everybody, name), POLICY_COLOURS[1]),
+        ]
         labels = []
-        for row, (label, ends, colour, width) in enumerate(lines if len(values) > 1 else []):
-            labels.append(label if ends is not None else f"{label} (too few)")
+        for row, (label, estimate, colour) in enumerate(estimates):
+            labels.append(label if estimate is not None else f"{label} (none)")
             y = -1.2 - row
-            if ends is not None:
-                axes.plot(ends, [y, y], color=colour, linewidth=width)
+            if estimate is not None:
                 axes.plot([estimate.mean], [y], "D", color=colour, markersize=4)
+            if estimate is not None and estimate.interval is not None:
+                axes.plot(estimate.interval, [y, y], color=colour, linewidth=2.6)
         places = [-1.2 - row for row in range(len(labels))]
         axes.set_yticks(places, labels if name == "score" else [])
         axes.set_ylim(-1.2 - len(labels) + 0.3, tallest + 1)
         axes.axhline(-0.6, color="#c5ccd3", linewidth=0.6)
         axes.set_title(title)
-        axes.set_xlabel(f"mean of a player ({counted(len(values), 'player')})")
+        axes.set_xlabel(
+            f"mean of a player ({counted(len(players), 'player')}; hollow: not finished)"
+        )
         axes.spines["left"].set_visible(False)
         axes.tick_params(left=False)
 
@@ -290,49 +302,25 @@ class FlowStep:
     lost: tuple[tuple[str, int], ...] = ()
 
 
-STAGES = {
-    "instructions": "at the instructions",
-    "tutorial": "at the tutorial",
-    "questions": "at the questions",
-    "warm_up": "in the warm-up",
-    "ranked": "before the first ranked episode",
-}
-
-
-def flow_steps(
-    flow: ParticipantFlow, players: int, episodes: int, excluded: Sequence[tuple[str, int]]
-) -> list[FlowStep]:
-    """Return the stages of a study's flow.
-
-    players, episodes  in the primary figure
-    excluded           those who completed the study and are not in it, by reason
-    """
+def flow_steps(flow: ParticipantFlow) -> list[FlowStep]:
+    """Return the stages of a study's flow."""
     arrivals = flow.arrivals
     steps = []
     if arrivals.issued is not None:
         lost = [("revoked", arrivals.revoked or 0), ("never opened", arrivals.unopened or 0)]
         steps.append(_step("Invitations issued", arrivals.issued, lost))
-    before = [
-        ("declined", arrivals.declined),
-        ("did not answer", arrivals.undecided),
-        ("erased at their request", arrivals.erased - arrivals.erased_after_closing),
-        ("erased after closing", arrivals.erased_after_closing),
-    ]
-    steps.append(_step("Opened the study", flow.joined, before))
-    early = [
-        ("withdrew", flow.withdrew_early),
-        ("interrupted by the closing", flow.interrupted_early),
-        *((f"left {STAGES[at]}", count) for at, count in flow.stayed_early.items()),
-    ]
-    steps.append(_step("Agreed to take part", flow.agreed, early))
-    late = [
-        ("withdrew", flow.withdrew),
-        ("interrupted by the closing", flow.interrupted),
-        ("did not finish", flow.unfinished),
-    ]
-    steps.append(_step("Began the ranked episodes", flow.ranked, late))
-    steps.append(_step("Ended all ranked episodes", flow.completed, list(excluded)))
-    return [*steps, FlowStep("In the primary figure", players, counted(episodes, "ranked episode"))]
+    without = _lost(flow, Status.DECLINED, Status.UNDECIDED, Status.ERASED)
+    steps.append(_step("Opened the study", flow.joined, without))
+    steps.append(_step("Agreed to take part", flow.agreed, _lost(flow, *EARLY)))
+    left = (status for status in (Status.BOT, *BEGAN) if status not in ENDED)
+    steps.append(_step("Began the ranked episodes", flow.began, _lost(flow, *left)))
+    not_counted = _lost(flow, *ENDED[1:])
+    steps.append(_step("Ended all ranked episodes", flow.count(*ENDED), not_counted))
+    return [*steps, FlowStep("Per protocol", flow.count(Status.FINISHED))]
+
+
+def _lost(flow: ParticipantFlow, *statuses: Status) -> list[tuple[str, int]]:
+    return [(STATUS_IN_WORDS[status], flow.count(status)) for status in statuses]
 
 
 def _step(label: str, count: int, lost: Sequence[tuple[str, int]]) -> FlowStep:

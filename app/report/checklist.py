@@ -75,8 +75,8 @@ def _given(data: StudyData, people: GroupReport, policies: Sequence[str]) -> dic
     labelled = sum(bool(trial.labels) for trial in ranked)
     played = [each for each in people.figures if each.players]
     sets = [f"{each.name}: {figure_sentence(each, words)}" for each in played]
-    erased, finishers = data.arrivals.erased_after_closing, data.arrivals.erased_finishers
-    lost = f" {counted(erased, 'more was', 'more were')} erased after closing, {finishers} of them finishers."
+    erased, finishers = data.arrivals.erased, data.arrivals.erased_finishers
+    lost = f" {counted(erased, 'more was', 'more were')} erased, {finishers} of whom had ended all ranked episodes."
     is_compared, nobody = bool(policies and players), "Nobody has played."
     return {
         "protocol": protocol,

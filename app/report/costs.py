@@ -28,7 +28,6 @@ from app.report.statistics.exclusion_sets import (
     unspoilt,
 )
 from app.report.statistics.intervals import Interval, interval
-from app.report.statistics.study_figures import primary_set
 from app.series.data import StudyData, trial_records
 from app.series.policy_files import EXPERT
 from app.series.protocol import StudyError
@@ -299,10 +298,9 @@ def costs_of_people(
     """
     if data.closed_ms is None or why_not_judged(data) is not None:
         return {}
-    primary = data.protocol.exclusion.get(primary_set(data), {})
     cohort, estimator = people_of(data), study_estimator(data, cache)
     with progress("cost of each move") as advance:
-        ids = members(cohort, primary)
+        ids = members(cohort, data.protocol.per_protocol)
         summary = summarize_costs(reader, data, cohort, ids, estimator, advance)
     return {} if summary is None else {cohort.name: summary}
 

@@ -12,6 +12,7 @@ import numpy as np
 from app.db.reader import Reader
 from app.db.series import find_study, participants
 from app.db.study_rows import is_same_study
+from app.db.trial import LEFT
 from app.report.build import Pictures, build
 from app.report.costs import CostSummary, ProgressBar, cost_cache, costs_of_people
 from app.report.model import PolicyRun, Report
@@ -111,7 +112,7 @@ def play_compared(
 
 
 def runs_of(episodes: Sequence[PolicyEpisode], protocol: Protocol) -> tuple[PolicyRun, ...]:
-    """Return one run per policy from its episodes, which are replayed."""
+    """Return one run per policy from its episodes, which are replayed; a failure counts as it does for people."""
     found: dict[str, dict[int, PolicyEpisode]] = {}
     for each in episodes:
         found.setdefault(each.policy, {})[each.terrain] = each
@@ -122,10 +123,13 @@ def _run(name: str, episodes: Mapping[int, PolicyEpisode], protocol: Protocol) -
     rules, config, terrains = protocol.rules, protocol.env_config, protocol.ranked
     score, steps = np.full(terrains, np.nan), np.full(terrains, np.nan)
     outcomes, groups = [""] * terrains, []
+    lowest, _ = rules.bounds(config)
     for index, each in sorted(episodes.items()):
         run = each.replay(rules, config)
         record = run.record()
         outcomes[index], score[index] = record.outcome, record.score
+        if record.outcome in LEFT and np.isfinite(lowest):
+            score[index] = lowest
         steps[index] = record.steps if record.outcome in rules.successes else config.limit
         if rules.courses is not None:
             groups.append([summary_of(rules, run)])

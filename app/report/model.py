@@ -14,7 +14,7 @@ from app.report.statistics.first_attempts import FirstAttempts
 from app.report.statistics.intervals import Interval
 from app.report.statistics.learning import Learning, TrialMean
 from app.report.statistics.spread import VarianceComponents
-from app.report.statistics.study_figures import StudyFigure
+from app.report.statistics.study_figures import StatusRow, StudyFigure
 from app.series.flow import ParticipantFlow
 from app.task import Words, rules_of
 from marsexplorer.intervals import Floats
@@ -40,16 +40,14 @@ class Item:
 
 @dataclass(frozen=True)
 class Metric:
-    """The further statistics of one metric ("score" or "steps") under the primary set.
+    """The further statistics of one metric ("score" or "steps") per protocol.
 
-    new_terrains  interval of the mean over players and terrains alike
     iqm           the interquartile mean over all episodes, with its interval for other players
     warm_up       per warm-up trial as `Learning.by_trial`; their terrains come in the same order for everybody
     """
 
     name: str
     mean: float
-    new_terrains: Interval | None
     iqm: float
     iqm_interval: Interval | None
     variance: VarianceComponents | None
@@ -59,7 +57,10 @@ class Metric:
 
 @dataclass(frozen=True)
 class PlayerRow:
-    """One player under a pseudonym of this report alone; means over their ranked episodes."""
+    """Somebody who began a ranked episode, under a pseudonym of this report alone.
+
+    Means over the ranked terrains, as they enter the estimate for everybody.
+    """
 
     name: str
     episodes: int
@@ -67,7 +68,7 @@ class PlayerRow:
     steps: float
     explored: int
     failed: int
-    in_primary: bool
+    status: str
 
 
 @dataclass(frozen=True)
@@ -77,18 +78,19 @@ class GroupReport:
     words       what the task calls its figures
     joined, started, finished   participants who joined, began a ranked episode, ended all of them
     stages      participants by stage
+    figures     estimates: per protocol, everybody, and those of the protocol's other exclusion sets
+    worst       by metric the value of a terrain that counts at the lowest score; None where none is declared
+    statuses    everybody who came, by where they are
     left        began to play and have neither finished nor are still expected to: withdrawn, or the study is closed
     outcomes    ranked episodes by outcome; labels: ranked episodes by label
     deviations  from the protocol, a sentence each
     cautions    what a reader must know before using the figure, a sentence each
-    no_p        why the tail rule forbids p values, a sentence; None where it does not
     costs       of the players' moves; None where they were not worked out
     no_costs    why no move of the study is judged, a sentence; None where moves are
     first_attempts   as ARC-AGI-3 counts them; None for scripts
     exposure    who met which ranked terrains when, a sentence; None for scripts
     flow        of the people through the study; None for scripts
     attestation what the server could attest; None for scripts
-    excluded    people who ended all ranked episodes and are not in the primary figure, by reason
     repeated    people who show a sign of taking part more than once, by sign
     pictures    curves and visit maps, empty where no episodes were replayed
     """
@@ -103,19 +105,18 @@ class GroupReport:
     stages: dict[str, int]
     outcomes: dict[str, int]
     labels: dict[str, int]
-    primary: str
     figures: tuple[StudyFigure, ...]
+    worst: dict[str, float | None]
+    statuses: tuple[StatusRow, ...]
     metrics: tuple[Metric, ...]
     players: tuple[PlayerRow, ...]
     comparisons: tuple[PolicyComparison, ...]
     deviations: tuple[str, ...]
     cautions: tuple[str, ...]
-    no_p: str | None = None
     first_attempts: FirstAttempts | None = None
     exposure: str | None = None
     flow: ParticipantFlow | None = None
     attestation: AttestationSummary | None = None
-    excluded: dict[str, int] = field(default_factory=dict)
     repeated: dict[str, int] = field(default_factory=dict)
     costs: CostSummary | None = None
     no_costs: str | None = None
@@ -123,11 +124,16 @@ class GroupReport:
 
     @property
     def figure(self) -> StudyFigure:
-        """The figure under the primary set."""
-        return next(each for each in self.figures if each.name == self.primary)
+        """The per-protocol estimate."""
+        return self.figures[0]
+
+    @property
+    def everybody(self) -> StudyFigure:
+        """The estimate for everybody who began a ranked episode."""
+        return self.figures[1]
 
     def metric(self, name: str) -> Metric | None:
-        """Return the further statistics of "score" or "steps"; None while nobody is in the primary set."""
+        """Return the further statistics of "score" or "steps"; None while nobody has finished."""
         return next((each for each in self.metrics if each.name == name), None)
 
 
@@ -163,7 +169,7 @@ class PolicyRow:
 class Report:
     """A study's report. `synthetic` ones are over scripts and never hold a human figure; the others never hold a script's.
 
-    estimand    what the primary figure estimates, in words; rule: which interval is printed
+    estimand    what the estimates are of, in words; rule: how intervals are made
     deviations  of the study as a whole
     scripts     scripted participants, by kind: counted and left out
     """

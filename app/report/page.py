@@ -94,9 +94,10 @@ def _sections(report: Report) -> Iterator[tuple[Any, ...]]:
     """Yield each script of a synthetic report, else the people if anybody has begun to play: the group, its tables, its charts,
     and whether the headline prints an interval."""
     for group in report.groups:
-        figure = group.figure
-        if report.synthetic or group.figures[0].players or group.started:
-            estimates = [each for each in (figure.score, figure.steps) if each is not None]
+        if report.synthetic or group.everybody.players or group.started:
+            figures = group.figure, group.everybody
+            both = [each for figure in figures for each in (figure.score, figure.steps)]
+            estimates = [each for each in both if each is not None]
             has_interval = any(why_no_interval(each) is None for each in estimates)
             yield group, group_tables(report, group), charts(report, group), has_interval
 

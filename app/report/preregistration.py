@@ -13,10 +13,11 @@ from app.report.statistics.exclusion_sets import rule_in_words
 from app.report.statistics.formatting import templates, utc
 from app.report.statistics.intervals import HEADLINE_RULE
 from app.report.statistics.planning import plan_study
+from app.report.statistics.study_figures import EVERYBODY_RULE
 from app.series.folder import Study
 from app.series.plausibility import labels_of
 from app.series.policy_episodes import tested_policies
-from app.series.protocol import Protocol
+from app.series.protocol import PER_PROTOCOL, Protocol
 
 RECRUITMENT = {
     "open": "Anybody who has the link may take part.",
@@ -49,7 +50,13 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         estimand=ESTIMAND,
         recruitment=RECRUITMENT[protocol.recruitment],
         attestation=ATTESTATION[protocol.required_attestation],
-        sets={name: rule_in_words(rules) for name, rules in protocol.exclusion.items()},
+        per_protocol=rule_in_words(protocol.per_protocol),
+        everybody=EVERYBODY_RULE,
+        sets={
+            name: rule_in_words(rules)
+            for name, rules in protocol.exclusion.items()
+            if name != PER_PROTOCOL
+        },
         labels={**labels_of(protocol), **protocol.rules.own_labels},
         rule=HEADLINE_RULE,
         policies=tested_policies(protocol),

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from app.db.trial import Attestation
 from app.report.costs import CostPart, CostSummary
 from app.report.measured_coverage import SCORE_POPULATIONS, nearest
 from app.report.model import GroupReport, Metric, Report
-from app.report.statistics.exclusion_sets import METRICS
+from app.report.statistics.exclusion_sets import LOWEST_IN_WORDS, METRICS, Lowest
 from app.report.statistics.formatting import NONE, counted, interval, number, p_value, percent
 from app.report.statistics.intervals import Estimate, Interval
-from app.report.statistics.study_figures import why_no_interval
+from app.report.statistics.study_figures import StudyFigure, why_no_interval
+from app.series.flow import STATUS_IN_WORDS, Status
 from app.task import rules_of
 
 
@@ -63,9 +64,9 @@ LEARNING = (
 )
 COMPARISON = (
     "policy",
-    "difference",
+    "difference, per protocol",
+    "everybody",
     "p",
-    "these\u00a0terrains alone",
     "p (Holm)",
     "ratio",
     "normalized",
@@ -78,6 +79,7 @@ def group_tables(report: Report, group: GroupReport) -> dict[str, PageTable | No
     compared = {each.metric for each in group.comparisons}
     return {
         "result": _result(group),
+        "statuses": _statuses(group),
         "against": _against(report, group) if compared else None,
         "exclusion_sets": _exclusion_sets(group),
         "attestation": _attestation(group),
@@ -171,46 +173,67 @@ def _by_metric(
 
 
 def _result(group: GroupReport) -> PageTable | None:
-    found = group.figure
-    if found.score is None or found.steps is None:
+    """Return both estimates side by side; None where nobody began."""
+    figures = group.figure, group.everybody
+    if not group.everybody.players:
         return None
-    columns = []
-    for metric, estimate in zip(group.metrics, (found.score, found.steps), strict=True):
-        headline = None if why_no_interval(estimate) else estimate.interval
-        ends = headline, metric.new_terrains
-        digits = DIGITS[metric.name]
-        columns.append((number(estimate.mean, digits), *(interval(each, digits) for each in ends)))
-    share = [*_share(found.completed).split("\n"), NONE]
-    kinds = found.completed and (found.completed.headline, found.score.headline)
-    if kinds == ("guaranteed", "printed"):
-        share[1] += " (guaranteed)"
-    if {each[1] for each in columns} == {NONE}:
-        share[1] = NONE
-    who = f"{counted(found.players, 'player')}, {counted(found.episodes, 'ranked episode')}; set “{found.name}”: {found.rule}."
-    kind = "guaranteed " if found.score.headline == "guaranteed" else ""
-    names = "mean", f"{kind}95 % interval (headline)", "95 % interval, new terrains too"
-    table = _by_metric(f"Means over players. {who}", group, names, [*columns, tuple(share)])
-    rows = [row for row in table.rows if set(row[1:]) != {NONE}]
-    return replace(table, heads=(*table.heads, group.words.reached), rows=rows)
+    rows = [_estimates(figure) for figure in figures]
+    heads = "estimate", "players", "score", group.words.steps, group.words.reached
+    return PageTable("Means over players, with 95 % intervals", heads, rows)
+
+
+def _estimates(figure: StudyFigure) -> tuple[str, ...]:
+    """Return a row of a figure: its name, players, and mean and interval in each metric."""
+    return (
+        figure.name,
+        str(figure.players),
+        _estimate(figure.score, DIGITS["score"]),
+        _estimate(figure.steps, DIGITS["steps"]),
+        _share(figure.completed),
+    )
+
+
+def _estimate(estimate: Estimate | None, digits: int) -> str:
+    if estimate is None:
+        return NONE
+    interval = None if why_no_interval(estimate) else estimate.interval
+    return _with_interval(estimate.mean, interval, digits)
+
+
+def _statuses(group: GroupReport) -> PageTable | None:
+    """Return where everybody is who came; None while nobody has."""
+    rows = [
+        (
+            STATUS_IN_WORDS[Status(row.status)],
+            str(row.people),
+            "yes" if row.in_per_protocol else "no",
+            "yes" if row.in_everybody else "no",
+            str(row.as_played),
+            ", ".join(f"{LOWEST_IN_WORDS[Lowest(why)]} {n}" for why, n in row.lowest.items())
+            or "0",
+        )
+        for row in group.statuses
+    ]
+    heads = (
+        "status",
+        "people",
+        "per protocol",
+        "everybody",
+        "terrains as played",
+        "terrains at the lowest score",
+    )
+    caption = "Everybody who came: where they are, and how their ranked terrains enter the estimate for everybody"
+    return PageTable(caption, heads, rows) if rows else None
 
 
 def _exclusion_sets(group: GroupReport) -> PageTable:
+    """Return every estimate, those of the protocol's other exclusion sets too."""
     rules = "; ".join(f"{each.name}: {each.rule}" for each in group.figures)
     both = "score (95 % interval)", f"{group.words.steps} (95 % interval)"
-    rows = [
-        (
-            each.name + (" (primary)" if each.name == group.primary else ""),
-            str(each.players),
-            str(each.episodes),
-            _with_interval(each.score.mean, each.score.interval, 4) if each.score else NONE,
-            _with_interval(each.steps.mean, each.steps.interval, 1) if each.steps else NONE,
-            _share(each.completed),
-        )
-        for each in group.figures
-    ]
-    caption = f"The figure under each exclusion set; who enters: {rules}"
-    heads = ("set", "players", "episodes", *both, f"{group.words.reached} (95 % interval)")
-    return PageTable(caption, heads, rows)
+    heads = ("estimate", "players", *both, f"{group.words.reached} (95 % interval)")
+    return PageTable(
+        f"The estimates; who enters: {rules}", heads, [_estimates(each) for each in group.figures]
+    )
 
 
 def _attestation(group: GroupReport) -> PageTable | None:
@@ -255,12 +278,12 @@ def _players(group: GroupReport) -> PageTable:
             number(row.score, 4),
             number(row.steps, 1),
             str(row.failed),
-            "yes" if row.in_primary else "no",
+            STATUS_IN_WORDS[Status(row.status)],
         )
         for row in group.players
     ]
     words = group.words.steps, group.words.short
-    heads = ("player", "episodes", "score", *words, "in the primary set")
+    heads = ("player", "terrains", "score", *words, "status")
     return PageTable("Pseudonyms of this report alone, in no order of joining", heads, rows)
 
 
@@ -281,8 +304,8 @@ def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
         (
             report.title_of(each.policy),
             _with_interval(each.difference, each.new, digits),
+            _with_interval(each.everybody, each.everybody_interval, digits),
             p_value(each.p_value),
-            interval(each.these, digits),
             p_value(each.p_adjusted),
             _with_interval(each.ratio, each.ratio_interval, 3),
             _with_interval(each.normalized, each.normalized_interval, 3),
@@ -294,16 +317,25 @@ def _comparison(report: Report, group: GroupReport, metric: str) -> PageTable:
 
 
 def _against(report: Report, group: GroupReport) -> PageTable:
-    """Return policies minus people in each metric, a row for each policy."""
+    """Return policies minus people under both estimates in each metric, a row for each policy."""
     rows: dict[str, list[str]] = {}
+    adjusted: dict[str, float] = {}
     for each in group.comparisons:
         digits = {"score": 3, "steps": 1}[each.metric]
-        difference = _with_interval(each.difference, each.new, digits)
-        rows.setdefault(each.policy, []).append(f"{difference}\np {p_value(each.p_adjusted)}")
-    heads = "policy", *(_heading(group, metric.name) for metric in group.metrics)
+        row = rows.setdefault(each.policy, [])
+        row.append(_with_interval(each.difference, each.new, digits))
+        row.append(_with_interval(each.everybody, each.everybody_interval, digits))
+        if each.p_adjusted is not None:
+            adjusted[each.policy] = each.p_adjusted
+    heads = ["policy"]
+    for metric in group.metrics:
+        heads += [f"{_heading(group, metric.name)}, per protocol", "everybody"]
     caption = f"Policies minus {group.name} on the same terrains"
-    cells = [(report.title_of(each).replace(" (", "\n(", 1), *row) for each, row in rows.items()]
-    return PageTable(caption, heads, cells)
+    cells = [
+        (report.title_of(policy).replace(" (", "\n(", 1), *row, p_value(adjusted.get(policy)))
+        for policy, row in rows.items()
+    ]
+    return PageTable(caption, (*heads, "p (Holm)"), cells)
 
 
 def _learning_column(metric: Metric) -> tuple[str, ...]:

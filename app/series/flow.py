@@ -1,4 +1,4 @@
-"""The flow of people through a study, from invitation to the last ranked episode: how many came to each stage, and who left.
+"""Where everybody is who came to a study: one status a person, and how many people have each.
 
 So that one person does not count as two, signs that somebody takes part more than once are noted, as far as they can be known
 without observing people's devices: refused joins with the participant who was there before, and with a new participant whether
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from app.series.data import Person, StudyData
     from app.series.invitations import Invitation
 
 
@@ -22,6 +22,9 @@ REPEATED_JOIN = "repeated_join"
 
 INTERRUPTED = "interrupted"
 """Kind of the stage event of somebody who was at an episode when the study was closed."""
+
+STOPPED = "stopped"
+"""Kind of the stage event of an episode that a rule of the protocol ended; its detail is {"episode": id}."""
 
 MAX_NOTED = 100
 """Further joins that are noted of one participant."""
@@ -42,15 +45,82 @@ SIGNS_IN_WORDS: dict[str, str] = {
 """Each reason in words."""
 
 
+class Status(StrEnum):
+    """Where somebody is who came to a study. Everybody has exactly one."""
+
+    FINISHED = "finished"
+    GAVE_UP = "gave_up"
+    EXCLUDED = "excluded"
+    NOT_ATTESTED = "not_attested"
+    PARTLY_BOT = "partly_bot"
+    STOPPED = "stopped_by_rule"
+    FAILED = "failed"
+    WITHDREW = "withdrew"
+    INTERRUPTED = "interrupted"
+    LEFT = "left"
+    PLAYING = "playing"
+    BOT = "bot"
+    WITHDREW_EARLY = "withdrew_early"
+    INTERRUPTED_EARLY = "interrupted_early"
+    NEVER_BEGAN = "never_began"
+    DECLINED = "declined"
+    UNDECIDED = "undecided"
+    ERASED = "erased"
+
+
+STATUS_IN_WORDS: dict[Status, str] = {
+    Status.FINISHED: "finished as the protocol asks",
+    Status.GAVE_UP: "ended all, but gave up too many",
+    Status.EXCLUDED: "ended all, but another rule excludes them",
+    Status.NOT_ATTESTED: "ended all, but not all attested",
+    Status.PARTLY_BOT: "ended all, but some by a bot",
+    Status.STOPPED: "stopped by a rule of the protocol",
+    Status.FAILED: "left after a failure of environment or server",
+    Status.WITHDREW: "withdrew",
+    Status.INTERRUPTED: "interrupted by the closing",
+    Status.LEFT: "left",
+    Status.PLAYING: "still playing",
+    Status.BOT: "bot from the first move of every episode",
+    Status.WITHDREW_EARLY: "withdrew before a ranked episode",
+    Status.INTERRUPTED_EARLY: "interrupted before a ranked episode",
+    Status.NEVER_BEGAN: "never began a ranked episode",
+    Status.DECLINED: "declined",
+    Status.UNDECIDED: "did not answer",
+    Status.ERASED: "erased",
+}
+ENDED = (
+    Status.FINISHED,
+    Status.GAVE_UP,
+    Status.EXCLUDED,
+    Status.NOT_ATTESTED,
+    Status.PARTLY_BOT,
+)
+"""Ended all ranked episodes."""
+BEGAN = (
+    *ENDED,
+    Status.STOPPED,
+    Status.FAILED,
+    Status.WITHDREW,
+    Status.INTERRUPTED,
+    Status.LEFT,
+    Status.PLAYING,
+)
+"""Began a ranked episode, bots left out: whom the estimate for everybody is of."""
+EARLY = (Status.WITHDREW_EARLY, Status.INTERRUPTED_EARLY, Status.NEVER_BEGAN)
+"""Agreed and began no ranked episode."""
+
+
 @dataclass(frozen=True)
 class Arrivals:
-    """People before they agreed to take part. A release leaves those out who did not agree, and keeps these counts.
+    """People of whom nothing but counts is kept. A release leaves out who did not agree, and keeps these counts.
 
     declined   did not agree
     undecided  opened the study and did not answer
-    erased     had everything erased at their own request, whenever that was
-    erased_after_closing  of them, when the figures were known
-    erased_finishers      of these, those who had ended all ranked episodes
+    erased     had everything erased, whenever that was
+    erased_after_closing  of them, when the estimates were known
+    erased_began      of the erased, those who had begun a ranked episode
+    erased_finishers  of these, those who had ended all ranked episodes
+    erased_asked_by   the erased by who asked for it, where that was said
     issued     invitations; None where the study has none or its folder is not at hand, and so for the next two
     revoked    of them, before anybody agreed with one
     unopened   of the others, with which nobody has joined
@@ -60,7 +130,9 @@ class Arrivals:
     undecided: int = 0
     erased: int = 0
     erased_after_closing: int = 0
+    erased_began: int = 0
     erased_finishers: int = 0
+    erased_asked_by: dict[str, int] = field(default_factory=dict)
     issued: int | None = None
     revoked: int | None = None
     unopened: int | None = None
@@ -68,40 +140,57 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class ParticipantFlow:
-    """Everybody who came, stage by stage; scripts are not among them.
+    """Everybody who came to a study, scripts left out.
 
-    agreed          to take part, the erased not among them
-    withdrew_early  before their first ranked episode
-    interrupted_early, interrupted  by the end of the study, before their first ranked episode and after it
-    stayed_early    did not go on to the ranked episodes, by the stage that they are at
-    ranked          began a ranked episode
-    withdrew        after that
-    unfinished      left: neither withdrew nor ended all ranked episodes, nor were interrupted
-    completed       ended all ranked episodes
+    people  how many have each status
     """
 
     arrivals: Arrivals
-    agreed: int
-    withdrew_early: int
-    stayed_early: dict[str, int]
-    ranked: int
-    withdrew: int
-    unfinished: int
-    completed: int
-    interrupted_early: int = 0
-    interrupted: int = 0
+    people: dict[Status, int]
+
+    def count(self, *statuses: Status) -> int:
+        """How many people have one of these statuses."""
+        return sum(self.people.get(status, 0) for status in statuses)
+
+    @property
+    def agreed(self) -> int:
+        """How many agreed to take part, the erased left out."""
+        return self.count(*BEGAN, Status.BOT, *EARLY)
+
+    @property
+    def began(self) -> int:
+        """How many began a ranked episode, bots too, the erased left out."""
+        return self.count(*BEGAN, Status.BOT)
 
     @property
     def joined(self) -> int:
-        """Return how many opened the study, the erased among them."""
-        return self.agreed + self.arrivals.declined + self.arrivals.undecided + self.arrivals.erased
+        """How many opened the study, the erased among them."""
+        return sum(self.people.values())
 
 
 def arrivals_of(declined: int, undecided: int, erased: Sequence[Mapping[str, Any]]) -> Arrivals:
-    """Return the counts of people before they agreed, as the database knows them; `erased` of `app.db.series.erased_people`."""
-    late = [each for each in erased if each["after_closing"]]
-    finishers = sum(each["stage"] in ("debrief", "complete") for each in late)
-    return Arrivals(declined, undecided, len(erased), len(late), finishers)
+    """Count people as the database knows them; `erased` of `app.db.series.erased_people`."""
+    asked = Counter(person["asked_by"] for person in erased if person["asked_by"] is not None)
+    return Arrivals(
+        declined,
+        undecided,
+        erased=len(erased),
+        erased_after_closing=sum(person["after_closing"] for person in erased),
+        erased_began=sum(person["ranked_begun"] > 0 for person in erased),
+        erased_finishers=sum(person["completed"] for person in erased),
+        erased_asked_by=dict(sorted(asked.items())),
+    )
+
+
+def participant_flow(arrivals: Arrivals, statuses: Iterable[Status]) -> ParticipantFlow:
+    """Count the statuses of the people who agreed, and those of whom only counts are kept."""
+    people = Counter(statuses)
+    people[Status.DECLINED] = arrivals.declined
+    people[Status.UNDECIDED] = arrivals.undecided
+    people[Status.ERASED] = arrivals.erased
+    return ParticipantFlow(
+        arrivals, {status: people[status] for status in Status if people[status]}
+    )
 
 
 def with_noted(arrivals: Arrivals, noted: Mapping[str, Any]) -> Arrivals:
@@ -126,30 +215,6 @@ def with_invitations(
     return replace(arrivals, issued=len(invitations), revoked=revoked, unopened=left)
 
 
-def participant_flow(data: StudyData) -> ParticipantFlow:
-    """Return the flow of a study's people."""
-    people = [p for p in data.people if p.kind == "human" and p.consent_version is not None]
-    began = {trial.participant for trial in data.trials if trial.phase == "ranked"}
-    early = [person for person in people if person.id not in began]
-    late = [person for person in people if person.id in began]
-    completed = sum(person.completed_ms is not None for person in late)
-    withdrew = sum(_has_withdrawn(person) and person.completed_ms is None for person in late)
-    interrupted_early, interrupted = (sum(map(_is_interrupted, each)) for each in (early, late))
-    stayed = [each for each in early if each.stage != "withdrawn" and not _is_interrupted(each)]
-    return ParticipantFlow(
-        arrivals=data.arrivals,
-        agreed=len(people),
-        withdrew_early=sum(map(_has_withdrawn, early)),
-        stayed_early=dict(Counter(person.stage for person in stayed)),
-        ranked=len(late),
-        withdrew=withdrew,
-        unfinished=len(late) - withdrew - completed - interrupted,
-        completed=completed,
-        interrupted_early=interrupted_early,
-        interrupted=interrupted,
-    )
-
-
 def repeated_reasons(
     events: Iterable[tuple[int, str, dict[str, Any]]], shares_invitation: bool = False
 ) -> tuple[str, ...]:
@@ -166,12 +231,3 @@ def repeated_reasons(
         elif kind == "joined":
             found.add(detail.get("outside_id"))
     return tuple(sentence for reason, sentence in SIGNS_IN_WORDS.items() if reason in found)
-
-
-def _has_withdrawn(person: Person) -> bool:
-    """Return whether somebody withdrew before the study ended: whoever was interrupted then left no earlier."""
-    return person.stage == "withdrawn" and not _is_interrupted(person)
-
-
-def _is_interrupted(person: Person) -> bool:
-    return any(kind == INTERRUPTED for _, kind, _ in person.events)

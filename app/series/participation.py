@@ -10,6 +10,7 @@ from app.board.session import RefusedError, StudyUnavailableError
 from app.board.sources import Sources
 from app.db.series import StudyStore
 from app.db.study_rows import Participant
+from app.series.flow import STOPPED
 from app.series.folder import Folder, Study, StudyError
 
 CLOSED_MESSAGE = "the study {!r} is closed: nobody can take part or go on any more"
@@ -55,6 +56,11 @@ class StudyParticipation:
         sentence = "A program moved in an episode that a person had begun."
         detail = {"sentence": sentence, "episode": episode_id}
         self._study_store.add_stage_event(self._participant.id, self._clock(), "deviation", detail)
+
+    def note_stopped(self, episode_id: str) -> None:
+        """Note that the board stood still for longer than the protocol allows."""
+        detail = {"episode": episode_id}
+        self._study_store.add_stage_event(self._participant.id, self._clock(), STOPPED, detail)
 
     def note_end(self) -> None:
         """Move the participant on when the last episode of the stage has ended: warm-up to ranked, ranked to debrief."""

@@ -34,18 +34,23 @@ NAME = r"[a-z0-9][a-z0-9-]{0,39}"
 """What a study may be called."""
 
 Line = Annotated[str, Field(min_length=1, max_length=300)]
-Rule = Literal["completed", "all_ranked_driver_human", "no_labels", "max_pause_share"]
+Rule = Literal[
+    "completed", "all_ranked_driver_human", "most_given_up", "no_labels", "max_pause_share"
+]
 ExclusionRules = dict[Rule, StrictBool | float]
+PER_PROTOCOL = "protocol"
+"""The exclusion set of the per-protocol estimate."""
 EXCLUSION: dict[str, ExclusionRules] = {
-    "protocol": {"completed": True, "all_ranked_driver_human": True},
+    PER_PROTOCOL: {"completed": True, "all_ranked_driver_human": True, "most_given_up": 0.5},
     "strict": {
         "completed": True,
         "all_ranked_driver_human": True,
+        "most_given_up": 0.5,
         "no_labels": True,
         "max_pause_share": 0.5,
     },
 }
-"""Who enters each further figure of the report; the first figure is of everybody."""
+"""Who enters each estimate beside the one for everybody."""
 
 
 class StudyError(Exception):
@@ -185,7 +190,7 @@ class Protocol(_Part):
     policies             compared in the report, on exactly the ranked terrains
     debrief_policy       compared with the participant on the warm-up terrains; None: nothing is
     policy_hashes        SHA-256 (hex) of the policies' files, by name or path; freezing writes them (`app.series.policy_files`)
-    exclusion            further figures of the report by name, with who enters them
+    exclusion            estimates by name with who enters them; `protocol`, the per-protocol one, is there in any case
     primary_metric       in which policies are tested against people, and the study is planned; the other one is descriptive
     fixed_terrains       whether the claim is about exactly these terrains, and not about others of their kind
     equivalence_margin   steps to 99 %: last third of the ranked trials against the first, within which learning is called flat;
@@ -291,6 +296,11 @@ class Protocol(_Part):
         """Return the fields: a task that locks nothing has no field for it."""
         found: dict[str, Any] = dump(self)
         return found if found.get("lock") else {n: v for n, v in found.items() if n != "lock"}
+
+    @property
+    def per_protocol(self) -> ExclusionRules:
+        """Who enters the per-protocol estimate."""
+        return self.exclusion.get(PER_PROTOCOL, EXCLUSION[PER_PROTOCOL])
 
     @property
     def rules(self) -> Rules:

@@ -16,7 +16,7 @@ export function paintStages(table, stages) {
 
 /** @param {HTMLElement} where @param {HTMLElement} words @param {Task} task @param {Admin.Study} study */
 export function paintFigure(where, words, { target }, { figure, max_steps: limit }) {
-  words.textContent = figure?.players ? `${figure.sentence} This is the exclusion set \u201c${figure.set}\u201d.` : "";
+  words.textContent = figure?.players ? figure.sentence : "";
   if (!figure?.players || !figure.steps || !figure.score) {
     const why = figure?.sentence ?? "Nobody has joined yet, so there is no figure.";
     where.replaceChildren(create("p", why, { class: "empty" }));

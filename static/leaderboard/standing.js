@@ -82,7 +82,9 @@ export function headline({ target }, { board, people, policies }) {
   const spread = people.steps.low === null ? "one player gives no interval" : `95 % interval ${intervalText(people.steps, "steps")}`;
   const who = board.study ? `${people.claim} in the study ${board.study}` : "Volunteers on this playground";
   const from = peopleText(people, board);
-  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${policy}`;
+  const { everybody } = people;
+  const began = everybody?.steps && people.set !== "everybody" ? ` Everybody who began (${many(everybody.players, "player")}): ${shown(everybody.steps.mean, "steps")} moves.` : "";
+  return `${who}, ${terrain}: ${shown(people.steps.mean, "steps")} moves to ${target} (${spread}), from ${from}.${began}${policy}`;
 }
 
 /** @param {Leaderboard.Detail} detail @returns {[string, string]} who people are here, and what policies play */
@@ -91,7 +93,7 @@ export function reading({ board, people }) {
     return ["Volunteers chose to play ranked on the page, and how often: they stand for nobody but themselves, and their figure is no human level. Terrains were neither chosen nor met before, no policy beside them; an episode that was left counts as abandoned. A mean is over those with at least five ranked episodes and needs five of them; each weighs once, so the interval is over players.",
       `Policies and frontier rules play ${many(board.terrains, "fixed terrain")} of the same kind, kept from all training; their interval is over terrains. In a closed study both play the very same terrains.`];
   }
-  const set = people?.set && people.set !== "all" ? ` who meet the exclusion rule \u201c${people.set}\u201d of its protocol` : "";
+  const set = people?.set === "everybody" ? " who began a ranked episode" : " who finished as its protocol asks";
   return [`People are the participants of this closed study${set}; each weighs once, and the interval is over players. Coverage and visits are over the ranked episodes of everybody who took part; scripts never enter.`,
     `Policies and frontier rules play exactly the study's ${many(board.terrains, "ranked terrain")}; their interval is over terrains. The report compares them pair by pair.`];
 }

@@ -10,7 +10,7 @@ declare namespace Leaderboard {
     episodes: number, score: Interval, steps: Interval, completed: number, curve: Curve | null,
     visits: number[][] | null,
   };
-  type People = Figure & {players: number, trials: Trial[], set?: string, claim?: string, abandoned?: number};
+  type People = Figure & {players: number, trials: Trial[], set?: string, everybody?: {players: number, steps: {mean: number} | null}, claim?: string, abandoned?: number};
   type Policy = {
     name: string, state: "ready" | "missing" | "computing" | "waiting" | "failed", done: number, of: number, figure: Figure | null,
     error: string | null, human_likeness?: number | null, summary?: string,

@@ -88,6 +88,7 @@ def _show_group(found: Report, group: GroupReport) -> None:
     mark, tables = "SYNTHETIC, script " if found.synthetic else "", group_tables(found, group)
     titles = {
         "exclusion_sets": f"{mark}{group.name}: means over players",
+        "statuses": f"{mark}{group.name}: everybody who came",
         "policies": f"{mark}policies on the same terrains, beside {group.name}",
         "score": f"{mark}score: policies minus {group.name}",
         "steps": f"{mark}steps: policies minus {group.name}",

@@ -228,8 +228,8 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
         )
     if math.isinf(found.protocol.rules.bounds(found.protocol.env_config)[0]):
         echo(
-            "Caution: no lowest score is known (`bounds` of the environment's file), so that whoever gives up keeps the score "
-            "that they had: giving up may pay"
+            "Caution: no lowest score is declared (`bounds` of the environment's file): there is no mean score of everybody "
+            "who began, nobody who gives up is in the per-protocol estimate, and no difference in score is tested"
         )
     echo(f"The study {name!r} is frozen.\n{hashes(found)}")
     if found.beacon is not None:

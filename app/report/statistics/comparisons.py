@@ -45,6 +45,8 @@ class PolicyComparison:
     difference             policy - people: the mean over players of a player's mean difference on the terrains they finished
     these                  interval of the difference for other players on exactly these terrains
     new                    interval of the difference for other players and other terrains
+    everybody              policy - everybody who began, with its interval for other players and other terrains; the other
+                           fields are per protocol; None where no lowest score is declared
     p_value                of the test that the difference is 0 (`policy_p`); None where the protocol plans no test of it
     p_adjusted             `p_value` by Holm's method over the policies that the protocol names, without `random`
     ratio                  policy / people (the 85.8 % of the paper is this figure), over players and terrains
@@ -63,6 +65,8 @@ class PolicyComparison:
     ratio_interval: Interval | None
     normalized: float | None
     normalized_interval: Interval | None
+    everybody: float | None = None
+    everybody_interval: Interval | None = None
     p_value: float | None = None
     p_adjusted: float | None = None
 

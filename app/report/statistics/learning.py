@@ -44,13 +44,8 @@ class Learning:
     verdict: str = "not tested"
 
 
-def assess_learning(
-    metric: str, table: Floats, margin: float | None, is_tested: bool = True
-) -> Learning:
-    """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it.
-
-    is_tested  False gives neither p nor verdict
-    """
+def assess_learning(metric: str, table: Floats, margin: float | None) -> Learning:
+    """Return what trials changed; `margin` in the metric's unit, None where the protocol fixes none for it."""
     by_trial = trial_means(table)
     slopes = np.array([_slope(row) for row in table if (~np.isnan(row)).sum() > 2])
     slope = float(slopes.mean()) if len(slopes) else None
@@ -71,8 +66,8 @@ def assess_learning(
         change=float(changes.mean()),
         change_interval=interval,
         equivalence=equivalence,
-        p_equivalence=p if is_tested else None,
-        verdict=verdict if is_tested else "not tested",
+        p_equivalence=p,
+        verdict=verdict,
     )
 
 

@@ -1,48 +1,55 @@
-"""A study's human figure under each exclusion set, and the score so far that the operator and the leaderboard show."""
+"""A study's two estimates, who finished and everybody who began, and what operator and leaderboard show of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from app.report.statistics.comparisons import player_means
 from app.report.statistics.exclusion_sets import (
-    ALL,
+    EVERYBODY,
     METRICS,
     Cohort,
+    Everybody,
     MetricName,
+    everybody_of,
     members,
     people_of,
     rule_in_words,
+    statuses,
 )
 from app.report.statistics.formatting import counted
-from app.report.statistics.intervals import Estimate, Interval, estimate_of_means, is_a_few_players
+from app.report.statistics.intervals import FEWEST, Estimate, Interval, estimate
 from app.series.data import StudyData
+from app.series.flow import BEGAN, Status
+from app.series.protocol import PER_PROTOCOL
 from app.task import Configuration, Rules, Words
+from marsexplorer.intervals import Floats
 
-ITT, AS_PLAYED = "intention to treat", "as played"
-"""Rows beside those of the exclusion sets."""
-RULES_IN_WORDS = {
-    ITT: "everybody who began a ranked episode; a terrain that was not finished counts as given up before the first move",
-    AS_PLAYED: "the primary set, spoilt episodes as they were played",
-}
-PRIMARY = "protocol"
-"""The exclusion set of the headline; "all" where a protocol names none of that name."""
+PER_PROTOCOL_NAME = "per protocol"
+EVERYBODY_RULE = (
+    "everybody who began a ranked episode, bots left out; terrains that they gave up or did not end, or that a bot, a failure "
+    "or a rule ended, count at the lowest score and the limit"
+)
 
 NO_HUMAN_FIGURE = "No human has played this study: it has no human figure."
 
 
 @dataclass(frozen=True)
 class StudyFigure:
-    """The figure under one exclusion set.
+    """The estimate of some of the players.
 
-    name       "all", a set of the protocol's ("protocol", "strict"), "intention to treat" or "as played"
+    name       "per protocol", "everybody", or another exclusion set of the protocol
     rule       who enters, in words
-    completed  share of episodes that reached 99 %, 0..1, the mean over players, with the headline's interval, the guaranteed
-               one also where players do not differ
+    score      None where nobody enters, and for everybody where no lowest score is declared
+    completed  share of episodes that succeeded, 0..1, the mean over players
+    erased     people who are missing because they were erased
+    score_range, steps_range  low and high mean had all of them been best or all worst; None for nobody erased, and where a
+               bound is not known
     """
 
     name: str
@@ -52,41 +59,73 @@ class StudyFigure:
     score: Estimate | None = None
     steps: Estimate | None = None
     completed: Estimate | None = None
+    erased: int = 0
+    score_range: Interval | None = None
+    steps_range: Interval | None = None
 
 
-def study_figures(data: StudyData, cohort: Cohort) -> tuple[StudyFigure, ...]:
-    """Return the cohort's figure under "all" and under each exclusion set of the protocol, in this order.
+@dataclass(frozen=True)
+class StatusRow:
+    """The people of one status.
 
-    For people two further rows follow: by intention to treat, and where an episode was spoilt the primary set as it was played.
+    in_per_protocol, in_everybody  whether they are in these estimates
+    as_played  ranked terrains that enter the estimate for everybody as they were played
+    lowest     those that enter at the lowest score, by reason (`exclusion_sets.Lowest`)
     """
-    sets: dict[str, Mapping[Any, Any]] = {ALL: {}, **data.protocol.exclusion}
-    found = [_figure(data, cohort, name, members(cohort, rules)) for name, rules in sets.items()]
-    if cohort.kind == "human":
-        begun = intention_to_treat(data, cohort)
-        found.append(_figure(data, begun, ITT, members(begun, {})))
-        if any(trial.attestation == "spoilt" for own in cohort.ranked.values() for trial in own):
-            played, primary = people_of(data, as_played=True), primary_set(data)
-            found.append(_figure(data, played, AS_PLAYED, members(cohort, sets[primary])))
+
+    status: str
+    people: int
+    in_per_protocol: bool
+    in_everybody: bool
+    as_played: int = 0
+    lowest: dict[str, int] = field(default_factory=dict)
+
+
+def study_figures(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[StudyFigure, ...]:
+    """Return the estimate per protocol, that for everybody, and one for each other exclusion set of the protocol."""
+    protocol, arrivals = data.protocol, data.arrivals
+    is_human = cohort.kind == "human"
+    erased = (arrivals.erased_finishers, arrivals.erased_began) if is_human else (0, 0)
+    rule = rule_in_words(protocol.per_protocol)
+    ids = members(cohort, protocol.per_protocol)
+    began = members(everybody.cohort, {})
+    found = [
+        _figure(data, cohort, PER_PROTOCOL_NAME, rule, ids, erased[0]),
+        _figure(data, everybody.cohort, EVERYBODY, EVERYBODY_RULE, began, erased[1]),
+    ]
+    for name, rules in protocol.exclusion.items():
+        if name != PER_PROTOCOL:
+            ids = members(cohort, rules)
+            found.append(_figure(data, cohort, name, rule_in_words(rules), ids))
     return tuple(found)
 
 
-def intention_to_treat(data: StudyData, cohort: Cohort) -> Cohort:
-    """Return everybody who began a ranked episode, each terrain that they did not finish counted as given up before a move."""
-    is_shown = data.closed_ms is not None
-    begun = {each.participant: each for each in data.trials if is_shown and each.phase == "ranked"}
-    ranked = {person: own for person, own in cohort.ranked.items() if person in begun}
-    low, _ = data.protocol.rules.bounds(data.protocol.env_config)
-    for person, own in ranked.items():
-        missing = set(range(cohort.terrains)) - {each.terrain_index for each in own}
-        left = [
-            replace(
-                begun[person], outcome="timed_out", steps=0, total=0.0, score=max(0.0, low), labels=(),
-                terrain_index=terrain, trial=cohort.terrains + at,
-            ).forfeited()
-            for at, terrain in enumerate(sorted(missing))
-        ]  # fmt: skip
-        ranked[person] = (*own, *left)
-    return replace(cohort, ranked={**dict.fromkeys(cohort.ranked, ()), **ranked})
+def status_rows(data: StudyData, cohort: Cohort, everybody: Everybody) -> tuple[StatusRow, ...]:
+    """Return a row for each status that somebody has, those of whom only counts are kept among them."""
+    by_person = statuses(data, cohort)
+    counts = Counter(by_person.values())
+    if cohort.kind == "human":
+        counts[Status.DECLINED] = data.arrivals.declined
+        counts[Status.UNDECIDED] = data.arrivals.undecided
+        counts[Status.ERASED] = data.arrivals.erased
+    rows = []
+    for status in (each for each in Status if counts[each]):
+        people = [person for person, own in by_person.items() if own is status]
+        reasons = Counter(
+            reason for person in people for reason in everybody.reasons.get(person, ())
+        )
+        as_played = reasons.pop(None, 0)
+        rows.append(
+            StatusRow(
+                status=status.value,
+                people=counts[status],
+                in_per_protocol=status is Status.FINISHED,
+                in_everybody=status in BEGAN,
+                as_played=as_played,
+                lowest={reason.value: n for reason, n in sorted(reasons.items()) if reason},
+            )
+        )
+    return tuple(rows)
 
 
 def claim_of(data: StudyData) -> str:
@@ -101,79 +140,78 @@ def claim_of(data: StudyData) -> str:
     return f"{'Human level' if is_known else 'Figure of unverified participants'} ({level})"
 
 
-def primary_set(data: StudyData) -> str:
-    """Return the name of the exclusion set whose figure is the headline."""
-    return PRIMARY if PRIMARY in data.protocol.exclusion else ALL
-
-
 def live_figure(data: StudyData) -> dict[str, Any]:
-    """Return the people's figure as it may be seen: claim, set, players, episodes, score, steps, sentence.
+    """Return the people's estimates as they may be seen: claim, set, players, episodes, score, steps, everybody, sentence.
 
-    score and steps are {"mean", "low", "high"} by the report's rule (low and high None below two players), None for nobody. The
-    set is the primary one where anybody is in it, else "all". An open study has nobody in any, and its sentence says how many
-    have finished.
+    The first are per protocol, as `set` says, or of everybody where nobody has finished; `everybody` is {"players", "episodes",
+    "score", "steps"}. Score and steps are {"mean", "low", "high"} (low and high None without an interval), or None. An open
+    study has nobody in any, and its sentence says how many have finished.
     """
-    figures = study_figures(data, people_of(data))
-    primary = next(figure for figure in figures if figure.name == primary_set(data))
-    chosen = primary if primary.players else figures[0]
+    cohort = people_of(data)
+    per_protocol, everybody, *_ = study_figures(data, cohort, everybody_of(data, cohort))
+    first = per_protocol if per_protocol.players else everybody
     return {
         "claim": claim_of(data),
-        "set": chosen.name,
-        "players": chosen.players,
-        "episodes": chosen.episodes,
-        "score": _mean_and_interval(chosen.score),
-        "steps": _mean_and_interval(chosen.steps),
-        "sentence": _said(data, chosen),
+        "set": first.name,
+        **_shown(first),
+        "everybody": _shown(everybody),
+        "sentence": headline(data, per_protocol, everybody),
     }
 
 
-def _said(data: StudyData, figure: StudyFigure) -> str:
+def _shown(figure: StudyFigure) -> dict[str, Any]:
+    return {
+        "players": figure.players,
+        "episodes": figure.episodes,
+        "score": _mean_and_interval(figure.score),
+        "steps": _mean_and_interval(figure.steps),
+    }
+
+
+def headline(data: StudyData, per_protocol: StudyFigure, everybody: StudyFigure) -> str:
+    """Return the sentence with both estimates; that of an open study says how many have finished."""
     if data.closed_ms is None:
         return data.progress_sentence()
-    words = data.protocol.rules.words
-    if not figure.players:
+    if not everybody.players:
         return NO_HUMAN_FIGURE
-    return f"{claim_of(data)}: {figure_sentence(figure, words)}"
+    words = data.protocol.rules.words
+    finished = "Nobody finished as the protocol asks."
+    if per_protocol.players:
+        finished = f"Per protocol: {figure_sentence(per_protocol, words)}"
+    began = f"Everybody who began: {figure_sentence(everybody, words)}"
+    return f"{claim_of(data)}. {finished} {began}"
 
 
 def figure_sentence(figure: StudyFigure, words: Words) -> str:
     """Return a figure that has at least one player as a sentence."""
-    assert figure.score is not None
-    assert figure.steps is not None
     who = f"{counted(figure.players, 'player')}, {counted(figure.episodes, 'ranked episode')}"
-    kind = "guaranteed " if figure.score.headline == "guaranteed" else ""
-    kind += "95 % interval "  # said once
+    kind = "95 % interval "  # said once
     reasons, said = [], []
-    for found, text, form in (
-        (figure.score, f"mean score {figure.score.mean:.3f}", ".3f"),
-        (figure.steps, f"{figure.steps.mean:.1f} {words.steps}", ".1f"),
+    for found, form, unit in (
+        (figure.score, ".3f", "mean score {}"),
+        (figure.steps, ".1f", f"{{}} {words.steps}"),
     ):
+        if found is None:
+            continue
+        text = unit.format(f"{found.mean:{form}}")
         reasons.append(why_no_interval(found))
         if reasons[-1] is None and found.interval is not None:
             text += f" ({kind}{found.interval[0]:{form}} to {found.interval[1]:{form}})"
             kind = ""
         said.append(text)
+    if figure.score is None:
+        reasons.append("No lowest score is declared: there is no mean score of everybody.")
     why = dict.fromkeys(reason for reason in reasons if reason)
     return " ".join([f"{who}: {', '.join(said)}.", *why])
 
 
 def why_no_interval(estimate: Estimate) -> str | None:
-    """Return the sentence that says why an estimate has no headline interval; None where it has one."""
-    if estimate.interval is None:
+    """Return the sentence that says why an estimate has no interval; None where it has one."""
+    if estimate.players == 1:
         return "One player gives no interval."
-    if estimate.headline == "guaranteed":
-        return None
+    if estimate.interval is None:
+        return f"Fewer than {FEWEST} players give no interval."
     return "Players who do not differ give no interval." if estimate.sd == 0 else None
-
-
-def why_no_p(figure: StudyFigure) -> str | None:
-    """Return the sentence that says why the tail rule forbids p values; None where it does not."""
-    if figure.score is not None and figure.score.headline == "guaranteed":
-        return (
-            "No p value is given: failures are a few players' here, and where they were in simulation, a policy as good as "
-            "people had a p below 0.05 in up to 45.6 % of studies."
-        )
-    return None
 
 
 def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> Interval:
@@ -182,37 +220,54 @@ def metric_bounds(rules: Rules, config: Configuration, metric: MetricName) -> In
 
 
 def worst_value(rules: Rules, config: Configuration, metric: MetricName) -> float | None:
-    """The worst value that an episode can have in a metric; None where no lowest score is declared."""
+    """Return the worst value of an episode: the limit, the lowest score; None where no lowest score is declared."""
     if metric == "steps":
         return float(config.limit)
-    lowest = rules.bounds(config)[0]
+    lowest, _ = rules.bounds(config)
     return lowest if np.isfinite(lowest) else None
 
 
-def _figure(data: StudyData, cohort: Cohort, name: str, ids: Sequence[str]) -> StudyFigure:
-    """Return the figure of some of the cohort, under the name of a row."""
-    rule = RULES_IN_WORDS.get(name) or rule_in_words(data.protocol.exclusion.get(name))
+def _figure(
+    data: StudyData, cohort: Cohort, name: str, rule: str, ids: Sequence[str], erased: int = 0
+) -> StudyFigure:
+    """Return the estimate of some of the cohort.
+
+    erased  people who would be among them, had they not been erased
+    """
     if not ids:
-        return StudyFigure(name, rule)
-    episodes = np.array([len(cohort.ranked[person]) for person in ids], np.float64)
-    counts = [sum(not trial.succeeded for trial in cohort.ranked[person]) for person in ids]
-    failed = np.array(counts, np.float64)
-    is_guaranteed = len(ids) > 1 and bool(is_a_few_players(failed, episodes))
-    shares = 1 - failed / episodes
+        return StudyFigure(name, rule, erased=erased)
     rules, config = data.protocol.rules, data.protocol.env_config
-    means = [player_means(cohort.table(ids, each)) for each in METRICS]
-    bounds = [metric_bounds(rules, config, each) for each in METRICS]
-    of_both = zip(means, bounds, strict=True)
-    score, steps = (estimate_of_means(*each, is_guaranteed) for each in of_both)
+    drawn = data.protocol.terrains_drawn
+    estimates: dict[str, Estimate] = {}
+    ranges: dict[str, Interval | None] = {}
+    for metric in METRICS:
+        table, bounds = cohort.table(ids, metric), metric_bounds(rules, config, metric)
+        worst = worst_value(rules, config, metric)
+        if worst is None and name == EVERYBODY:
+            continue
+        estimates[metric] = estimate(table, bounds, worst, drawn)
+        ranges[metric] = _range(player_means(table), bounds, erased)
     return StudyFigure(
         name,
         rule,
         players=len(ids),
-        episodes=int(episodes.sum()),
-        score=score,
-        steps=steps,
-        completed=estimate_of_means(shares, (0.0, 1.0), is_guaranteed or np.ptp(shares) == 0),
+        episodes=sum(len(cohort.ranked[person]) for person in ids),
+        score=estimates.get("score"),
+        steps=estimates["steps"],
+        completed=estimate(cohort.table(ids, "completed"), (0.0, 1.0), 0.0, drawn),
+        erased=erased,
+        score_range=ranges.get("score"),
+        steps_range=ranges["steps"],
     )
+
+
+def _range(means: Floats, bounds: Interval, erased: int) -> Interval | None:
+    """Return the mean had all the erased been at the low bound, and at the high one; None where that is unknown."""
+    if not erased or not np.isfinite(bounds).all():
+        return None
+    people = len(means) + erased
+    low, high = ((means.sum() + erased * bound) / people for bound in bounds)
+    return float(low), float(high)
 
 
 def _mean_and_interval(found: Estimate | None) -> dict[str, float | None] | None:

@@ -127,17 +127,17 @@ class ClosedStudies:
 
 def _people(reader: Reader, data: StudyData) -> dict[str, Any] | None:
     figure = live_figure(data)
-    if not figure["players"]:
+    if not figure["everybody"]["players"]:
         return None
     cohort = people_of(data)
-    rules = data.protocol.exclusion.get(figure["set"], {})
-    people = members(cohort, rules)
+    people = members(cohort, data.protocol.per_protocol) or members(cohort, {})
+    if not people:  # nothing that may be drawn is attested
+        return None
     groups = [[_totals_of(trial) for trial in cohort.ranked[person]] for person in people]
     shares = [np.mean([each.outcome == "explored" for each in own]) for own in groups]
+    shown = ("claim", "set", "players", "episodes", "score", "steps", "everybody")
     return {
-        **{
-            name: figure[name] for name in ("claim", "set", "players", "episodes", "score", "steps")
-        },
+        **{name: figure[name] for name in shown},
         **{"completed": float(np.mean(shares)), "curve": None, "visits": None},
         **summarize_groups(reader, data, synthetic=False).get("people", {}),
         "trials": trial_summaries(groups),

@@ -119,7 +119,7 @@ def test_the_page_says_every_part(pages):
                     "Learning over the ranked trials", "Where they went", "Deviations from the protocol",
                     "Protocol"):  # fmt: skip
         assert f">{heading}</h" in pages[0], heading
-    for wanted in ("95 % interval (headline)", "new terrains too", "guaranteed", "(primary)"):
+    for wanted in ("per protocol", "everybody", "terrains at the lowest score"):
         assert wanted in pages[0], wanted
 
 
@@ -152,18 +152,20 @@ def test_the_first_page_has_flow_headline_comparison_picture_and_cautions_and_th
 ):
     first, folded = pages[0].split('<details class="section">', 1)
     for wanted in (
-        "Figure of unverified participants (attested): 4 players",
+        "Figure of unverified participants (attested). Per protocol: 4 players",
+        "Everybody who began: 4 players",
         "Required of every ranked episode: attested",
         "Opened the study: 4",
         "Policies minus people on the same terrains",
-        "Below, the mean with the 95 % interval of the headline",
+        "Below, both estimates",
+        "Everybody who came: where they are",
         "Read before use",
         "4 players are few",
     ):
         assert wanted in first, wanted
     assert first.count("<svg") == 3
-    assert first.index("Each dot is one player") < first.index("<table")
-    assert first.count("<table") == 1
+    assert first.index("<table") < first.index("Each dot is one player"), "the estimates come first"
+    assert first.count("<table") == 3
     headings = re.findall(r"<h2>(.*?)</h2>", folded)
     assert len(headings) >= 7
     assert len(headings) == len(re.findall(r"<summary><h2>", folded))

@@ -15,7 +15,7 @@ from app.report import build
 from app.report.model import SYNTHETIC
 from app.report.page import render
 from app.report.statistics.formatting import utc
-from app.report.statistics.intervals import guaranteed_interval, printed_interval
+from app.report.statistics.intervals import interval
 from app.report.statistics.study_figures import NO_HUMAN_FIGURE, live_figure, metric_bounds
 from app.report.tables import group_tables
 from app.series.data import load
@@ -51,6 +51,7 @@ HUMAN_TIME = (
     "Geometric mean {} of the {} that succeeded, without pauses and time out of sight; arXiv 2503.14499 (C.1.4) rates tasks "
     "so. Failures are left out, so it is short where many failed."
 )
+LOWEST = rules_of("mars").bounds(CONFIG)[0]
 CLAIM = "Figure of unverified participants (attested)"
 """What the people of an open link are called."""
 
@@ -60,21 +61,22 @@ def data():
     return study(*played(SCORES))
 
 
-def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval(data):
-    report = build(data)
+def test_the_figure_is_the_mean_of_player_means_with_the_rules_interval():
+    scores = np.vstack([SCORES, SCORES[::-1] - 0.1])
+    report = build(study(*played(scores)))
     found = report.groups[0].figure
-    means = SCORES.mean(1)
-    assert (found.name, found.players, found.episodes) == ("protocol", 3, 18)
+    means = scores.mean(1)
+    assert (found.name, found.players, found.episodes) == ("per protocol", 6, 36)
     assert found.score.mean == pytest.approx(means.mean())
-    low, high = printed_interval(np.sort(means))
+    low, high = interval(scores, LOWEST)
     assert found.score.interval == pytest.approx(
         (float(low), min(float(high), 1))
     )  # no mean score is above 1
     assert f"mean score {means.mean():.3f}" in report.sentence
-    assert "3 players, 18 ranked episodes" in report.sentence
+    assert "6 players, 36 ranked episodes" in report.sentence
 
 
-def test_completion_has_the_headlines_interval_and_a_guaranteed_one_where_all_completed():
+def test_completion_is_an_estimate_of_the_same_kind():
     people, trials = played(np.full((6, 6), 0.9))
     failed = (1, 2, 0, 1, 1, 1)
     by = {each.id: number for number, each in enumerate(people)}
@@ -83,14 +85,10 @@ def test_completion_has_the_headlines_interval_and_a_guaranteed_one_where_all_co
         for each in trials
     ]
     found = build(study(people, some)).groups[0].figure.completed
-    shares = np.sort(1 - np.array(failed) / 6)
-    low, high = map(float, printed_interval(shares))
-    assert found.mean == pytest.approx(shares.mean())
+    completed = np.array([[trial >= count for trial in range(6)] for count in failed], float)
+    low, high = map(float, interval(completed, 0.0))
+    assert found.mean == pytest.approx(completed.mean())
     assert found.interval == pytest.approx((max(low, 0), min(high, 1)))
-    group = build(study(people, trials)).groups[0]
-    low, high = map(float, guaranteed_interval(np.ones(6), (0.0, 1.0)))
-    assert (group.figure.completed.mean, group.figure.completed.interval) == (1, (low, high))
-    assert low < 0.9, "six players who completed all say little of others"
 
 
 def test_every_figure_of_the_spread_and_of_the_sets_has_its_interval_on_the_page():
@@ -98,7 +96,7 @@ def test_every_figure_of_the_spread_and_of_the_sets_has_its_interval_on_the_page
     report = build(study(*played(scores)), [run("ppo", scores.mean(0)), run("random", [0.3] * 6)])
     tables = group_tables(report, report.groups[0])
     cells = [cell for row in tables["variance"].rows for cell in row[1:]]
-    cells += [cell for row in tables["exclusion_sets"].rows for cell in row[3:]]
+    cells += [cell for row in tables["exclusion_sets"].rows for cell in row[2:4]]
     cells += [row[at] for row in tables["score"].rows for at in (1, -2)]
     assert len(cells) > 20
     assert [cell for cell in cells if " to " not in cell] == []
@@ -172,7 +170,7 @@ def test_the_exclusion_sets():
         )
     group = build(study(people, changed)).groups[0]
     assert {figure.name: (figure.players, figure.episodes) for figure in group.figures} == {
-        "all": (4, 20), "protocol": (3, 18), "strict": (1, 6), "intention to treat": (4, 24)
+        "per protocol": (3, 18), "everybody": (4, 24), "strict": (1, 6)
     }  # fmt: skip
     assert group.labels == {"untrusted": 1}
     assert (
@@ -186,10 +184,10 @@ def test_a_person_with_one_scripted_move_is_a_deviation_and_no_figure():
     people, trials = played(SCORES)
     trials[7] = trial(people[1], 1, 0.9, driver="script")
     group = build(study(people, trials)).groups[0]
-    assert (group.figures[0].episodes, group.figure.players) == (17, 2)
+    assert (group.everybody.players, group.figure.players) == (3, 2)
     assert (
         "1 ranked episode of 1 participant had a move made by a script: begun by a person, such an "
-        "episode counts as abandoned, else in no figure." in group.deviations
+        "episode counts per protocol as abandoned." in group.deviations
     )
 
 
@@ -353,57 +351,51 @@ def test_the_policies_of_the_protocol_without_random_are_tested_in_its_primary_m
 def test_one_player_and_one_terrain_are_reported_without_intervals():
     report = build(study(*played([[0.9]]), ranked=1), [run("random", [0.3])])
     assert "One player gives no interval" in report.sentence
-    assert report.groups[0].metric("score").new_terrains is None
     assert json.loads(report.to_json())["groups"][0]["figures"][1]["score"]["interval"] is None
     page = render(report)
     assert "1 player, 1 ranked episode: mean score 0.900, " in page
     assert "One player gives no interval.</p>" in page
-    for absent in ("(headline)", "interval of the headline", "1 players"):
-        assert absent not in page, absent
-    assert "(headline)" in render(build(study(*played([[0.9], [0.8]]), ranked=1)))
+    assert "1 players" not in page
 
 
 def test_the_headline_prints_no_interval_where_there_is_none_to_print():
-    same = build(study(*played(np.full((3, 6), 0.9), steps=[[30] * 6, [31] * 6, [32] * 6])))
-    assert same.sentence.startswith(
-        f"{CLAIM}: 3 players, 18 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
-    )
+    steps = [[number] * 6 for number in range(29, 34)]
+    same = build(study(*played(np.full((5, 6), 0.9), steps=steps)))
+    began = "5 players, 30 ranked episodes: mean score 0.900, 31.0 steps to 99 % (95 % interval "
+    assert same.sentence.startswith(f"{CLAIM}. Per protocol: {began}")
+    assert f"Everybody who began: {began}" in same.sentence
     assert same.sentence.endswith(". Players who do not differ give no interval.")
-    alike = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30))))
-    assert alike.sentence == (
-        f"{CLAIM}: 3 players, 18 ranked episodes: mean score 0.900, 30.0 steps to 99 %. "
+    alike = build(study(*played(np.full((5, 6), 0.9), steps=np.full((5, 6), 30))))
+    means = (
+        "5 players, 30 ranked episodes: mean score 0.900, 30.0 steps to 99 %. "
         "Players who do not differ give no interval."
     )
-    assert "(headline)" not in render(alike)
+    assert alike.sentence == f"{CLAIM}. Per protocol: {means} Everybody who began: {means}"
 
 
-def test_cautions_name_few_players_skewness_and_what_nobody_here_showed():
+def test_cautions_name_how_few_players_there_are():
     people, trials = played([[0.95] * 6, [0.94] * 6, [0.95] * 6, [0.96] * 6, [0.3] * 6])
     said = " ".join(build(study(people, trials, players=10)).groups[0].cautions)
     assert "5 of the 10 players planned" in said
     assert "5 players are few" in said
-    assert "the low end" in said
-    assert "none of 5 players had episodes that ended short" in said
-    assert "up to 52 % of the population" in said  # 1 - 0.025 ** (1 / 5)
-    same = build(study(*played(np.full((3, 6), 0.9), steps=np.full((3, 6), 30)))).groups[0].cautions
-    assert any("no spread, so its interval says nothing" in line for line in same)
 
 
 def test_the_live_figure_is_the_reports(data):
     live, figure = live_figure(data), build(data).groups[0].figure
-    assert (live["set"], live["players"], live["episodes"]) == ("protocol", 3, 18)
-    assert (live["score"]["low"], live["score"]["high"]) == figure.score.interval
+    assert (live["set"], live["players"], live["episodes"]) == ("per protocol", 3, 18)
+    assert live["everybody"] == {name: live[name] for name in live["everybody"]}
+    assert (live["score"]["low"], live["score"]["high"]) == (None, None), "three players"
     assert live["steps"]["mean"] == figure.steps.mean
     nobody = live_figure(study())
     assert (nobody["players"], nobody["score"], nobody["sentence"]) == (0, None, NO_HUMAN_FIGURE)
 
 
-def test_where_nobody_finished_the_live_figure_is_of_all():
+def test_where_nobody_finished_the_live_figure_is_of_everybody():
     data = study(*played([[0.9, 0.8, NAN, NAN, NAN, NAN], [0.7, NAN, NAN, NAN, NAN, NAN]]))
     live = live_figure(data)
-    assert (live["set"], live["players"], live["episodes"]) == ("all", 2, 3)
+    assert (live["set"], live["players"], live["episodes"]) == ("everybody", 2, 12)
     assert build(data).sentence.startswith(
-        f"{CLAIM}. Nobody finished the study. Of those who began: 2 players, 3 ranked episodes"
+        f"{CLAIM}. Nobody finished as the protocol asks. Everybody who began: 2 players, 12 ranked"
     )
 
 
@@ -537,10 +529,10 @@ def test_a_figure_is_called_the_human_level_only_where_people_are_known_to_be_pe
     came = recruitment.removeprefix("signed ")
     rest = {"required_attestation": level, "recruitment": came, "panel_links": links}
     found = study(people, trials, outside_ids=("ID",), **rest)
-    assert build(found).sentence.startswith(f"{claim}: 3 players")
+    assert build(found).sentence.startswith(f"{claim}. Per protocol: 3 players")
     assert live_figure(found)["claim"] == claim
     page = render(build(found))
-    assert f"{claim}: 3 players" in page
+    assert f"{claim}. Per protocol: 3 players" in page
     assert ("ids anybody may make up" in page) == (recruitment == "panel")
 
 
@@ -570,17 +562,16 @@ def test_the_report_counts_what_the_required_level_leaves_out():
     }
     assert (group.attestation.left_out, group.attestation.people_left_out) == (2, 1)
     assert group.attestation.reasons == {"no press of its own": 2, "as above": 1}
-    assert (group.figure.players, group.excluded) == (2, {"not attested": 1})
-    figures = {each.name: each for each in group.figures}
-    assert figures["all"].episodes == 16
-    as_played, counted = figures["as played"], group.figure
-    assert (as_played.players, counted.players) == (2, 2)
-    assert as_played.steps.mean < counted.steps.mean
-    assert as_played.score.mean > counted.score.mean
+    assert (group.figure.players, group.everybody.players) == (2, 3)
+    assert [row.status for row in group.statuses] == ["finished", "not_attested"]
+    assert group.figure.completed.mean == pytest.approx(11 / 12), (
+        "per protocol what is spoilt counts as given up"
+    )
+    assert group.everybody.completed.mean == 1, "nothing shows a program"
     page = render(report)
     assert "The level required left out 2 ranked episodes of 1 person" in page
     assert "by a link that anybody could open" in page
-    assert "not attested: 1" in page
+    assert "ended all, but not all attested: 1" in page
     scripts = build(study(*played(SCORES, "script", "idler")), synthetic=True)
     assert scripts.groups[0].attestation is None
 

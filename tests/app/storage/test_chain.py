@@ -239,7 +239,8 @@ def test_no_hash_of_a_forgotten_person_can_be_made_again(copy):
     conn.close()
     (forgotten,), (erased,) = ask(path, "SELECT note FROM chain ORDER BY number DESC LIMIT 2")[::-1]
     assert json.loads(forgotten) == {"forgotten": sorted(number for number, *_ in lost)}
-    assert json.loads(erased).keys() == {"study", "stage", "after_closing", "row"}
+    noted = {"study", "stage", "after_closing", "ranked_ended", "asked_by", "row"}
+    assert json.loads(erased).keys() == noted
     result = verify_database(path)
     assert (result.findings, result.chain.forgotten) == ((), len(lost))
 

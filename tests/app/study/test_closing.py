@@ -1,11 +1,13 @@
 """The end of a study: what is open is abandoned, nobody is cut off unseen, and whoever is erased later is counted."""
 
+import csv
 import io
 import json
 import sqlite3
 import threading
 from contextlib import closing
 
+import numpy as np
 import pytest
 
 from app.db.erasure import forget
@@ -18,7 +20,6 @@ from app.report.build import build
 from app.report.making import load_with_folder
 from app.series.closing import note_closed
 from app.series.data import load
-from app.series.flow import participant_flow
 from app.series.folder import Folder
 from app.series.protocol import StudyError
 from app.series.verification import verify_database
@@ -75,18 +76,15 @@ def test_closing_waits_for_who_is_at_it_and_abandons_what_is_open(
 
     data = load(path, "dunes")
     (group,) = build(data).groups
-    flow = group.flow
-    assert (flow.completed, flow.unfinished, flow.interrupted, flow.ranked) == (1, 1, 1, 3)
-    figures = {figure.name: figure for figure in group.figures}
-    assert (figures["all"].players, figures["all"].episodes) == (3, 6)
-    treated = figures["intention to treat"]
+    assert group.flow.people == {"finished": 1, "interrupted": 1, "left": 1}
+    treated = group.everybody
     assert (treated.players, treated.episodes) == (3, 9)
     limit = data.protocol.env_config.limit
     own = [each.steps for each in data.trials if each.participant == study["done"]]
     first = next(each.steps for each in data.trials if each.participant == study["left"])
     means = [sum(own) / 3, (first + 2 * limit) / 3, limit]
     assert treated.steps.mean == pytest.approx(sum(means) / 3)
-    assert treated.steps.mean > figures["protocol"].steps.mean
+    assert treated.steps.mean > group.figure.steps.mean
 
 
 def test_whoever_withdraws_after_being_interrupted_is_counted_once(study, tmp_path, capsys):
@@ -102,10 +100,8 @@ def test_whoever_withdraws_after_being_interrupted_is_counted_once(study, tmp_pa
         known = StudyStore(store)
         for person in (study["here"], early):
             known.withdraw(known.participant(person), now_ms())
-    flow = participant_flow(load(path, "dunes"))
-    assert (flow.ranked, flow.completed, flow.interrupted) == (3, 1, 1)
-    assert (flow.withdrew, flow.unfinished) == (0, 1)
-    assert (flow.withdrew_early, flow.interrupted_early, flow.stayed_early) == (0, 1, {})
+    people = build(load(path, "dunes")).groups[0].flow.people
+    assert people == {"finished": 1, "interrupted": 1, "left": 1, "interrupted_early": 1}
 
 
 @pytest.mark.parametrize("ranked", [2, 3], ids=["another protocol", "the same, frozen again"])
@@ -145,7 +141,7 @@ def test_whoever_is_erased_after_closing_is_counted_where_their_figure_is_missin
     (group,) = report.groups
     assert group.flow.arrivals == found
     missing = [item.detail for item in report.checklist if item.number in ("1.1", "3.2.2", "5.1.5")]
-    assert all("1 more were erased after closing, 1 of them finishers" in text for text in missing)
+    assert all("2 more were erased, 1 of whom had ended all" in text for text in missing)
 
 
 def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_derived_again(
@@ -179,22 +175,47 @@ def test_a_study_with_a_spoiler_a_leaver_an_interrupted_and_an_erased_person_is_
     report = json.loads((out / "report.json").read_text())
     (group,) = report["groups"]
     flow = group["flow"]
-    assert (flow["ranked"], flow["completed"], flow["unfinished"], flow["interrupted"]) == (
-        4,
-        2,
-        1,
-        1,
-    )
-    assert (flow["arrivals"]["erased_after_closing"], flow["arrivals"]["erased_finishers"]) == (
-        1,
-        1,
-    )
-    figures = {each["name"]: each for each in group["figures"]}
-    assert figures["protocol"]["players"] == 2, "who has finished and whoever spoilt one of theirs"
-    assert figures["as played"]["steps"]["mean"] < figures["protocol"]["steps"]["mean"]
-    assert figures["intention to treat"]["players"] == 4
+    assert flow["people"] == {"finished": 2, "interrupted": 1, "left": 1, "erased": 1}
+    arrivals = flow["arrivals"]
+    assert (arrivals["erased_after_closing"], arrivals["erased_finishers"]) == (1, 1)
+    finished, everybody = group["figures"][:2]
+    assert (finished["players"], everybody["players"]) == (2, 4)
+    assert (finished["erased"], everybody["erased"]) == (1, 1)
+    low, high = everybody["steps_range"]
+    assert low < everybody["steps"]["mean"] < high
+    steps, (score, everybodys_steps) = released_estimates(out)
+    assert steps == pytest.approx(finished["steps"]["mean"])
+    assert score == pytest.approx(everybody["score"]["mean"])
+    assert everybodys_steps == pytest.approx(everybody["steps"]["mean"])
     assert group["attestation"]["episodes"]["spoilt"] == 1
-    assert any("erased after closing" in each for each in group["cautions"])
+    assert any("were erased" in each or "was erased" in each for each in group["cautions"])
+
+
+def table(out, name):
+    with (out / f"csv/{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def released_estimates(out):
+    """Mean steps per protocol, and mean score and steps of everybody, from the released tables by their dictionary."""
+    report = json.loads((out / "report.json").read_text())
+    worst, terrains = report["groups"][0]["worst"], report["protocol"]["ranked"]
+    began = "finished gave_up excluded not_attested partly_bot stopped_by_rule failed withdrew interrupted left"
+    people = [row for row in table(out, "participants") if row["status"] in began.split()]
+    ranked = [row for row in table(out, "episodes") if row["phase"] == "ranked"]
+    finished, everybody = [], []
+    for person in people:
+        own = [row for row in ranked if row["participant"] == person["participant"]]
+        played = [
+            (float(row["score"]), float(row["steps_to_99"])) for row in own if not row["lowest"]
+        ]
+        lowest = [(worst["score"], worst["steps"])] * (terrains - len(played))
+        everybody.append(np.mean(played + lowest, axis=0))
+        if person["status"] == "finished":
+            spoilt = [row["attestation"] == "spoilt" for row in own]
+            steps = np.where(spoilt, worst["steps"], [float(row["steps_to_99"]) for row in own])
+            finished.append(steps.mean())
+    return np.mean(finished), np.mean(everybody, axis=0)
 
 
 def raised(errors):

@@ -3,7 +3,7 @@
 import csv
 import json
 import random
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from app.db.trial import Trial
 from app.db.volunteers import Sums
 from app.report import cautions
 from app.report.agents import compare_agents
-from app.report.statistics.exclusion_sets import people_of
+from app.report.statistics.exclusion_sets import everybody_of, people_of
 from app.report.statistics.intervals import estimate_of_means
 from app.report.statistics.study_figures import study_figures
 from app.series.folder import Folder
@@ -21,6 +21,7 @@ from app.series.verification import verify_database
 from app.task import rules_of
 from app.tasks.gymnasium.description import Description
 from app.web.simulate import KEY_CODES, Participant, RefusedError
+from tests.support import made_studies
 from tests.support.command import run
 from tests.support.declared import DECLARATIONS_FILE
 from tests.support.recorded import ask
@@ -136,7 +137,7 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
         database[1],
         "SELECT avg(score) FROM episodes e JOIN series_episodes s ON s.episode_id = e.id WHERE phase = 'ranked'",
     )
-    figure = group["figures"]["all"] if isinstance(group["figures"], dict) else group["figures"][0]
+    figure = group["figures"][0]
     assert figure["score"]["mean"] == pytest.approx(scores[0])
     assert (figure["players"], figure["episodes"]) == (2, 8)
     text = page.read_text()
@@ -144,8 +145,8 @@ def test_a_study_is_played_reported_released_verified_and_derived_again(played, 
     assert (tmp_path / "report-checklist.html").is_file()
     assert "Moves to success" in text
     share = figure["completed"]["mean"]
-    assert f'<th scope="row">mean</th><td>{figure["score"]["mean"]:.4f}</td>' in text
-    assert f"<td>{100 * share:.1f} %</td>" in text
+    assert f'<th scope="row">per protocol</th><td>2</td><td>{figure["score"]["mean"]:.4f}' in text
+    assert f"{100 * share:.1f} %" in text
     sees = "People see the whole grid from above; agents are given 7x7 cells before the agent."
     is_rooms = "FourRooms" in report["protocol"]["task"]
     assert (sees in text) == is_rooms
@@ -217,15 +218,16 @@ def test_what_was_left_is_worth_what_is_spoilt_and_a_score_beyond_its_bounds_sto
     left = [("abandoned", 499.0), ("environment_failed", 400.0), ("ended", 450.0, "spoilt")]
     trials = [trial("a", number, *each) for number, each in enumerate(played)]
     trials += [trial("b", number, *each) for number, each in enumerate(left)]
-    people = [SimpleNamespace(id=each, kind="human", completed_ms=1) for each in "ab"]
-    data = SimpleNamespace(protocol=protocol, people=people, trials=trials, closed_ms=1)
-    data.shown = lambda: data
+    people = [made_studies.person(0), made_studies.person(1)]
+    trials = [replace(each, participant=people[each.participant == "b"].id) for each in trials]
+    data = replace(made_studies.study(people, trials), protocol=protocol)
     cohort = people_of(data)
-    assert [each.score for each in cohort.ranked["b"]] == [1, 1, 1]
+    assert [each.score for each in cohort.ranked[people[1].id]] == [1, 1, 1]
     assert [Sums.of(each).score for each in trials[2:]] == [1, 1, 1]
-    figures = {each.name: each for each in study_figures(data, cohort)}
-    assert figures["intention to treat"].score.mean == pytest.approx(((300 + 700 + 1) / 3 + 1) / 2)
-    assert figures["all"].score.mean == pytest.approx((500 + 1) / 2)
+    finished, everybody, *_ = study_figures(data, cohort, everybody_of(data, cohort))
+    own = (1 + 1 + 450) / 3  # spoilt without a sign of a program: as it was played
+    assert everybody.score.mean == pytest.approx(((300 + 700 + 1) / 3 + own) / 2)
+    assert finished.players == 0, "one lacks a terrain, the other gave up two of three"
     (said,) = cautions._about_bounds(data)
     assert "1 ranked episode of 5 ended with a score outside the bounds" in said
     assert estimate_of_means(np.array([120.0, 300.0, 0.0]), (1, 500)).mean == 140

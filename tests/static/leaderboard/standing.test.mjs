@@ -77,7 +77,9 @@ test("a study's board says so, and who enters it", () => {
   assert.match(headline({ target: "99 %" }, { board, people: { ...people, abandoned: 2 }, policies }), /38 episodes, 2 of them abandoned; 2 players/);
   assert.doesNotMatch(headline({ target: "99 %" }, { board, people, policies }), /human level/i, "that is a closed study's figure alone");
   assert.match(headline({ target: "99 %" }, { board: study, people: null, policies }), /^No person finished the study dunes, so it has no figure of people/);
-  assert.match(reading({ board: study, people: { ...people, set: "protocol" }, policies })[0], /exclusion rule \u201cprotocol\u201d/);
+  assert.match(reading({ board: study, people: { ...people, set: "per protocol" }, policies })[0], /who finished as its protocol asks/);
+  const both = { ...people, set: "per protocol", everybody: { players: 3, steps: { mean: 99 } } };
+  assert.match(headline({ target: "99 %" }, { board: study, people: both, policies }), /Everybody who began \(3 players\): 99\.0 moves\./);
   assert.match(reading({ board: study, people, policies })[1], /exactly the study.s 30 ranked terrains/);
   assert.match(reading({ board, people, policies })[1], /100 fixed terrains/);
 });

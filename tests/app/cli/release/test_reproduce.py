@@ -131,7 +131,8 @@ def forged(bundle, tmp_path):
     out = tmp_path / "forged"
     shutil.copytree(bundle[0], out)
     sql = """UPDATE episodes SET score = score + 0.01 WHERE id = (SELECT e.id FROM episodes e
-        JOIN series_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked' AND e.driver = 'human' ORDER BY e.id LIMIT 1)"""
+        JOIN series_episodes s ON s.episode_id = e.id WHERE s.phase = 'ranked'
+        AND e.driver = 'human' AND e.outcome = 'explored' LIMIT 1)"""
     assert alter(out / "study.sqlite", sql) == 1
     key = signing.signing_key(tmp_path / "forger.db")
     (out / PUBLIC_KEY).write_bytes(signing.public_pem(key))
