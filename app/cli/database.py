@@ -277,9 +277,12 @@ def restore(backup: Path, database: Path, yes: bool) -> None:
       marsexplorer restore monday.db
       marsexplorer restore /mnt/backups/lab-20261122T150000Z.db --database lab.db --yes
     """
+    from app.db.backup import check_restorable
     from app.db.backup import restore as put_back
 
     if database.exists() and not yes:
+        with failures("cannot read the database"):
+            check_restorable(backup, database)
         click.confirm(f"Put {backup} in the place of {database}?", abort=True, err=True)
     with failures("cannot read the database"), progress("copying") as advance:
         kept = put_back(backup, database, datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ"), advance)
@@ -363,12 +366,14 @@ def forget(
       marsexplorer forget 0123456789abcdef0123456789abcdef --database lab.db --yes
     """
     from app.db import erasure
+    from app.db.file import DatabaseLock
     from app.report.costs import forget_costs
 
     if player:
         with failures(f"cannot write {database}"):
             erasure.find_player(database, participant)
             if not yes:
+                DatabaseLock(database).close()
                 what = f"Erase the player {participant} from {database} for good?"
                 click.confirm(what, abort=True, err=True)
             count = erasure.forget_player(database, participant)
@@ -378,6 +383,7 @@ def forget(
     with failures(f"cannot write {database}"):
         found = erasure.find_participant(database, participant, study)
         if not yes:
+            DatabaseLock(database).close()
             what = f"the participant {participant} ({found['kind']}, stage {found['stage']}) of the study {found['study']}"
             click.confirm(f"Erase {what} from {database} for good?", abort=True, err=True)
         done = erasure.forget(database, participant, study, asked_by)

@@ -137,10 +137,7 @@ def restore(
 
     StoreError while a server has the database, when the backup is not whole, and when the disk is full: nothing changes then.
     """
-    if not backup.is_file():
-        raise StoreError(f"no backup at {backup}: give a file that `marsexplorer backup` wrote")
-    if database.exists() and backup.samefile(database):
-        raise StoreError(f"{backup} is the database itself: give the path of a backup")
+    check_restorable(backup, database)
     lock = DatabaseLock(database)
     new = database.with_name(database.name + ".restored")
     try:
@@ -157,6 +154,16 @@ def restore(
         lock.close()
         new.unlink(missing_ok=True)
         new.with_name(new.name + PARTIAL).unlink(missing_ok=True)
+
+
+def check_restorable(backup: Path, database: Path) -> None:
+    """StoreError where a file is no backup, or a server has the database."""
+    if not backup.is_file():
+        raise StoreError(f"no backup at {backup}: give a file that `marsexplorer backup` wrote")
+    if database.exists() and backup.samefile(database):
+        raise StoreError(f"{backup} is the database itself: give the path of a backup")
+    with reading(backup):
+        DatabaseLock(database).close()
 
 
 def _set_aside(database: Path, stamp: str) -> Path | None:

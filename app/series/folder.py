@@ -334,6 +334,18 @@ class Folder:
 
         Closing an evaluation reveals the secret of the study whose terrains it played too.
         """
+        study = self.check_closable(name, seals)
+        closed_at = iso(now_ms())
+        if seals:
+            write_object(self.path(name) / "sealed.json", {"sealed_at": closed_at})
+            return self.study(name)
+        if (paired := study.paired) is not None and paired.is_open:
+            self._reveal(paired, closed_at)
+        self._reveal(study, closed_at)
+        return self.study(name)
+
+    def check_closable(self, name: str, seals: bool = False) -> Study:
+        """Return a study that `close` would close; StudyError for any other."""
         study = self.study(name)
         _ = study.key  # nobody can have taken part before
         if not study.is_open:
@@ -344,22 +356,17 @@ class Folder:
             if study.protocol.agents is not None or not study.is_running:
                 what = "an evaluation" if study.protocol.agents is not None else "sealed already"
                 raise StudyError(f"{name!r} is {what}: there is nothing to seal")
-            write_object(self.path(name) / "sealed.json", {"sealed_at": iso(now_ms())})
-            return self.study(name)
+            return study
         if (evaluation := self.evaluation_of(name)) is not None:
             raise StudyError(
                 f"agents are evaluated on the terrains of the study {name!r} (`{evaluation}`): close it with --sealed, and "
                 f"`marsexplorer evaluation close {evaluation}` reveals them"
             )
-        closed_at = iso(now_ms())
-        if (paired := study.paired) is not None and paired.is_open:
-            if paired.is_running:
-                raise StudyError(
-                    f"people still play these terrains in the study {paired.name!r}: close that first, with --sealed"
-                )
-            self._reveal(paired, closed_at)
-        self._reveal(study, closed_at)
-        return self.study(name)
+        if (paired := study.paired) is not None and paired.is_running:
+            raise StudyError(
+                f"people still play these terrains in the study {paired.name!r}: close that first, with --sealed"
+            )
+        return study
 
     def _reveal(self, study: Study, closed_at: str) -> None:
         told = {"secret": study.secret.hex(), "closed_at": closed_at}

@@ -367,6 +367,7 @@ def closed(
         has_file = database.exists()
         reader = stack.enter_context(closing(Reader.open(database))) if has_file else None
         if folder.status(name) == "open" and question is not None:
+            folder.check_closable(name, seals)
             if not now:
                 check_nobody_is_at_it(folder, reader, name, now_ms())
             _confirm(question)
