@@ -170,7 +170,7 @@ def export_to(
     why = "did not replay as recorded: see the column verified"
     warning = f"; {unverified} of them {why}" if unverified else ""
     if sealed:
-        warning += f"; left out, since they are sealed until the evaluation of agents closes: {', '.join(sealed)}"
+        warning += f"; left out: {', '.join(sealed)}, sealed until the evaluation of agents closes"
     names = ", ".join(study.name for study in running)
     if running and open_studies:
         warning += f"; taken in although open, which the chain and their reports say: {names}"

@@ -175,14 +175,25 @@ class StudyStore:
             self._set(participant_id, {"stage": stage, **columns})
             self._add(participant_id, at_ms, "stage", {"stage": stage})
 
-    def withdraw(self, participant: Participant, at_ms: int) -> None:
-        """Withdraw a participant; one who never agreed leaves no outside id behind."""
+    def withdraw(self, participant: Participant, at_ms: int, erase: bool = False) -> None:
+        """Withdraw a participant; one who never agreed leaves no outside id behind.
+
+        Args:
+            erase: They ask that what they have played be erased.
+        """
         with self._changing(participant.id):
             if participant.consent_ms is None:
                 sql = "DELETE FROM identities WHERE participant_id = ?"
                 self._conn.execute(sql, [participant.id])
             self._set(participant.id, {"stage": "withdrawn"})
-            self._add(participant.id, at_ms, "withdrawn", {"from": participant.stage})
+            detail = {"from": participant.stage, **({"erase": True} if erase else {})}
+            self._add(participant.id, at_ms, "withdrawn", detail)
+
+    def asks_erasure(self, participant_id: str) -> bool:
+        """Whether a participant withdrew and asked that what they had played be erased."""
+        sql = """SELECT 1 FROM stage_events WHERE participant_id = ? AND kind = 'withdrawn'
+            AND json_extract(detail, '$.erase')"""
+        return self._conn.execute(sql, [participant_id]).fetchone() is not None
 
     def set_settings(self, participant_id: str, at_ms: int, settings: Mapping[str, Any]) -> None:
         """Set a participant's settings, and add the change to their events."""

@@ -267,11 +267,15 @@ class ParticipantProgress:
             raise StageError("no episode has begun: there is nothing to give up")
         await session.abandon(episode, step)
 
-    async def withdraw(self, name: str, player_id: str | None) -> None:
-        """Let the participant go: the running episode is abandoned, the rest is kept until it is erased."""
+    async def withdraw(self, name: str, player_id: str | None, erase: bool = False) -> None:
+        """Let the participant go: the running episode is abandoned, the rest is kept.
+
+        Args:
+            erase: They ask that it be erased, which `marsexplorer forget` does.
+        """
         participant = await self.lobby.store.read(partial(self.participant, name, player_id))
         session = await self.session(participant)
-        note = partial(self._note_withdrawal, participant.id)
+        note = partial(self._note_withdrawal, participant.id, erase)
         if session is None or session.shown.ended or not self.study(name).is_running:
             await self.lobby.store.write(note)
             return
@@ -309,13 +313,13 @@ class ParticipantProgress:
         where = self._terrain(study, participant, phase, trial)
         return study, participant, trials, phase, trial, *where
 
-    def _note_withdrawal(self, participant_id: str) -> None:
+    def _note_withdrawal(self, participant_id: str, erase: bool) -> None:
         """Withdraw a participant as they are now; StageError when they are at the end already."""
         participant = self.study_store.participant(participant_id)
         if participant.stage in ("complete", "withdrawn"):
             at = _describe(participant.stage)
             raise StageError(f"you are at {at}: there is nothing to withdraw from")
-        self.study_store.withdraw(participant, self._now())
+        self.study_store.withdraw(participant, self._now(), erase)
 
     def _at(self, name: str, player_id: str | None, *stages: str) -> tuple[Study, Participant]:
         """Return an open study and who asks; StageError at other stages than those named."""

@@ -146,6 +146,10 @@ class Declarations(_Part):
     The descriptions are the questions of `study new` and the table of docs/study.md.
     """
 
+    contact: Declared = asked(
+        "Who is responsible for the data, and at which address do participants reach them?"
+    )
+    retention: Declared = asked("How long are the recorded moves and the platform's ids stored?")
     population: Declared = asked("Whom do the people stand for, and by which criteria?")
     sampling_frame: Declared = asked("Where are people found, and how are they picked there?")
     recruitment_criteria: Declared = asked("Who is admitted, and whom does recruitment turn away?")

@@ -25,6 +25,8 @@ PLACEHOLDERS = {
     "questions": "understanding questions",
     "players": "participants planned",
     "licence": "licence of the published data",
+    "contact": "who is responsible for the data, as declared",
+    "retention": "how long the data are stored, as declared",
     "coverage": "share of the cells that completes a terrain, as in 99 %",
     "lidar_radius": "how far the lidar reaches, in cells",
     "rows": "cells of a terrain from north to south",
@@ -98,6 +100,8 @@ def placeholder_values(protocol: Protocol) -> dict[str, str]:
         "questions": len(protocol.questions),
         "players": protocol.players,
         "licence": protocol.data_licence,
+        "contact": protocol.declarations.contact or "TODO",
+        "retention": protocol.declarations.retention or "TODO",
         **protocol.rules.placeholders(config),
         "max_steps": config.limit,
     }

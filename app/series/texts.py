@@ -27,7 +27,7 @@ CHECKLIST = """\
 # Operator's checklist: {name}
 
 ## Before anybody is asked
-- [ ] `protocol.json`: every declaration answered; name and address in the consent text; read by the ethics board
+- [ ] `protocol.json`: every declaration answered, which puts name and address into the consent text; read by the ethics board
 - [ ] `recruitment.txt`: every TODO replaced
 - [ ] Rehearsal under another name: `marsexplorer study new rehearsal --declarations FILE`, where FILE is the `rehearsal.json`
       beside this list, `marsexplorer study freeze rehearsal`, `marsexplorer serve`, and beside it
@@ -62,9 +62,12 @@ _REST = (
     "the questions. We do not record your name, your screen, sound or anything outside this page. If a recruiting site sent "
     "you, the number it gave you is kept apart from your moves and is never published.",
     "The recorded moves will be published under a pseudonym, so that others can check and reuse the results (licence "
-    "{licence}). Until then you can have them erased: write to the person who invited you.",
-    "Taking part is voluntary. You can stop at any moment without giving a reason. There are no known risks beyond those of "
-    "looking at a screen.",
+    "{licence}). What is published cannot be called back. How long the rest is stored: {retention}",
+    "Responsible for the data, and whom to write to: {contact}",
+    "Taking part is voluntary. You can stop at any moment without giving a reason, by the button Leave the study. You then "
+    "choose: what you have played is kept without your name, or it is erased, with the moves, the keys, your answers and the "
+    "number from a recruiting site; that somebody was erased stays noted. You can ask for that later too: write to the address "
+    "above, and give the name by which this page calls you. There are no known risks beyond those of looking at a screen.",
 )
 
 

@@ -36,9 +36,13 @@ Index = Annotated[int, Path(ge=0, le=10_000)]
 RULES = ("coverage", "lidar_radius", "max_steps")
 """What the page's own sentences say of the configuration, by the names of `app.series.templates.PLACEHOLDERS`."""
 
-WITHDRAWN = (
-    "You have withdrawn. What you had played until then is kept without your name, as the consent text says; to have it "
-    "erased, write to whoever invited you and give them your label {label}."
+KEPT = (
+    "You have withdrawn. What you had played until then is kept without your name. To have it erased, write to {contact} and "
+    "give them your label {label}."
+)
+TO_BE_ERASED = (
+    "You have withdrawn, and you asked that what you had played be erased. The people who run the study see this and erase it. "
+    "If you want to hear of it, write to {contact} and give them your label {label}."
 )
 
 
@@ -63,6 +67,12 @@ class ConsentAnswer(Message):
 
     version: str = Field(max_length=40)
     agree: bool
+
+
+class Withdrawal(Message):
+    """What becomes of what was played: it is kept without a name, or erased."""
+
+    erase: bool = False
 
 
 class Advance(Message):
@@ -234,7 +244,10 @@ def _note(progress: ParticipantProgress, study: Study, participant: Participant)
     if participant.stage == "withdrawn":
         if participant.consent_ms is None:
             return "You did not agree to take part. Nothing was recorded but that this page was opened; you can close it."
-        return WITHDRAWN.format(label=participant_label(participant.id))
+        text = TO_BE_ERASED if progress.study_store.asks_erasure(participant.id) else KEPT
+        # a rehearsal may name nobody
+        contact = study.protocol.declarations.contact or "whoever invited you"
+        return text.format(contact=contact.rstrip("."), label=participant_label(participant.id))
     if not study.is_running and participant.stage not in ("debrief", "complete"):
         return "This study has been closed: you cannot go on. Thank you for what you have played."
     return progress.recruitment.obstacle(study, participant)
@@ -373,9 +386,10 @@ async def supervise(asks: AskingOf, typed: OperatorCode) -> State:
 
 
 @router.post("/{name}/withdraw", summary="Leave the study")
-async def withdraw(asks: AskingOf) -> State:
-    """Withdraw and abandon the running episode; `note` says what is kept and how to have it erased."""
-    return await asks.after(asks.progress.withdraw(asks.name, asks.player))
+async def withdraw(asks: AskingOf, chosen: Withdrawal | None = None) -> State:
+    """Withdraw and abandon the running episode, and ask that all be erased if `erase`; `note` says what becomes of it."""
+    erase = chosen is not None and chosen.erase
+    return await asks.after(asks.progress.withdraw(asks.name, asks.player, erase))
 
 
 @router.get("/{name}/debrief/{index}", summary="A terrain again, with a policy")

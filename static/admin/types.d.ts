@@ -18,7 +18,7 @@ declare namespace Admin {
   type Stage = {stage: string, human: number, script: number};
   type Participant = {
     id: string, label: string, kind: "human" | "script", script: string | null, stage: string, joined_ms: number,
-    minutes: number, is_quiet: boolean, left_at: string | null, deviations: number | null, repeated: string[], not_attested: string[],
+    minutes: number, is_quiet: boolean, left_at: string | null, asks_erasure: boolean, deviations: number | null, repeated: string[], not_attested: string[],
     invitation: string | null, supervised_ms: number | null, warm_up: number, ranked: number | null, mean_score: number | null,
     mean_steps: number | null, outcomes: Record<string, number>,
   };

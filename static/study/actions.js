@@ -47,10 +47,11 @@ function giveUp() {
   const on = frame();
   if (on) step(() => study.giveUp(on.episode, on.step), stage());
 }
-function leave() {
+/** @param {boolean} erase whether they ask that what they have played be erased */
+function leave(erase) {
   by("leave", HTMLDialogElement).close();
   const { participant } = state;
-  step(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw()), participant?.stage);
+  step(() => (participant?.stage === "consent" ? study.consent(participant.consent.version, false) : study.withdraw(erase)), participant?.stage);
 }
 async function copyCode() {
   const isCopied = await copied(by("code").textContent ?? "");
@@ -66,7 +67,7 @@ const clicks = {
   begin: goNext, "end-break": goNext, next: passEnd, again: goNext, skip: leaveTutorial, resume: () => pause(false),
   finish: () => (stage() === "complete" ? dispatch({ kind: "looked-back", looksBack: false }) : go(() => study.advance("debrief"), "debrief")),
   "look-back": () => dispatch({ kind: "looked-back", looksBack: true }),
-  "give-up-now": giveUp, "leave-now": leave, copy: copyCode,
+  "give-up-now": giveUp, "leave-now": () => leave(false), "leave-erase": () => leave(true), copy: copyCode,
 };
 for (const [id, work] of Object.entries(clicks)) by(id).addEventListener("click", work);
 

@@ -45,7 +45,7 @@ export function createStudyApi(name) {
     giveUp: (episode, step) => ask("give-up", { episode, step }),
     settings: (settings, signal) => ask("settings", settings, undefined, { keepalive: true, signal }),
     supervise: (code) => ask("supervise", { code }),
-    withdraw: () => ask("withdraw", {}),
+    withdraw: (/** @type {boolean} */ erase) => ask("withdraw", { erase }),
     terrain: (index, phase) => request(`${path}/debrief/${index}?phase=${phase}`),
     costs: (index, phase) => request(`${path}/debrief/${index}/costs?phase=${phase}`, undefined, 600_000),
   };

@@ -69,6 +69,11 @@ export function paintPages(before) {
       document.title = `${participant.title} \u00b7 ${words.progress(participant, false)}`;
       if (participant.note) put(by("withdrawn-note"), participant.note);
     }
+    if (participant) {
+      const hasPlayed = participant.stage !== "consent";
+      by("leave-erase").hidden = !hasPlayed;
+      put(by("leave-now"), hasPlayed ? "Leave, and keep what I have played without my name" : "Leave the study");
+    }
     if (participant && screen === "consent") paintConsent(participant);
     if (participant && screen === "ready") paintReady(participant);
     if (participant && screen === "break") put(by("break-line"), words.breakLine(participant));

@@ -54,7 +54,7 @@ declare namespace Study {
     consent(version: string, agree: boolean): Asked, advance(from: Stage): Asked, answers(answers: number[]): Asked,
     next(): Asked, giveUp(episode: string, step: number): Asked,
     /** The request outlives the page; the signal ends it. */
-    settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(): Asked,
+    settings(settings: Settings, signal: AbortSignal): Asked, supervise(code: string): Asked, withdraw(erase: boolean): Asked,
     terrain(index: number, phase: Shown): Promise<Runs>, costs(index: number, phase: Shown): Promise<Mars.Costs>,
   };
 }

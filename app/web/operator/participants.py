@@ -50,7 +50,7 @@ def list_participants(
         trials[trial.participant].append(trial)
     events = series.event_summaries(reader, study)
     gone = series.withdrawals(reader, study)
-    left = {event.participant_id: json.loads(event.detail).get("from") for event in gone}
+    left = {event.participant_id: json.loads(event.detail) for event in gone}
     signs = defaultdict(list)
     for event in series.stage_events(reader, study, ("joined", REPEATED_JOIN)):
         signs[event.participant_id].append((event.at_ms, event.kind, json.loads(event.detail)))
@@ -67,7 +67,8 @@ def list_participants(
                 "label": participant_label(person.id),
                 "minutes": (last_ms - person.joined_ms) // 60_000,
                 "is_quiet": is_under_way and now_ms - last_ms > QUIET_MS,
-                "left_at": left.get(person.id),
+                "left_at": left.get(person.id, {}).get("from"),
+                "asks_erasure": left.get(person.id, {}).get("erase", False),
                 "deviations": None if hides else seen["deviations"],
                 "repeated": repeated_reasons(signs[person.id]),
                 "not_attested": [

@@ -1,11 +1,14 @@
 """A participant goes through a whole study, and the server refuses each step that does not belong there."""
 
 import json
+from contextlib import closing
 
 import pytest
 
+from app.db.reader import Reader
 from app.series.folder import Folder
 from app.task import describe
+from app.web.operator.participants import list_participants
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import replay
 from tests.support.study import Person, freeze
@@ -423,3 +426,38 @@ def test_a_study_without_warm_up_or_outside_ids_goes_from_the_questions_to_the_r
         "THANKS",
         "https://example.org/done?code=THANKS",
     )
+
+
+def test_whoever_withdraws_chooses_whether_what_they_played_is_kept_or_erased(server, study):
+    declared = study.protocol.declarations
+    for erase, said in (
+        (False, "is kept without your name. To have it erased, write to"),
+        (
+            True,
+            "you asked that what you had played be erased. The people who run the study see this",
+        ),
+    ):
+        person = Person(server)
+        person.to_warm_up()
+        assert person.call("withdraw", {"erase": erase})["stage"] == "withdrawn"
+        note = person.me()["note"]
+        assert said in note
+        assert declared.contact.rstrip(".") in note
+        assert person.where["participant"] in note
+        with closing(Reader.open(server.services.store.path)) as reader:
+            listed = list_participants(reader, study.name, server.clock.now_ms(), True)
+        (row,) = (each for each in listed if each["label"] == person.where["participant"])
+        assert row["asks_erasure"] is erase
+
+
+def test_the_consent_text_says_what_is_stored_how_long_by_whom_and_how_it_is_erased(study):
+    text, declared = study.protocol.consent.text, study.protocol.declarations
+    for part in (
+        declared.contact,
+        declared.retention,
+        "We record every move and every key press",
+        "We do not record your name",
+        "kept without your name, or it is erased",
+        "the name by which this page calls you",
+    ):
+        assert part in text

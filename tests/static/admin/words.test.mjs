@@ -5,7 +5,7 @@ import { taskOf } from "../../../static/task/mars/index.js";
 import { boardAfter, caption } from "../../../static/admin/live.js";
 import { ago, attention, endings, exportText, flags, invitationCounts, place, size, summary } from "../../../static/admin/words.js";
 
-const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, minutes: 0, is_quiet: false, left_at: null, deviations: 0,
+const person = (label, rest = {}) => ({ id: label, label, kind: "human", script: null, stage: "ranked", joined_ms: 0, minutes: 0, is_quiet: false, left_at: null, asks_erasure: false, deviations: 0,
   warm_up: 0, ranked: 0, mean_score: null, mean_steps: null, outcomes: {}, repeated: [], not_attested: [], invitation: null, supervised_ms: null, ...rest });
 const study = (rest = {}) => ({ name: "dunes", title: "Dunes", status: "open", frozen_ms: Date.UTC(2026, 10, 2), closed_ms: null, level: "random", rows: 21, cols: 21, max_steps: 441,
   planned: 10, warm_up: 15, ranked: 30, stages: [], participants: [], figure: null, labels: [], exports: { report: null, release: null }, now_ms: 0, ...rest });

@@ -141,7 +141,7 @@ def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
     path = tmp_path / "declared.json"
     path.write_text(json.dumps({"poplation": "adults"}))
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
-    said = f"{path} declares 'poplation', which is none of population, sampling_frame, "
+    said = f"{path} declares 'poplation', which is none of contact, retention, population, "
     assert (code, said in err, err.count("\n")) == (2, True, 1), err
     path.write_text(json.dumps({"population": 3}))
     code, _, err = study("new", "mine", *SHORT, "--declarations", path)
@@ -155,7 +155,7 @@ def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
     start = [sys.executable, "-c", "from app.cli.main import main; main()"]
     run = [*start, "study", "new", "mine", *SHORT[:-2], *where]
     with subprocess.Popen(run, stdin=theirs, stdout=subprocess.PIPE, text=True) as process:
-        answers = ["adults of the town", "", *["none"] * (len(DECLARATIONS) - 2)]
+        answers = ["Ada, ada@lab.example", "", *["none"] * (len(DECLARATIONS) - 2)]
         os.write(ours, "".join(f"{each}\n" for each in answers).encode())
         said, _ = process.communicate(timeout=60)
     os.close(ours)
@@ -165,7 +165,7 @@ def test_a_new_study_asks_for_each_declaration_on_a_terminal(tmp_path):
         assert f"{name}: {field.description}" in said
     found = Folder(tmp_path / "playground.db-studies").draft("mine").declarations
     assert list(found.model_dump().values()) == answers
-    assert found.unanswered() == ["sampling_frame"]
+    assert found.unanswered() == ["retention"]
 
 
 def test_the_guide_lists_every_declaration_with_its_question():
