@@ -34,7 +34,8 @@ def test_every_placeholder_has_a_value_and_every_value_is_the_protocols():
     assert values == {
         "name": "small", "warm_up": "2", "ranked": "3", "episodes": "5", "break_every": "7", "pause_after": "45",
         "minutes": "10", "questions": "3", "players": "12",
-        "licence": "CC0-1.0", "contact": DECLARATIONS["contact"], "retention": DECLARATIONS["retention"], "coverage": "96.5 %", "lidar_radius": "4", "rows": "7",
+        "licence": "CC0-1.0", "contact": DECLARATIONS["contact"], "retention": DECLARATIONS["retention"],
+        "coverage": "96.5 %", "lidar_radius": "4", "rows": "7",
         "cols": "9", "max_steps": "63",
     }  # fmt: skip
 
