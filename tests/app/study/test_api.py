@@ -224,7 +224,7 @@ def test_each_step_out_of_turn_is_refused_in_words(server):
     assert "play the tutorial" in person.refused("advance", {"from": "tutorial"})
     person.play()
     person.call("advance", {"from": "tutorial"})
-    assert "one choice for each of the 3 questions, got 1" in person.refused(
+    assert "one choice for each of 3 questions, got 1" in person.refused(
         "answers", {"answers": [0]}, 422
     )
     assert "answer 2 must be 0 to 2, got 7" in person.refused(
