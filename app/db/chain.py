@@ -242,9 +242,26 @@ def freezing_of(study: SeriesRow) -> Iterator[tuple[Mark, str]]:
     """Yield (kind, note) of what a study's row says of its freezing and its opening."""
     named: dict[str, Any] = {"study": study.name, "commitment": study.commitment}
     fixed = {"protocol_hash": study.protocol_hash, "frozen_ms": study.frozen_ms}
-    yield "frozen", _note({**named, **fixed, "beacon": study.beacon})
+    configuration = configuration_hash(study.protocol)
+    yield (
+        "frozen",
+        _note({**named, **fixed, "configuration": configuration, "beacon": study.beacon}),
+    )
     if study.beacon_signature is not None:
         yield "opened", _note({**named, "beacon_signature": study.beacon_signature})
+
+
+def configuration_hash(protocol: str) -> str | None:
+    """Return SHA-256 (hex) over a protocol's task and configuration; None for an evaluation of agents, which is of no people.
+
+    Args:
+        protocol: JSON.
+    """
+    found = json.loads(protocol)
+    if found.get("agents") is not None:
+        return None
+    played = [found.get("task"), found.get("config")]
+    return hashlib.sha256(json.dumps(played, sort_keys=True).encode()).hexdigest()
 
 
 def export_of(study: SeriesRow) -> tuple[Mark, str]:
@@ -285,9 +302,13 @@ def append_marks(conn: sqlite3.Connection, more: Iterable[tuple[Mark, str]] = ()
 
 
 def said_alone(conn: sqlite3.Connection, study: str = "%") -> list[tuple[Mark, str]]:
-    """Every freezing and export in the chain, of one study or of all: (kind, note), which no table says for sure."""
-    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported') AND json_extract(note, '$.study') LIKE ?
-        ORDER BY number"""
+    """Every freezing and export in the chain, (kind, note), which no table says for sure: of all studies, or of one.
+
+    Those of one are its own, and the freezings of others of its configuration.
+    """
+    sql = """SELECT kind, note FROM chain WHERE kind IN ('frozen', 'exported') AND (json_extract(note, '$.study') LIKE ?1
+        OR json_extract(note, '$.configuration') IN (SELECT json_extract(note, '$.configuration') FROM chain
+            WHERE kind = 'frozen' AND json_extract(note, '$.study') = ?1)) ORDER BY number"""
     return select(conn, sql, [study]).fetchall()
 
 

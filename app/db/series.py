@@ -341,6 +341,15 @@ def count_freezings(reader: Reader, study: str) -> int:
     return int(reader.query(sql, [study])[0]["n"])
 
 
+def of_same_configuration(reader: Reader, row: SeriesRow) -> list[tuple[str, int]]:
+    """Return (name, frozen_ms) of the other studies of a study's task and configuration, by the chain, in order."""
+    sql = """SELECT DISTINCT json_extract(note, '$.study') AS name, json_extract(note, '$.frozen_ms') AS frozen_ms FROM chain
+        WHERE kind = 'frozen' AND json_extract(note, '$.study') <> ? AND json_extract(note, '$.configuration') = ?
+        ORDER BY 2, 1"""
+    found = reader.query(sql, [row.name, chain.configuration_hash(row.protocol)])
+    return [(each["name"], each["frozen_ms"]) for each in found]
+
+
 def exports_while_open(reader: Reader, study: str, commitment: str) -> list[int]:
     """When a study's episodes were exported before it was closed, as the chain says (ms since 1970)."""
     sql = """SELECT json_extract(note, '$.at_ms') AS at_ms FROM chain WHERE kind = 'exported'

@@ -48,6 +48,7 @@ def cautions(data: StudyData, group: GroupReport) -> tuple[str, ...]:
         found += _about_erased(data, group)
         found += _about_neither(group)
         found += _about_secret(data)
+        found += _about_other_studies(data)
         found += _about_exports(data)
     return tuple(found)
 
@@ -152,6 +153,18 @@ def _about_secret(data: StudyData) -> Iterable[str]:
         yield (
             f"A study of this name was frozen {data.freezings} times, says the chain of its database: whoever froze it may "
             "have chosen among as many secrets and protocols."
+        )
+
+
+def _about_other_studies(data: StudyData) -> Iterable[str]:
+    """Yield which other studies could have been reported in this one's place."""
+    if others := data.same_configuration:
+        named = ", ".join(f"{name} on {iso(frozen_ms)[:10]}" for name, frozen_ms in others)
+        which = counted(len(others), "other study", "other studies")
+        were = "was" if len(others) == 1 else "were"
+        yield (
+            f"{which} of this configuration {were} frozen, says the chain of its database: {named}. Which one is reported may "
+            "have been chosen by its result. Studies of other databases cannot be seen."
         )
 
 

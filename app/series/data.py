@@ -21,6 +21,7 @@ from app.db.series import (
     find_study,
     move_inputs,
     noted_arrivals,
+    of_same_configuration,
     participants,
     stage_events,
     study_names,
@@ -70,6 +71,7 @@ class StudyData:
 
     beacon    whose round was named at freezing, and its signature (hex); None without one
     freezings how often a study of this name was frozen, as the chain of its database says; 0 where none is known
+    same_configuration  (name, frozen_ms) of all other studies of its configuration, as the chain says
     exports_ms  when its episodes were exported while it was open, as the chain says
     arrivals  people before they agreed; a release's holds nobody who did not, and counts them
     policy_files  of the policies that it is compared with
@@ -86,6 +88,7 @@ class StudyData:
     beacon: Beacon | None = None
     beacon_signature: str | None = None
     freezings: int = 0
+    same_configuration: tuple[tuple[str, int], ...] = ()
     exports_ms: tuple[int, ...] = ()
     arrivals: Arrivals = field(default_factory=Arrivals)
     policy_files: PolicyFiles = field(default_factory=PolicyFiles, repr=False)
@@ -171,6 +174,7 @@ def _load(reader: Reader, study: str) -> StudyData:
         beacon=Beacon.parse(row.beacon),
         beacon_signature=row.beacon_signature,
         freezings=count_freezings(reader, study),
+        same_configuration=tuple(of_same_configuration(reader, row)),
         exports_ms=tuple(exports_while_open(reader, study, row.commitment)),
         arrivals=with_noted(_arrivals(reader, study, people), noted_arrivals(reader, study)),
         policy_files=PolicyFiles.of(protocol),

@@ -6,9 +6,13 @@ from functools import partial
 
 import pytest
 
+from app.db.store import Store
 from app.series.folder import Folder
+from app.series.protocol import default_protocol
+from marsexplorer.config import EnvConfig
 from tests.support.command import command
-from tests.support.stored_studies import freeze, play_study
+from tests.support.declared import DECLARATIONS
+from tests.support.stored_studies import CONFIG, freeze, play_study
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +124,36 @@ def test_an_open_study_shows_no_figure_and_makes_no_page(tmp_path, capsys):
     Folder(tmp_path / "play.db-studies").close("dunes")
     code, out, _ = run()
     assert (code, "2 players, 6 ranked episodes: mean score" in out) == (0, True)
+
+
+def test_other_studies_of_the_configuration_that_the_chain_knows_are_named(tmp_path, capsys):
+    """Of three studies of one design the best is reported: report and release name the others, and come out again."""
+    path, folder = tmp_path / "play.db", Folder(tmp_path / "play.db-studies")
+    Store(path).close()
+    where = ("--database", path)
+    for name in ("third", "dunes", "second", "alone"):
+        config = EnvConfig("random", 9, 9, sensor_radius=3) if name == "alone" else CONFIG
+        rest = {"policies": ("random",), "debrief_policy": "random", "declarations": DECLARATIONS}
+        folder.create(default_protocol(name, config, warm_up=2, ranked=3, players=3, **rest))
+        assert command(capsys, "study", "freeze", name, "--underpowered", *where)[0] == 0
+        if name != "third":  # nobody came to it
+            play_study(path, folder.study(name), first=10 * len(name))
+            assert command(capsys, "study", "close", name, "--yes", "--now", *where)[0] == 0
+    shutil.rmtree(folder.path("second"))
+    release = partial(command, capsys, "release", "--author", "Ada", *where)
+    for name in ("dunes", "alone"):
+        html, made, out = tmp_path / f"{name}.html", tmp_path / f"{name}.json", tmp_path / name
+        told = ("--html", html, "--json", made, "--no-policies")
+        assert command(capsys, "report", "--study", name, *where, *told)[0] == 0
+        assert release("--study", name, "--out", out)[0] == 0
+        assert command(capsys, "reproduce", out)[0] == 0
+        for document in (made, out / "report.json"):
+            (group,) = json.loads(document.read_text())["groups"]
+            said = [line for line in group["cautions"] if "this configuration" in line]
+            assert len(said) == (name == "dunes")
+            for line in said:
+                assert line.startswith("2 other studies of this configuration were frozen")
+                assert "third on 20" in line
+                assert "second on 20" in line
+                assert line.endswith("Studies of other databases cannot be seen.")
+                assert "Studies of other databases cannot be seen." in html.read_text()
