@@ -92,19 +92,20 @@ def test_a_copied_id_cannot_turn_a_ranked_episode_into_a_scripts(server):
     assert (kept["driver"], kept["counts"]) == ("human", True)
 
 
-def test_the_operator_may_see_a_players_board_and_not_move_it(serve):
+def test_the_operator_watches_a_players_board_on_their_own_page_and_cannot_move_it(serve):
     server = serve(admin_password="correct horse")
     owner, operator = server.page(), server.page()
     assert operator.post("/api/admin/login", json={"password": "correct horse"}).status_code < 300
     begun = owner.post("/api/sessions").json()
     url, frame = f"/api/sessions/{begun['session']}", begun["frame"]
-    assert operator.get(url).json() == frame
+    assert operator.get(url).status_code == 404
     act = {"episode": frame["episode"], "step": 0, "action": "south"}
     assert operator.post(f"{url}/act", json=act).status_code == 404
     assert operator.post(f"{url}/episodes").status_code == 404
     with server.socket(begun["session"], operator) as socket:
+        assert socket.receive()["kind"] == "error"
+    with server.socket(begun["session"], operator, path="/ws/admin/sessions/") as socket:
         socket.act(socket.receive("frame"), "south", input="key")
-        assert "its player's" in socket.receive("refused")["reason"]
     assert owner.get(url).json() == frame
 
 

@@ -102,9 +102,9 @@ def test_settings_that_name_no_address_are_refused_in_words(capsys):
         (["--public-url", "mars.example"], "expected the address of the pages"),
         (["--public-url", "https://a:b@mars.example"], "expected the address of the pages"),
         (["--public-url", "https://[mars"], "expected the address of the pages"),
-        (["--trusted-proxy", "proxy.example"], "expected an ip address or a network"),
+        (["--trusted-proxy", "proxy.example"], "expected an IP address or a network"),
         (["--trusted-proxy", "0.0.0.0/0"], "expected the proxy's own address or network"),
-        (["--trusted-proxy", "*"], "expected an ip address or a network"),
+        (["--trusted-proxy", "*"], "expected an IP address or a network"),
     ):
         code, _, said = command(capsys, "serve", *flags)
         assert (code, sentence in said) == (2, True)
