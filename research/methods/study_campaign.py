@@ -18,7 +18,7 @@ import click
 import numpy as np
 
 from app.cli.console import progress as progress_bar
-from app.db.erasure import forget
+from app.db.erasure import AskedBy, forget
 from app.db.store import Store
 from app.db.study_rows import participant_label
 from app.release.build import build_release, request_of
@@ -29,7 +29,7 @@ from app.report.page import render
 from app.series.closing import close_study, note_closed
 from app.series.data import load
 from app.series.files import now_ms
-from app.series.folder import Folder
+from app.series.folder import Folder, Study
 from app.series.invitations import Invitations, token_of
 from app.series.protocol import default_protocol
 from app.series.seeds import seed as seed_of
@@ -39,6 +39,7 @@ from app.tasks.mars.policies import PolicyCatalogue
 from app.web.simulate import Clock, Participant, RefusedError
 from marsexplorer.config import EnvConfig
 from marsexplorer.episode import Episode
+from marsexplorer.intervals import Floats
 from marsexplorer.policies import load as load_policy
 from tests.support.beacons import OwnBeacon
 from tests.support.declared import DECLARATIONS
@@ -61,8 +62,9 @@ class Player:
     """A participant.
 
     slip   share of their moves that are random
-    how    what they do with an episode once it has taken `late` moves: "plays" on, "leaves", "spoils" it, or "closes" the tab;
-           "hurries" presses faster than hands can
+    how    "plays" on; once an episode has taken `late` moves, "leaves" or "spoils" it or "closes" the tab; "quits" each before
+           a move; "hurries", faster than hands can; "delegates" the last terrain to a program; "loses" the first message of
+           the last; "withdraws" at the debrief
     link   the number of their invitation or outside id
     """
 
@@ -83,14 +85,15 @@ class Played:
     report: Report
 
     @property
-    def steps(self) -> float:
-        """The mean steps to 99 % in the primary figure."""
-        found = self.report.groups[0].figure.steps
-        assert found is not None
-        return found.mean
+    def steps(self) -> tuple[float, float]:
+        """The mean steps to 99 % of who finished and of everybody who began; NaN of nobody."""
+        first, second, *_ = (each.steps for each in self.report.groups[0].figures)
+        return (first.mean if first else np.nan, second.mean if second else np.nan)
 
-    def sentence(self, words: str) -> str | None:
-        """Return the first sentence of the report's page that has these words (a regular expression), None for none."""
+    def warning(self, words: str) -> str | None:
+        """Return the caution, or else the sentence of the page, with these words (a regular expression); None for none."""
+        if said := [each for each in self.report.groups[0].cautions if re.search(words, each)]:
+            return said[0]
         text = re.sub(r"<(style|script|svg).*?</\1>", " ", render(self.report), flags=re.DOTALL)
         text = re.sub(r"</(p|li|td|h\d|summary)>", "\n", text)
         text = html.unescape(re.sub(r"<[^>]+>", "", text))
@@ -169,55 +172,77 @@ class Campaign:
         recruitment: str = "invitation",
         secret: bytes | None = None,
         beacon: OwnBeacon | None = None,
+        name: str = NAME,
+        place: Path | None = None,
+        erased: Sequence[int] = (),
     ) -> Played:
-        """Let people take part in a study on a real server, close it, and return it with its report."""
-        self._count += 1
-        place = self.root / f"{self.seed}-{self._count}"
+        """Let people take part in a study on a real server, close it, and return it with its report.
+
+        Args:
+            place: The folder of its database; a new one by default.
+            erased: Numbers of those who are erased before it is closed.
+        """
+        place = place or self._new_place()
         folder, database = Folder(place / "playground.db-studies"), place / "playground.db"
         rest: dict[str, Any] = {
             "warm_up": 1,
             "ranked": self.ranked,
             "players": len(self.honest_people),
         }
-        protocol = default_protocol(
-            NAME, CONFIG, **rest, recruitment=recruitment, break_every=self.ranked, policies=(RULE,), debrief_policy=RULE,
-            declarations=DECLARATIONS,
-        )  # fmt: skip
-        folder.create(protocol)
+        rest |= {"break_every": self.ranked, "policies": (RULE,), "debrief_policy": RULE}
+        rest |= {"recruitment": recruitment, "declarations": DECLARATIONS}
+        folder.create(default_protocol(name, CONFIG, **rest))
         named = replace(beacon.after(now_ms()), round=ROUND) if beacon else None
-        study = folder.freeze(NAME, beacon=named, draw=lambda _: secret or self.secret())
+        study = folder.freeze(name, beacon=named, draw=lambda _: secret or self.secret())
         if beacon and named:
-            study = folder.open(NAME, beacon.sign(named))
+            study = folder.open(name, beacon.sign(named))
         links = [""] * len(people)
         if recruitment == "invitation":
-            issued = Invitations(folder).issue(NAME, 1 + max(each.link for each in people))
+            issued = Invitations(folder).issue(name, 1 + max(each.link for each in people))
             links = [token_of(study, each.id) for each in issued]
         settings = {"database": database, "limits": hasty_limits()}
         with running_server(_policies(), **settings) as server:
-            ids = tuple(_take_part(server, each, links, recruitment) for each in people)
-        closed = close_study(folder, None, NAME, now_ms(), True)
+            ids = tuple(_take_part(server, study, each, links) for each in people)
+        joined = tuple(filter(None, ids))
+        for number in erased:
+            forget(database, joined[number])
+        closed = close_study(folder, None, name, now_ms(), True)
         with closing(Store(database)) as store:  # as a server does that finds it closed
             note_closed(store, closed)
-        return Played(database, folder, tuple(filter(None, ids)), self.report(database, folder))
+        return Played(database, folder, joined, self.report(database, folder, name))
 
-    def report(self, database: Path, folder: Folder) -> Report:
+    def _new_place(self) -> Path:
+        self._count += 1
+        return self.root / f"{self.seed}-{self._count}"
+
+    def report(self, database: Path, folder: Folder, name: str = NAME) -> Report:
         """Return the report of a study in whose database `verify` finds nothing."""
         found = verify_database(database).findings
         if found:
             raise click.ClickException(f"verify finds differences in {database}: {found}")
         return make_study_report(
-            database, folder, NAME, no_bar, with_policies=False, with_moves=False
+            database, folder, name, no_bar, with_policies=False, with_moves=False
         )
 
-    def erased(self) -> Played:
-        """Return the honest study after the worst have erased themselves, and a new release was made of it."""
-        honest, place = self.honest(), self.root / f"{self.seed}-erased"
-        shutil.copytree(honest.database.parent, place)
-        folder, database = Folder(place / "playground.db-studies"), place / honest.database.name
+    def erased(self, played: Played, asked_by: AskedBy | None = None) -> Played:
+        """Return a closed study after the worst were erased, and a new release was made of it."""
+        place = self._new_place()
+        shutil.copytree(played.database.parent, place)
+        folder, database = Folder(place / "playground.db-studies"), place / played.database.name
         for number in self.worst():
-            forget(database, honest.people[number])
+            forget(database, played.people[number], asked_by=asked_by)
         build_release(request_of(NAME, place / "release", database, folder, ("A. Author",)))
-        return Played(database, folder, honest.people, self.report(database, folder))
+        return Played(database, folder, played.people, self.report(database, folder))
+
+    def best_of_three(self) -> Played:
+        """Return the best of three studies of one design in one database, by who finished; the first is the honest one."""
+        place, played = self._new_place(), {}
+        for number, name in enumerate((NAME, f"{NAME}-2", f"{NAME}-3")):
+            people = [replace(each, seed=each.seed + 100 * number) for each in self.honest_people]
+            played[name] = self.play(people, secret=self.secret(number), name=name, place=place)
+        best = min(played, key=lambda name: played[name].steps[0])
+        report = self.report(played[best].database, played[best].folder, best)
+        return replace(played[best], report=report)
 
     def easiest(self) -> bytes:
         """Return the one of many secrets on whose terrains the rule needs the fewest moves, were there no beacon."""
@@ -247,15 +272,15 @@ def _rules_steps(seed: int) -> int:
     return episode.steps if episode.record().outcome == "explored" else CONFIG.limit
 
 
-def _take_part(server: Any, player: Player, links: Sequence[str], recruitment: str) -> str | None:
+def _take_part(server: Any, study: Study, player: Player, links: Sequence[str]) -> str | None:
     """Let one person take part, and return their label; None where the server lets them in no second time."""
     clock = _Hurried(server.clock) if player.how == "hurries" else server.clock
     policy = NoisyPolicy(RULE, player.slip, CONFIG.sensor_radius)
-    person = Participant(server.page(), NAME, policy, clock, player.seed)
+    person = Participant(server.page(), study.name, policy, clock, player.seed)
     join = {"invitation": {"invitation": links[player.link]}, "open": {}}
     panel = {"outside_ids": {PANEL_ID: f"panel-{player.link}"}}
     try:
-        person.call("join", join.get(recruitment, panel))
+        person.call("join", join.get(study.protocol.recruitment, panel))
         person.call("consent", {"version": "1", "agree": True})
     except RefusedError:
         return None
@@ -271,9 +296,11 @@ def _take_part(server: Any, player: Player, links: Sequence[str], recruitment: s
         if person.where["phase"] == "warm_up":
             _give_up(person)
         else:
-            if not _play(person, player, at):
-                break
             at += 1
+            if not _play(person, player, at, at == study.protocol.ranked):
+                break
+    if player.how == "withdraws":
+        person.call("withdraw", {"erase": True})
     return ident
 
 
@@ -282,9 +309,11 @@ def _give_up(person: Participant) -> None:
     person.call("give-up", {"episode": frame["episode"], "step": frame["step"]})
 
 
-def _play(person: Participant, player: Player, at: int) -> bool:
-    """Play a ranked episode; return False for whoever does not come back."""
-    policy = NoisyPolicy(RULE, player.slip, CONFIG.sensor_radius, 100 * player.seed + at)
+def _play(person: Participant, player: Player, at: int, is_last: bool) -> bool:
+    """Play a ranked episode, the first of them number 1; return False for whoever does not come back."""
+    is_delegated = is_last and player.how == "delegates"
+    slip = 0.0 if is_delegated else player.slip
+    policy = NoisyPolicy(RULE, slip, CONFIG.sensor_radius, 100 * player.seed + at)
     policy.reset()
     with person.socket() as socket:
         frame = socket.receive("frame")
@@ -292,10 +321,17 @@ def _play(person: Participant, player: Player, at: int) -> bool:
             is_late = 0 < player.late <= frame["step"]
             if is_late and player.how == "closes":
                 return False
-            if is_late and player.how == "leaves":
+            if player.how == "quits" or (is_late and player.how == "leaves"):
                 break
-            spoils = is_late and player.how == "spoils"
-            socket.act(frame, policy.choose(frame), None if spoils else "key")
+            action = policy.choose(frame)
+            if frame["step"] == 0 and is_last and player.how == "loses":
+                at_ms = socket.clock.page_ms()
+                sent = {"kind": "act", "episode": frame["episode"], "step": 0, "action": action}
+                times = {"key_down_ms": at_ms, "client_ms": at_ms}
+                socket.send({**sent, "input": "key", **times})
+            else:
+                is_spoilt = is_delegated or (is_late and player.how == "spoils")
+                socket.act(frame, action, None if is_spoilt else "key")
             frame = socket.frame_after(frame["step"])
     if frame["outcome"] is None:
         _give_up(person)
@@ -306,12 +342,21 @@ def _play(person: Participant, player: Player, at: int) -> bool:
 class Attack:
     """A row: what is tried, and the studies (without, with) that are compared.
 
-    words  of the report's sentence that warns of it, a regular expression; None where it is to gain nothing
+    words  of what in the report may warn of it, a regular expression; None where it is to gain nothing
     """
 
     tried: str
     studies: Callable[[Campaign], tuple[Played, Played]]
     words: str | None = None
+
+
+MISSING = r"of \d+ people who began a ranked episode (is|are) not in the per-protocol estimate"
+ERASED = r"people who had begun a ranked episode were erased"
+
+
+def _worst(campaign: Campaign, how: str) -> tuple[Played, Played]:
+    """Return a study without and with the worst two doing otherwise."""
+    return campaign.honest(), campaign.play(campaign.some(how, campaign.worst()))
 
 
 def _everybody(campaign: Campaign, how: str) -> Played:
@@ -330,6 +375,7 @@ ATTACKS = {
     "leaving": Attack(
         "everybody gives up what goes badly, against playing on",
         lambda it: (it.honest(), _everybody(it, "leaves")),
+        MISSING,
     ),
     "spoiling": Attack(
         "everybody spoils what goes badly, against leaving it",
@@ -337,13 +383,46 @@ ATTACKS = {
     ),
     "closing-tab": Attack(
         "the two worst close the tab on what goes badly and never come back",
-        lambda it: (it.honest(), it.play(it.some("closes", it.worst()))),
-        r"did not end all",
+        lambda it: _worst(it, "closes"),
+        MISSING,
+    ),
+    "giving-up": Attack(
+        "the two worst give every ranked terrain up at once",
+        lambda it: _worst(it, "quits"),
+        MISSING,
+    ),
+    "last-by-program": Attack(
+        "the two worst let a program play their last terrain",
+        lambda it: _worst(it, "delegates"),
+        MISSING,
+    ),
+    "lost-message": Attack(
+        "of the two worst the first key message of an episode is lost",
+        lambda it: _worst(it, "loses"),
+        MISSING,
+    ),
+    "erasing-open": Attack(
+        "the two worst finishers are erased while the study is open",
+        lambda it: (it.honest(), it.play(it.honest_people, erased=it.worst())),
+        ERASED,
     ),
     "erasing": Attack(
         "the two worst finishers are erased after closing, then a new release",
-        lambda it: (it.honest(), it.erased()),
-        r"erased after closing, when",
+        lambda it: (it.honest(), it.erased(it.honest())),
+        ERASED,
+    ),
+    "withdrawing": Attack(
+        "the two worst withdraw at the debrief, and are erased after closing",
+        lambda it: (
+            it.honest(),
+            it.erased(it.play(it.some("withdraws", it.worst())), "participant"),
+        ),
+        ERASED,
+    ),
+    "best-of-three": Attack(
+        "three studies of one design are played, and the best is reported",
+        lambda it: (it.honest(), it.best_of_three()),
+        r"2 other studies of this configuration were frozen",
     ),
     "panel-ids": Attack(
         "programs at a person's pace come to a panel study by two invented ids",
@@ -353,6 +432,7 @@ ATTACKS = {
     "forged-pace": Attack(
         "two programs with an invitation press every 10 ms",
         lambda it: (it.honest(), it.play(it.more("hurries"))),
+        MISSING,
     ),
     "persons-pace": Attack(
         "two programs with an invitation press at a person's pace",
@@ -385,23 +465,37 @@ ATTACKS = {
 
 @dataclass(frozen=True)
 class Row:
-    """What an attack gained in each study, in steps to 99 %, and the sentence of the last report that warns of it."""
+    """What an attack gained in both estimates, in steps to 99 %, and what warns of it.
+
+    gains    float64[studies, 2]: per protocol, everybody; positive: the mean got better for the cheat
+    warning  in the last report with the cheat, twin: in that without it; None for none
+    """
 
     name: str
     tried: str
-    gains: tuple[float, ...]
-    sentence: str | None
+    gains: Floats
+    warning: str | None
+    twin: str | None
 
     @property
-    def gain(self) -> float:
-        """The mean gain; positive: the figure got better for the cheat."""
-        return float(np.mean(self.gains))
+    def gain(self) -> Floats:
+        """The mean gains: per protocol, everybody."""
+        found: Floats = self.gains.mean(axis=0)
+        return found
 
     @property
-    def error(self) -> float:
-        """The standard error of the gain over studies; 0 for a single one."""
-        spread = np.std(self.gains, ddof=1) if len(self.gains) > 1 else 0.0
-        return float(spread / len(self.gains) ** 0.5)
+    def error(self) -> Floats:
+        """The standard errors of the gains over studies; 0 for a single one."""
+        several = len(self.gains) > 1
+        spread = self.gains.std(axis=0, ddof=1) if several else np.zeros(2)
+        found: Floats = spread / np.sqrt(len(self.gains))
+        return found
+
+    @property
+    def cells(self) -> list[str]:
+        """The gains as they are printed; a dash where nobody is in an estimate."""
+        both = zip(self.gain, self.error, strict=True)
+        return ["–" if np.isnan(gain) else f"{gain:+.1f} ± {error:.1f}" for gain, error in both]
 
 
 def measure(
@@ -413,18 +507,19 @@ def measure(
     advance: Callable[[int, int], None] = lambda *_: None,
 ) -> list[Row]:
     """Return a row for each attack, over paired studies of these seeds."""
-    gains: dict[str, list[float]] = {name: [] for name in names}
-    sentences: dict[str, str | None] = {}
+    gains: dict[str, list[Floats]] = {name: [] for name in names}
+    warnings: dict[str, tuple[str | None, str | None]] = {}
     for at, seed in enumerate(seeds):
         campaign = Campaign(root, seed, players, ranked)
         for number, name in enumerate(names, 1):
             without, having = ATTACKS[name].studies(campaign)
-            gains[name].append(without.steps - having.steps)
+            gains[name].append(np.subtract(without.steps, having.steps))
             words = ATTACKS[name].words
-            sentences[name] = None if words is None else having.sentence(words)
+            if words is not None:
+                warnings[name] = having.warning(words), without.warning(words)
             advance(at * len(names) + number, len(seeds) * len(names))
     return [
-        Row(name, ATTACKS[name].tried, tuple(found), sentences[name])
+        Row(name, ATTACKS[name].tried, np.array(found), *warnings.get(name, (None, None)))
         for name, found in gains.items()
     ]
 
@@ -438,11 +533,11 @@ def measure(
 def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: int) -> None:
     """Play studies with and without a cheat on a real server and print what each cheat gains in steps to 99 %.
 
-    ROW is one of leaving, spoiling, closing-tab, erasing, panel-ids, forged-pace, persons-pace, ground-secrets, ground-beacon,
-    rejoin-link and rejoin-browser; none: all.
+    ROW is one of those of the printed table; none: all.
 
-    A gain is the primary figure without the cheat minus that with it, the mean over paired studies of the same seeds ± its
-    standard error: positive is better for the cheat. Beside it stands the sentence of the built report that warns of it.
+    A gain is the mean without the cheat minus that with it, of who finished (per protocol) and of everybody who began, the mean
+    over paired studies of the same seeds ± its standard error: positive is better for the cheat. A difference is claimed where
+    both estimates show it. Beside them stands what in the built report warns of it.
 
     \b
       python -m research.methods.study_campaign                     # all, some minutes
@@ -451,12 +546,10 @@ def main(rows: tuple[str, ...], studies: int, players: int, ranked: int, seed: i
     with TemporaryDirectory() as place, progress_bar("playing studies") as advance:
         seeds = range(seed, seed + studies)
         found = measure(rows or list(ATTACKS), Path(place), seeds, players, ranked, advance)
-    click.echo("| row | what is tried | gain (steps) | the report's sentence |")
-    click.echo("| --- | --- | ---: | --- |")
+    click.echo("| row | what is tried | per protocol | everybody | what the report says |")
+    click.echo("| --- | --- | ---: | ---: | --- |")
     for row in found:
-        click.echo(
-            f"| {row.name} | {row.tried} | {row.gain:+.1f} ± {row.error:.1f} | {row.sentence or ''} |"
-        )
+        click.echo(f"| {' | '.join([row.name, row.tried, *row.cells, row.warning or ''])} |")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The campaign of cheats, small: what shall gain nothing gains nothing, and of what gains the report warns."""
 
 import hashlib
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from app.series.seeds import key_of
 from app.series.seeds import seed as seed_of
 from research.methods.study_campaign import (
     ATTACKS,
+    ERASED,
+    MISSING,
     NAME,
     SECRETS,
     Campaign,
@@ -17,7 +20,11 @@ from research.methods.study_campaign import (
 )
 
 NEVER = ("leaving", "forged-pace")
-"""What makes the figure worse for who tries it."""
+"""What makes the mean of everybody worse, and no mean better."""
+DROPPED = ("closing-tab", "giving-up", "last-by-program", "lost-message")
+"""What takes the worst two out of who finished, and out of nothing else."""
+GONE = ("erasing-open", "erasing", "withdrawing")
+"""What takes the worst two out of both."""
 
 
 @pytest.fixture(scope="module")
@@ -27,16 +34,35 @@ def rows(tmp_path_factory):
 
 
 def test_what_shall_gain_nothing_gains_nothing(rows):
-    assert rows["spoiling"].gain == rows["rejoin-link"].gain == 0
-    assert all(rows[name].gain < 0 for name in NEVER)
+    assert not rows["spoiling"].gain.any()
+    assert not rows["rejoin-link"].gain.any()
+    for name in NEVER:
+        per_protocol, everybody = rows[name].gain
+        assert per_protocol <= 0 > everybody, name
 
 
 def test_the_report_warns_of_whatever_may_gain(rows):
-    warned = {name: row for name, row in rows.items() if ATTACKS[name].words}
-    assert {*rows} - {*warned} == {"spoiling", "rejoin-link", "ground-beacon", *NEVER}
-    for name, row in warned.items():
-        assert row.sentence, name
-        assert row.gain > 0, "what is said to gain and does not shall lose its sentence here"
+    gaining = {name: row for name, row in rows.items() if (row.gain > 0).any()}
+    gaining.pop("ground-beacon", None)  # 0 in expectation
+    assert {*gaining} == {*rows} - {"spoiling", "rejoin-link", "ground-beacon", *NEVER}
+    for name, row in gaining.items():
+        assert row.warning, name
+
+
+@pytest.mark.parametrize("name", [*DROPPED, *GONE, "best-of-three"])
+def test_a_caution_is_earned_and_names_how_many_are_missing_and_both_means(rows, name):
+    row = rows[name]
+    assert row.twin is None, "an honest study has no such caution"
+    per_protocol, everybody = row.gain
+    assert per_protocol > 0
+    if name in DROPPED:
+        assert everybody <= 0, "so no difference is claimed"
+        assert re.match(f"2 {MISSING}", row.warning)
+        assert re.search("steps to 99 % per protocol, .* steps to 99 % of everybody", row.warning)
+    elif name in GONE:
+        assert re.match(f"2 {ERASED}", row.warning)
+        for estimate in ("per protocol", "everybody"):
+            assert re.search(f"{estimate}, mean steps .* without them, .* to .*", row.warning)
 
 
 def test_a_beacon_takes_what_grinding_gains(tmp_path):
