@@ -150,7 +150,7 @@ def test_a_server_may_go_on_writing_and_one_person_on_two_servers_is_reported(
     code, said, err = command(capsys, "merge", *sources, "--out", tmp_path / "c.db")
     assert (code, err) == (0, "")
     assert "3 participants and 13 episodes from 2 databases" in said
-    assert "1 outside ids or invitations took part in a study twice" in said
+    assert "1 outside id or invitation took part in a study twice" in said
     recorder.close()
 
 
