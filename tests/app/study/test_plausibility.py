@@ -149,7 +149,7 @@ def test_an_episode_that_is_abandoned_almost_at_once_was_not_attempted():
 
 
 def test_whoever_gives_every_terrain_up_at_once_is_labelled_and_in_no_strict_set(server, tmp_path):
-    freeze(tmp_path / "studies", warm_up=0, ranked=4, questions=())
+    freeze(tmp_path / "playground.db-studies", warm_up=0, ranked=4, questions=())
     person = Person(server)
     person.to_warm_up()
     while person.me()["stage"] == "ranked":
@@ -157,7 +157,7 @@ def test_whoever_gives_every_terrain_up_at_once_is_labelled_and_in_no_strict_set
         person.call("give-up", {"episode": person.frame["episode"], "step": 0})
     assert person.where["stage"] == "debrief"
     server.stop()
-    studies = Folder(tmp_path / "studies")
+    studies = Folder(tmp_path / "playground.db-studies")
     studies.close("small")
     with closing(Store(tmp_path / "playground.db")) as store:
         note_closed(store, studies.study("small"))

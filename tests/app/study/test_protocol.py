@@ -56,7 +56,7 @@ def test_the_defaults_are_the_papers_protocol():
     )
     assert len(protocol.questions) == 3
     assert "15 practice terrains and 30 terrains" in fill(protocol).consent.text
-    assert protocol.consent.text.count("\n\n") == 4
+    assert protocol.consent.text.count("\n\n") == 5
 
 
 def test_the_hash_is_that_of_sorted_json_without_spaces_and_changes_with_any_field():

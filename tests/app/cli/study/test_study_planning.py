@@ -187,7 +187,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
     text = (tmp_path / "mine.md").read_text()
     for said in (
         frozen.protocol_hash, frozen.commitment, "Planned: 12 people who finish. Through a recruiting panel",
-        "| `strict` | who finished every ranked episode", "never called flat", "Holm's method",
+        "| `strict` | who ended every ranked episode", "never called flat", "Holm's method",
         "rows of a balanced Latin square",
         *DECLARATIONS.values(),
         "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
