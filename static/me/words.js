@@ -74,7 +74,7 @@ export function gapsText(gaps) {
   const gap = mean(more);
   const half = Math.floor(more.length / 2);
   const change = half ? ` ${signed(mean(more.slice(0, half)))} in the first half, ${signed(mean(more.slice(-half)))} in the second.` : "";
-  const size = Math.abs(gap).toFixed(1);
-  const needed = size === "0.0" ? "as many moves as Expert" : `${size} moves ${gap < 0 ? "fewer" : "more"} than Expert`;
+  const isEqual = Math.abs(gap) < 0.05;
+  const needed = isEqual ? "as many moves as Expert" : `${Math.abs(gap).toFixed(1)} moves ${gap < 0 ? "fewer" : "more"} than Expert`;
   return `You needed ${needed} ${more.length === 1 ? "in" : "on average, over"} ${many(more.length, "finished episode")}.${change}${unfinished}`;
 }

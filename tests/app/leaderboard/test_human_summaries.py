@@ -76,7 +76,7 @@ def test_an_episode_that_has_left_is_dropped_when_its_board_is_read(store):
     (gone,) = store.query("SELECT id, trajectory_hash FROM episodes WHERE seed = 803")
     assert gone["trajectory_hash"] in repr(kept._replays)
     with store.transaction():
-        for table in ("steps", "input_events", "event_batches"):
+        for table in ("steps", "input_events", "page_loads", "event_batches"):
             store.connection.execute(f"DELETE FROM {table} WHERE episode_id = ?", [gone["id"]])
         store.connection.execute("DELETE FROM episodes WHERE id = ?", [gone["id"]])
         volunteers.renew(store.connection)
