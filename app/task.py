@@ -361,8 +361,12 @@ class Rules(Protocol):
         """Return what `labels` can be, with what each means."""
 
     def study(self, config: Configuration) -> Mapping[str, Any]:
-        """Return the fields of a new protocol that the task knows: title, questions, policies, assumed spreads,
+        """Return the fields of a new protocol that the task knows: title, questions, policies,
         and of the consent text the first paragraph (`opening`) and what it counts (`things`)."""
+
+    def assumed(self, config: Configuration, metric: str) -> Mapping[str, float]:
+        """Return the mean and standard deviations that a new study assumes of people, by the protocol's fields; empty where
+        nothing is known."""
 
     def placeholders(self, config: Configuration) -> Mapping[str, Any]:
         """Return what a study's texts may name in braces of a configuration: name -> what it becomes."""

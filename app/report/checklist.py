@@ -17,7 +17,11 @@ from typing import Any
 from app.report.model import GroupReport, Item
 from app.report.statistics.exclusion_sets import ended_ranked, people_of
 from app.report.statistics.formatting import counted, utc
-from app.report.statistics.planning import plan_study
+from app.report.statistics.planning import (
+    assumptions_in_words,
+    metric_in_words,
+    power_in_words,
+)
 from app.report.statistics.study_figures import figure_sentence
 from app.series.data import StudyData
 
@@ -129,17 +133,23 @@ def _human_time(data: StudyData) -> str:
 
 
 def _power(data: StudyData) -> dict[str, str]:
-    """Return whether the number of players was planned, as the protocol says."""
-    protocol = data.protocol
-    planned = [each for each in plan_study(protocol).comparisons if each.least is not None]
-    effects = [f"{each.what}: 80 % power from {each.least:.1f} steps" for each in planned]
-    details = "; ".join(effects) or "Nothing is compared."
-    effect = {"effect": "Computed" if effects else "None", "effect_details": details}
-    if protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None:
-        details = "The authors must state whether the number of players was planned (`marsexplorer study power` helps)."
-        return {"power": "Missing", "power_source": "missing", "power_details": details, **effect}
-    details = (
-        f"{counted(protocol.players, 'player')}, for standard deviations of {protocol.assumed_player_sd:g} steps "
-        f"between players and {protocol.assumed_episode_sd:g} between a player's episodes, which were assumed before the study."
-    )
-    return {"power": "Yes", "power_source": "protocol", "power_details": details, **effect}
+    """Whether the number of players was planned, as the protocol says."""
+    protocol, planned = data.protocol, data.protocol.power
+    if planned is None:
+        missing = "The protocol holds no power: it was not computed when the study was frozen."
+        return {
+            "power": "Missing",
+            "power_source": "missing",
+            "power_details": missing,
+            "effect": "None",
+            "effect_details": "Nothing was planned to be seen.",
+        }
+    return {
+        "power": "Yes",
+        "power_source": "protocol",
+        "power_details": f"{counted(protocol.players, 'player')}. {power_in_words(protocol)} {assumptions_in_words(protocol)}",
+        "effect": "None" if planned.lower is None else "Named",
+        "effect_details": "No policy is tested."
+        if protocol.policy_difference is None
+        else f"{protocol.policy_difference:g} {metric_in_words(protocol)}, named before the study.",
+    }

@@ -12,7 +12,7 @@ from app.report.build import ESTIMAND
 from app.report.statistics.exclusion_sets import rule_in_words
 from app.report.statistics.formatting import templates, utc
 from app.report.statistics.intervals import HEADLINE_RULE
-from app.report.statistics.planning import plan_study
+from app.report.statistics.planning import assumptions_in_words, power_in_words
 from app.report.statistics.study_figures import EVERYBODY_RULE
 from app.series.folder import Study
 from app.series.plausibility import labels_of
@@ -62,6 +62,7 @@ def preregistration(protocol: Protocol, study: Study | None) -> str:
         policies=tested_policies(protocol),
         metric=words.score if is_score else words.steps,
         other_metric=words.steps if is_score else words.score,
-        plan=plan_study(protocol),
+        power=None if protocol.power is None else power_in_words(protocol),
+        assumptions=None if protocol.power is None else assumptions_in_words(protocol),
         software=version("marsexplorer-playground"),
     )

@@ -10,6 +10,7 @@
     NAME/policies/       see `app.series.policy_files`
     NAME/invitations.json   see `app.series.invitations`
     NAME/cards.json      of an evaluation of agents, see `app.series.evaluation`
+    played/              see `app.series.terrain_spread`
 
 `frozen.json` is written last, so a freeze cut short leaves a draft. A server sees a freeze or a close at the next use.
 """
@@ -19,13 +20,13 @@ from __future__ import annotations
 import hashlib
 import re
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Literal
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, Literal
 
 from app.db.file import studies_beside
 from app.db.study_rows import SeriesRow, is_same_study
@@ -34,6 +35,7 @@ from app.series.files import iso, ms_of, now_ms, read_object, stamp_of, write_ob
 from app.series.policy_files import EXPERT, FOLDER, PolicyFiles, record_files
 from app.series.protocol import (
     NAME,
+    PLANNED,
     DraftStudyError,
     Protocol,
     StudyError,
@@ -248,31 +250,19 @@ class Folder:
         advance: Advance = lambda done, total: None,
         beacon: Beacon | None = None,
         draw: Callable[[int], bytes] = secrets.token_bytes,
+        planned: Mapping[str, Any] = MappingProxyType({}),
     ) -> Study:
         """Freeze a study and return it: fill its texts, hash the protocol, draw the secret, check that terrains are solvable.
 
         advance  called with (terrains drawn, of how many)
         beacon   whose round the terrains shall follow from, too; StudyError for one that is out. None: none is named
         draw     gives so many random bytes for the secret
+        planned  assumptions and power, by the protocol's fields (PLANNED)
         """
-        if self.status(name) != "draft":
-            raise StudyError(f"the study {name!r} is frozen already; begin another one for another")
-        path = self.path(name)
-        template = self._template(name)
-        protocol = fill(template)  # every field set from now on
-        unanswered = protocol.declarations.unanswered()
-        if unanswered and protocol.agents is None:
-            raise StudyError(
-                f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
-                f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
-                "`marsexplorer study new --declarations FILE`"
-            )
+        path, template = self.path(name), self._template(name)
+        protocol = self.filled(name).model_copy(update=dict(planned))
+        protocol = parse_protocol(protocol.model_dump(mode="json"))  # every field set
         rules = protocol.rules
-        if protocol.core_version != rules.version:
-            raise StudyError(
-                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
-                "write the new one into protocol.json, or install the release that has the old one"
-            )
         try:
             rules.examine(protocol.env_config)
         except ValueError as error:
@@ -307,6 +297,27 @@ class Folder:
         }  # fmt: skip
         write_object(path / "frozen.json", frozen)
         return self.study(name)
+
+    def filled(self, name: str) -> Protocol:
+        """The draft as freezing would fix it, before it is planned; StudyError where something is missing."""
+        if self.status(name) != "draft":
+            raise StudyError(f"the study {name!r} is frozen already; begin another one for another")
+        path = self.path(name)
+        protocol = fill(self._template(name))  # every field set from now on
+        unanswered = protocol.declarations.unanswered()
+        if unanswered and protocol.agents is None:
+            raise StudyError(
+                f"the study {name!r} declares nothing as {', '.join(unanswered)}: write each into declarations of "
+                f'{path / "protocol.json"} (an honest "none" is an answer, TODO is not), or begin the study with '
+                "`marsexplorer study new --declarations FILE`"
+            )
+        rules = protocol.rules
+        if protocol.core_version != rules.version:
+            raise StudyError(
+                f"the protocol is for core version {protocol.core_version}, this is version {rules.version}: "
+                "write the new one into protocol.json, or install the release that has the old one"
+            )
+        return protocol
 
     def open(self, name: str, signature: str, advance: Advance = lambda done, total: None) -> Study:
         """Open a study that names a beacon and return it: its terrains follow from the round's signature (hex) from now on.
@@ -403,7 +414,8 @@ class Folder:
         draft, kept = self.draft(name), self.path(name) / "draft.json"
         if kept.is_file():
             template = parse_protocol(read_object(kept))
-            if fill(template) == draft.model_copy(update={"policy_hashes": template.policy_hashes}):
+            written = {field: getattr(template, field) for field in ("policy_hashes", *PLANNED)}
+            if fill(template) == draft.model_copy(update=written):
                 return template
         return draft
 

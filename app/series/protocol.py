@@ -53,6 +53,17 @@ EXCLUSION: dict[str, ExclusionRules] = {
 """Who enters each estimate beside the one for everybody."""
 
 
+PLANNED = (
+    "assumed_mean",
+    "assumed_player_sd",
+    "assumed_terrain_sd",
+    "assumed_episode_sd",
+    "policy_difference",
+    "power",
+)
+"""The fields that planning fills in where a draft leaves them empty."""
+
+
 class StudyError(Exception):
     """A study cannot be used as asked; the message is one sentence: what was expected, what came, the way out."""
 
@@ -174,6 +185,28 @@ class Declarations(_Part):
         return [name for name, text in self if _NO_ANSWER.fullmatch(text)]
 
 
+class Power(_Part):
+    """What a study can see, by simulated studies with its assumptions.
+
+    policy_better  share (0..1) of studies that see a policy which is better by `policy_difference`; None: none is tested
+    people_better  share that see one which is worse
+    half_width     of the 95 % interval of the mean of those who finish, on average; None where people or terrains are too few
+    studies        simulated
+    """
+
+    policy_better: float | None = Field(default=None, ge=0, le=1)
+    people_better: float | None = Field(default=None, ge=0, le=1)
+    half_width: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    studies: int = Field(ge=1)
+
+    @property
+    def lower(self) -> float | None:
+        """The share that decides: the lower of the two."""
+        if self.policy_better is None or self.people_better is None:
+            return None
+        return min(self.policy_better, self.people_better)
+
+
 class Protocol(_Part):
     """A study's protocol.
 
@@ -202,9 +235,14 @@ class Protocol(_Part):
     recruitment          how participants come: by single-use invitations, from a panel's link, or by a link that is open to all
     panel_links          of recruitment by a panel: signed when only ids that the operator has signed are let in
     required_attestation the lowest level at which an episode enters a human figure
-    assumed_player_sd    of players' true means, in steps to 99 %; the power of the comparisons follows from it and the next
-    assumed_episode_sd   of an episode around its player's mean, in steps to 99 %
-    policy_difference    steps to 99 %: the difference between a policy and the people that the study is planned to see
+    assumed_mean         of people's episodes that do not fail, in the primary metric; the power follows from this and the next
+    assumed_player_sd    between people's true means
+    assumed_terrain_sd   between terrains, of policy minus people; None: from playing the policies (`app.series.terrain_spread`)
+    assumed_episode_sd   of an episode beside its player and its terrain
+    assumed_failed_share of episodes that fail, 0..1
+    assumed_leaver_share of the people who begin a ranked episode and leave, 0..1
+    policy_difference    between a policy and the people, in the primary metric: what the study is planned to see
+    power                what freezing found the study to see
     declarations         what only the authors know; freezing asks for all of them
     agents               of a sealed evaluation of agents: nobody else takes part; None: a study of people
     """
@@ -243,9 +281,14 @@ class Protocol(_Part):
     recruitment: Literal["open", "invitation", "panel"] = "open"
     panel_links: Literal["unsigned", "signed"] = "unsigned"
     required_attestation: Required = "attested"
+    assumed_mean: float | None = Field(default=None, allow_inf_nan=False)
     assumed_player_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_terrain_sd: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     assumed_episode_sd: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    assumed_failed_share: float = Field(default=0.01, ge=0, le=0.5, allow_inf_nan=False)
+    assumed_leaver_share: float = Field(default=0.05, ge=0, le=0.5, allow_inf_nan=False)
     policy_difference: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    power: Power | None = None
     declarations: Declarations = Declarations()
     agents: Agents | None = None
 

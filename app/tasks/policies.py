@@ -157,6 +157,10 @@ class ProcessPolicies:
             return None
         return hashlib.sha256(self.file_of(source).read_bytes()).hexdigest()
 
+    def hash_with_code(self, source: str) -> str | None:
+        """SHA-256 (hex) of its file; None for code, which may have changed unseen."""
+        return self.hash_of(source)
+
     def find_shipped(self, digest: str) -> None:
         """Return None: no file is shipped."""
 

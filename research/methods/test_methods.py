@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from app.report.statistics.crossed import crossed_components
+from app.task import rules_of
 from marsexplorer.config import RUNNING, EnvConfig
 from marsexplorer.world import Worlds, positions
+from research.methods.assumed_spread import steps_of_players
 from research.methods.cost_validation import SLIP_RATES, SlipPool, measure_slips
 from research.methods.effort_rates import effort_rate
 from research.methods.simulated_players import RANDOM_MOVES, SIMULATED_POPULATIONS, DecisionKernel
@@ -45,6 +48,15 @@ def test_the_effort_rates_of_the_documents():
     for population in (RANDOM_MOVES, *SIMULATED_POPULATIONS.values()):
         found = effort_rate(EnvConfig(), population, 2000, seed=0)
         assert found == pytest.approx(stated[population.name], abs=0.001)
+
+
+@pytest.mark.long
+def test_what_a_new_study_assumes_is_what_synthetic_players_show():
+    steps = steps_of_players(EnvConfig(), "mixed", 150, 30, seed=0)
+    spread = crossed_components(steps)
+    sds = [float(part) ** 0.5 for part in (spread.player, spread.terrain, spread.rest)]
+    assumed = rules_of("mars").assumed(EnvConfig(), "steps")
+    assert [np.nanmean(steps), *sds] == pytest.approx(list(assumed.values()), rel=0.05)
 
 
 def outcomes_of(slip, crash, boards=40):

@@ -8,9 +8,11 @@ import json
 import math
 import sys
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -28,7 +30,6 @@ from app.cli.console import (
     write_file,
 )
 from app.cli.options import (
-    DATABASE,
     DATABASE_AND_STUDIES,
     STUDIES,
     SizeType,
@@ -36,14 +37,12 @@ from app.cli.options import (
     path_option,
     several,
 )
-from app.task import counted
 
 if TYPE_CHECKING:
-    from app.report.statistics.planning import StudyPlan
+    from app.report.statistics.planning import StudyDesign
     from app.series.folder import Folder, Study
     from app.series.invitations import Use
     from app.series.protocol import Protocol
-    from app.task import Words
 
 
 RELAY = "https://api.drand.sh"
@@ -90,6 +89,12 @@ def study() -> None:
 @option("--ranked", default=30, help="Episodes that count.")
 @option("--players", default=10, help="Participants planned.")
 @option(
+    "--primary-metric",
+    type=click.Choice(["steps", "score"]),
+    default="steps",
+    help="In which policies are tested against people.",
+)
+@option(
     "--recruitment", type=click.Choice(["invitation", "panel", "open"]), default="invitation",
     help="Who may take part: holders of single-use links, people whom a site sends with an id of theirs, or everybody.",
 )  # fmt: skip
@@ -124,9 +129,10 @@ def new(
 ) -> None:
     """Write a study's protocol.json, a draft to read and edit before it is frozen.
 
-    The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and the margin of the
-    equivalence test are in the file, and docs/study.md explains each. Texts name the protocol's numbers in braces, such
-    as {ranked}; freezing fills them in. The margin is one that this many players can reach.
+    The defaults are those of the paper (section 3.2). Consent text, questions, exclusion rules and what the power rests on
+    are in the file, and docs/study.md explains each. Texts name the protocol's numbers in braces, such
+    as {ranked}; freezing fills them in. The policies are played on 200 terrains that are not the study's, and the difference
+    that the study is to see is one that this many players can see.
 
     What only you know (population, payment, ethics review ...) is asked for on a terminal, or read from --declarations; what is
     left empty must be written into the file before the study is frozen. Beside it stand a text to recruit with and a checklist.
@@ -156,7 +162,11 @@ def new(
                 known = ", ".join(Declarations.model_fields)
                 raise StudyError(f"{declared} declares {unknown[0]!r}, which is none of {known}")
             rest["declarations"] = answers
-        protocol = _with_reachable_effects(default_protocol(name, config, name_of_task, **rest))
+        protocol = default_protocol(name, config, name_of_task, **rest)
+        planned = _planned(protocol, folder)
+        protocol = parse_protocol(
+            {**protocol.model_dump(mode="json", exclude_unset=True), **planned}
+        )
         if declared is None and sys.stdin.isatty():
             answers = {"declarations": _asked()}
             set_so_far = protocol.model_dump(mode="json", exclude_unset=True)
@@ -166,7 +176,7 @@ def new(
         write_file(path.with_name(file), filled(text, protocol).encode())
     rehearsed = dict.fromkeys(Declarations.model_fields, "none: this is a rehearsal")
     write_file(path.with_name("rehearsal.json"), json.dumps(rehearsed, indent=1).encode())
-    _echo_reachable_effects(protocol)
+    _echo_power(_with_power(protocol))
     if unanswered := protocol.declarations.unanswered():
         echo(f"Freezing needs what only you know, as declarations: {', '.join(unanswered)}")
     echo(f"{path.with_name('recruitment.txt')}: what to ask people with")
@@ -188,7 +198,9 @@ def _asked() -> dict[str, str]:
 
 @study.command(short_help="Fix the protocol and draw the secret.")
 @argument("name")
-@flag("--underpowered", "Freeze although a planned comparison has less than 50 % power.")
+@flag(
+    "--underpowered", "Freeze although the planned difference is seen in less than 50 % of studies."
+)
 @flag(
     "--beacon",
     "Name a later round of a public beacon, so that nobody can have chosen the secret; `study open` enters it.",
@@ -197,9 +209,9 @@ def _asked() -> dict[str, str]:
 def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database: Path) -> None:
     """Fix a study's protocol for good, draw its secret, and print what participants will read and what to publish.
 
-    Placeholders in its texts are filled in. The power of each planned comparison is printed, and a study that would see
-    one in fewer than half of all cases is refused. The file of each network that people are compared with is kept with the
-    study, so that its report plays the same network for ever.
+    Placeholders in its texts are filled in. The power is simulated, printed and fixed with the protocol, and a study that
+    would see its planned difference in fewer than half of all cases is refused. The file of each network that people are
+    compared with is kept with the study, so that its report plays the same network for ever.
 
     Publish hash and commitment before anybody plays (in a preregistration, say): they prove later that neither the
     protocol nor a terrain was chosen afterwards. Keep a copy of the study's folder; whoever reads the file `secret`
@@ -208,17 +220,23 @@ def freeze(name: str, underpowered: bool, beacon: bool, folder: Folder, database
     With --beacon the terrains follow from a round of the public beacon drand quicknet too, which comes out ten minutes later:
     the report then need not warn that secrets may have been tried out. Nobody can take part before `study open`.
     """
+    from app.report.statistics.planning import AT_FREEZING
     from app.series.files import iso
     from app.series.folder import BEGINNINGS, beginnings
+    from app.series.protocol import PLANNED
 
     check_kind("study", "freeze", name, folder)
+    _check_database(database)
     with study_errors():
-        is_draft = folder.status(name) == "draft"
-        plan = _checked_plan(folder.draft(name), underpowered) if is_draft else None
-    found = frozen(name, beacon, folder, database)
+        draft = folder.filled(name)
+        draft = draft.model_copy(update=_planned(draft, folder))
+    protocol = _with_power(draft, AT_FREEZING)
+    if not underpowered:
+        _check_power(protocol)
+    planned = {field: getattr(protocol, field) for field in PLANNED}
+    found = frozen(name, beacon, folder, database, planned)
     echo(f"What participants read and agree to:\n\n{found.protocol.consent.text}\n")
-    if plan is not None:
-        _echo_plan(plan, found.protocol.rules.words)
+    _echo_power(found.protocol)
     for policy, digest in found.protocol.policy_hashes.items():
         echo(f"The file of the policy {policy} is kept with the study: SHA-256 {digest}")
     if (looks := beginnings(found.protocol)) <= BEGINNINGS // 2:
@@ -255,15 +273,24 @@ def check_kind(
         raise UsageError(f"{name!r} is of {of}: `marsexplorer {other} {command} {name}`")
 
 
-def frozen(name: str, beacon: bool, folder: Folder, database: Path) -> Study:
-    """Freeze a study or an evaluation, note it in the chain of the database, say so, and return it."""
+def frozen(
+    name: str,
+    beacon: bool,
+    folder: Folder,
+    database: Path,
+    planned: Mapping[str, Any] = MappingProxyType({}),
+) -> Study:
+    """Freeze a study or an evaluation, note it in the chain of the database, say so, and return it.
+
+    planned  as of `Folder.freeze`
+    """
     from app.series.beacon import QUICKNET
     from app.series.files import now_ms
 
     _check_database(database)
     with study_errors(), progress("drawing the terrains (the rules are compiled first)") as advance:
         named = QUICKNET.after(now_ms() + BEACON_DELAY_MS) if beacon else None
-        found = folder.freeze(name, advance, named)
+        found = folder.freeze(name, advance, named, planned=planned)
     said = f"An entry of the chain of {database} says so; `marsexplorer stamp` has it time-stamped"
     later = f"There is no database {database} yet: the server that makes it notes this in its chain"
     echo(said if _note_freezing(found, database) else later)
@@ -457,70 +484,105 @@ def list_(folder: Folder) -> None:
     print_table("Studies", ("name", "status", "players x episodes", "title"), rows)
 
 
-@study.command(short_help="How many players give the interval wanted.")
-@option("--half-width", type=float, required=True, help="Wanted, of the 95 % interval.")
-@option("--player-sd", type=float, help="Between players' true means, in the metric's unit.")
-@option("--episode-sd", type=float, help="Standard deviation of episodes around a player's mean.")
-@option("--study", "name", metavar="NAME", help="Take both from a study that was played (a pilot).")
-@option("--metric", type=click.Choice(["score", "steps"]), default="score", help="With --study.")
-@option("--ranked", default=30, help="Episodes each player plays.")
-@option("--assurance", default=0.8, help="Share of studies that reach the width.")
-@DATABASE
+@study.command(short_help="What a study can see, and with how many players.")
+@argument("name")
+@option("--players", type=click.IntRange(1), help="In place of the protocol's.")
+@option("--ranked", type=click.IntRange(1), help="Ranked episodes, in place of the protocol's.")
+@option("--difference", type=float, help="In place of the protocol's policy_difference.")
+@option("--pilot", metavar="STUDY", help="Take the assumptions about people from a closed study.")
+@DATABASE_AND_STUDIES
 def power(
-    half_width: float, player_sd: float | None, episode_sd: float | None, name: str | None, metric: Any, ranked: int,
-    assurance: float, database: Path,
-) -> None:  # fmt: skip
-    """Say how many players a study needs for an interval of a wanted width.
+    name: str,
+    players: int | None,
+    ranked: int | None,
+    difference: float | None,
+    pilot: str | None,
+    database: Path,
+    folder: Folder,
+) -> None:
+    """Simulate studies by a protocol's assumptions, and print how many see its planned difference.
 
-    More episodes cannot make up for few players: the spread between players stays. Give both standard deviations, or
-    a pilot study to take them from.
+    The studies are analysed by the report's own functions. Nothing is written: put what suits into protocol.json.
 
     \b
     Examples:
-      marsexplorer study power --player-sd 0.02 --episode-sd 0.05 --half-width 0.01
-      marsexplorer study power --study pilot --metric steps --half-width 3
+      marsexplorer study power pilot
+      marsexplorer study power pilot --players 30 --difference 20
+      marsexplorer study power main --pilot pilot
     """
-    from app.report.statistics.planning import plan_sample_size
+    from app.series.protocol import parse_protocol
 
-    if name is not None and (player_sd is not None or episode_sd is not None):
-        raise UsageError("give --study or the two SDs, not both")
-    if name is None and (player_sd is None or episode_sd is None):
-        given = "--player-sd and --episode-sd, or --study NAME to take them from"
-        raise UsageError(f"expected {given}")
-    try:
-        spread = player_sd or 0.0, episode_sd or 0.0
-        if name is not None:
-            spread = _spread_of(name, metric, database)
-        plan = plan_sample_size(*spread, half_width, ranked, assurance)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    sds = f"player SD {spread[0]:.4g}, episode SD {spread[1]:.4g}"
-    echo(f"{sds}: a player's mean has SD {plan.mean_sd:.4g}")
-    found = f"{_players(plan.players)}; in {assurance:.0%}: {_players(plan.assured)}"
-    echo(f"half-width {half_width:g} on average: {found}")
-    rows = [(str(w.players), f"{w.expected:.4g}", f"{w.assured:.4g}") for w in plan.table]
-    heads = ("players", "on average", f"in {assurance:.0%} of studies")
-    print_table("Half-width of the 95 % interval", heads, rows)
+    with study_errors():
+        protocol = folder.draft(name)
+        changes: dict[str, Any] = {}
+        if pilot is not None:
+            changes = _assumptions_from(pilot, protocol, database)
+        given = {"players": players, "ranked": ranked, "policy_difference": difference}
+        changes |= {field: value for field, value in given.items() if value is not None}
+        changed = {**protocol.model_dump(mode="json", exclude_unset=True), **changes}
+        protocol = parse_protocol(changed)
+        protocol = protocol.model_copy(update=_planned(protocol, folder))
+    _echo_power(_with_power(protocol))
+    if protocol.policy_difference is not None:
+        echo(f"To see more: {'; or '.join(_ways(protocol))}")
 
 
-def _players(count: int | None) -> str:
-    return (
-        "more players than can be planned for here" if count is None else counted(count, "player")
-    )
-
-
-def _spread_of(name: str, metric: Any, database: Path) -> tuple[float, float]:
-    """Return (player SD, episode SD) of a study that was played; UsageError when the database has none."""
-    from app.report.statistics.planning import spread_of
+def _assumptions_from(name: str, protocol: Protocol, database: Path) -> dict[str, float]:
+    """What a closed study shows of people; UsageError where the database has none that does."""
+    from app.report.statistics.planning import assumptions_from
     from app.series.data import load
 
     with failures(f"cannot read {database}"), study_errors():
         data = load(database, name)
-        if data.closed_ms is None:
-            raise UsageError(
-                f"the study {name!r} is open, and its spread is a figure of people: close it first, or give the two SDs"
-            )
-        return spread_of(data, metric)
+    try:
+        return assumptions_from(data, protocol)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+
+
+def _planned(protocol: Protocol, folder: Folder) -> dict[str, Any]:
+    """The assumptions and the difference of a protocol, filled in where it leaves them empty."""
+    from app.report.statistics.planning import reachable_difference
+    from app.series.policy_episodes import tested_policies
+    from app.series.terrain_spread import terrain_sd
+
+    assumed = dict(protocol.rules.assumed(protocol.env_config, protocol.primary_metric))
+    fields: dict[str, Any] = {
+        name: number for name, number in assumed.items() if getattr(protocol, name) is None
+    }
+    if protocol.assumed_terrain_sd is None and tested_policies(protocol):
+        with progress("playing the policies on 200 terrains that are not the study's") as advance:
+            spread = terrain_sd(protocol, folder.root, advance)
+        fields["assumed_terrain_sd"] = float(f"{spread:.3g}")
+    protocol = protocol.model_copy(update=fields)
+    if protocol.policy_difference is None and tested_policies(protocol):
+        design = _design(protocol)
+        with progress("looking for the difference that so many players see"):
+            fields["policy_difference"], _ = reachable_difference(design)
+    return fields
+
+
+def _with_power(protocol: Protocol, studies: int | None = None) -> Protocol:
+    """The protocol with its power, by so many simulated studies; without one where nothing is assumed."""
+    from app.report.statistics.planning import WHILE_TYPING, power_of
+    from app.series.policy_episodes import tested_policies
+
+    if protocol.assumed_mean is None and not tested_policies(protocol):
+        return protocol
+    with progress("simulating studies") as advance:
+        _design(protocol)
+        power = power_of(protocol, studies or WHILE_TYPING, advance)
+    return protocol.model_copy(update={"power": power})
+
+
+def _design(protocol: Protocol) -> StudyDesign:
+    """The design of a protocol; UsageError where an assumption is missing."""
+    from app.report.statistics.planning import design_of
+
+    try:
+        return design_of(protocol)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
 
 
 @study.command(short_help="Print single-use links to a study.")
@@ -674,65 +736,58 @@ def _day(ms: int) -> str:
     return datetime.fromtimestamp(ms / 1000, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def _with_reachable_effects(protocol: Protocol) -> Protocol:
-    """Return a new protocol with the difference from a policy that its players see with 80 % power."""
-    from app.report.statistics.planning import derived_difference
-    from app.series.protocol import parse_protocol
+def _check_power(protocol: Protocol) -> None:
+    """Refuse a study that tests policies and sees its planned difference in less than 50 % of cases."""
+    from app.report.statistics.planning import LEAST_POWER, power_in_words
+    from app.series.policy_episodes import tested_policies
 
-    reachable = {"policy_difference": derived_difference(protocol)}
-    found = {name: value for name, value in reachable.items() if value is not None}
-    return parse_protocol({**protocol.model_dump(mode="json", exclude_unset=True), **found})
-
-
-def _echo_reachable_effects(protocol: Protocol) -> None:
-    """Print what difference a new protocol holds, and what it rests on."""
-    if protocol.policy_difference is None:
-        why = "One player gives no interval and no test"
-        echo(f"{why}: plan at least two to compare anything.")
+    power = protocol.power
+    if not tested_policies(protocol) or power is None or (power.lower or 0.0) >= LEAST_POWER:
         return
-    echo(
-        f"With 80 % power {counted(protocol.players, 'player sees', 'players see')} differences from a policy of "
-        f"{protocol.policy_difference:g} steps: policy_difference. That rests on standard deviations of "
-        f"{protocol.assumed_player_sd:g} steps between players and {protocol.assumed_episode_sd:g} between episodes, which are "
-        f"{protocol.rules.spread}: put better ones into the protocol where you have them."
+    ways = "; or ".join(
+        [*_ways(protocol), "freeze with --underpowered where it is a rehearsal or a pilot"]
+    )
+    raise UsageError(
+        f"{power_in_words(protocol)} Below 50 % a study more likely misses than sees what it is for: {ways}"
     )
 
 
-def _checked_plan(protocol: Protocol, is_underpowered_fine: bool) -> StudyPlan:
-    """Return what the protocol can see; UsageError where a planned comparison has less than 50 % power."""
-    from app.report.statistics.planning import plan_study
+def _ways(protocol: Protocol) -> list[str]:
+    """How the study would see its difference, or another one, more often."""
+    from app.report.statistics.planning import (
+        MOST_PARTICIPANTS,
+        WANTED_POWER,
+        fewest_participants,
+        reachable_difference,
+    )
 
-    plan = plan_study(protocol)
-    if plan.underpowered and not is_underpowered_fine:
-        each = plan.underpowered[0]
-        ways = [f"plan {counted(each.players, 'player')}"] if each.players is not None else []
-        if each.least is not None and each.least < protocol.env_config.limit:
-            ways.append(f"write {math.ceil(each.least)} or more as {each.field}")
-        raise UsageError(
-            f"{_comparison(each)}, and below 50 % a study more likely misses than sees what it is for: "
-            f"{', or '.join([*ways, 'freeze with --underpowered where it is a rehearsal or a pilot'])}"
+    design, difference, ways = _design(protocol), protocol.policy_difference, []
+    with progress("looking for the fewest players and the least difference"):
+        fewest = None if difference is None else fewest_participants(design, difference)
+        least, power = reachable_difference(design)
+    if fewest is not None:
+        ways.append(f"plan about {fewest} players, for {100 * WANTED_POWER:.0f} %")
+    elif difference is None:
+        ways.append("plan five players and five ranked episodes or more")
+    if least is not None:
+        why = (
+            "" if fewest is not None else f" ({MOST_PARTICIPANTS} players are too few for this one)"
         )
-    return plan
+        ways.append(f"write {least:g} or more as policy_difference, for {100 * power:.0f} %{why}")
+    return ways or [f"{MOST_PARTICIPANTS} players are too few"]
 
 
-def _echo_plan(plan: StudyPlan, words: Words) -> None:
-    """Print the width of the interval and the power of each planned comparison."""
-    whose = "the protocol's"
-    if plan.is_default:
-        whose = "those of a new study, since the protocol names none"
-    assumed = f"assumed standard deviations ({whose})"
-    echo(f"{assumed}: {plan.player_sd:g} steps between players, {plan.episode_sd:g} episodes")
-    if plan.half_width is not None:
-        mean, most = plan.half_width
-        width = f"±{mean:.1f} on average, at most ±{most:.1f} in 80 % of studies"
-        echo(f"mean {words.steps}: {width}")
-    for each in plan.comparisons:
-        more = "" if each.least is None else f"; 80 % from {each.least:.1f} steps"
-        echo(f"power: {_comparison(each)}{more}")
+def _echo_power(protocol: Protocol) -> None:
+    """Print what a protocol sees and what that rests on."""
+    from app.report.statistics.planning import assumptions_in_words, power_in_words
 
-
-def _comparison(each: Any) -> str:
-    return f"{each.what}: seen in {100 * each.power:.0f} % of studies"
+    if protocol.power is None:
+        echo("Power: nothing is assumed of people, and no policy is tested")
+        return
+    echo(f"Power: {power_in_words(protocol)}")
+    echo(
+        f"{assumptions_in_words(protocol)} No measurement of people: put better ones into protocol.json"
+    )
 
 
 @study.command(short_help="Write the preregistration, ready for OSF.")

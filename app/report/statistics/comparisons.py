@@ -126,6 +126,8 @@ def policy_p(
 ) -> Floats:
     """The two-sided p that a policy equals the people: the larger p of both estimates.
 
+    It is 1 where the policy is ahead of those who finished and behind everybody, or the reverse.
+
     Args:
         finished: float64[..., participants, terrains] of those who finished, NaN for a gap.
         everybody: The same of everybody who began; None where no lowest value is declared.
@@ -137,13 +139,12 @@ def policy_p(
         float64[...]; NaN below five who finished, and where a table is too small for the test.
     """
     worst_difference = None if worst is None else values - worst
-    found = [
-        p_value(values[..., None, :] - table, worst_difference, terrains_drawn)
-        for table in (finished, everybody)
-        if table is not None
-    ]
-    larger: Floats = np.maximum.reduce(found)
-    return np.where(finished.shape[-2] >= FEWEST_TO_TEST, larger, np.nan)
+    tables = [finished] if everybody is None else [finished, everybody]
+    differences = [values[..., None, :] - table for table in tables]
+    found = [p_value(table, worst_difference, terrains_drawn) for table in differences]
+    sides = [np.sign(np.nanmean(table, -1).mean(-1)) for table in differences]
+    p = np.where(sides[0] == sides[-1], np.maximum(found[0], found[-1]), 1.0)
+    return np.where(finished.shape[-2] >= FEWEST_TO_TEST, p, np.nan)
 
 
 def quotient_interval(

@@ -1,303 +1,378 @@
-"""What a study can see before it is frozen: the width of its interval, and the power of each comparison that it plans.
+"""What a study can see before it is frozen, by simulating whole studies through the report's own functions.
 
-A player's mean over m ranked episodes has the variance player_sd^2 + episode_sd^2 / m, so more episodes cannot make up for few
-players. The t interval's half-width is itself random; skewed scores widen the printed interval beyond t
-(research/coverage/README.md has its width over that of t).
-
-The power follows from the protocol's assumed standard deviations of steps to 99 % (normal players and episodes). The two
-questions are those of the report: is learning flat within the margin (two one-sided t tests at 5 %, on each player's last third
-minus first third), and does a policy differ from the people on these terrains (t test over players, at the level of the first
-step of Holm's method; the report's test is for other terrains too, which takes a little of the power).
-`research.methods.flat_power` compares the first with the report's own test in simulated studies.
+The figures follow from the protocol's assumptions, in its primary metric. A participant's episode has
+the value mean + participant + rest (normal, with the assumed standard deviations), cut off at the
+metric's bounds. An episode fails with the assumed share, and then has the worst value. People begin
+until the planned number has finished; each leaves with the assumed share, after a number of ranked
+episodes of which each is as likely, and the others have the worst value. A policy's value on a terrain
+is the policy's mean plus a normal deviation (the assumed standard deviation of terrains), cut off
+likewise. One policy differs by the planned difference from the mean of those who finish, the others of
+the family do not. Whether the difference is seen is asked of `policy_p` and `holm`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from app.jobs import Progress
+from app.report.statistics.comparisons import holm, policy_p
 from app.report.statistics.exclusion_sets import members, people_of
-from app.report.statistics.learning import LEVEL
+from app.report.statistics.intervals import FEWEST, Interval, interval
 from app.report.statistics.spread import variance_components
+from app.report.statistics.study_figures import metric_bounds, worst_value
 from app.series.data import StudyData
 from app.series.policy_episodes import tested_policies
-from app.series.protocol import Protocol
-from marsexplorer.intervals import CONFIDENCE, Floats, t_quantile
+from app.series.protocol import Power, Protocol
+from marsexplorer.intervals import CONFIDENCE, Floats
 
 WANTED_POWER = 0.8
-"""What a new study's margin and difference are derived for."""
-
+"""What a new study's difference is derived for."""
+POSSIBLE_POWER = 0.6
+"""That instead, where people who leave keep every difference from being seen so often."""
 LEAST_POWER = 0.5
 """A study below it is refused: it would more likely miss than see what it is planned to see."""
-
-MAX_PLAYERS = 2000
-"""Players beyond which no study is planned here."""
-LISTED_PLAYERS = (5, 8, 10, 15, 20, 30, 50, 100)
-
-_QUANTILES: Floats = (np.arange(2000) + 0.5) / 2000
-"""Of the sample's standard deviation, over which a power is averaged."""
-
-
-@dataclass(frozen=True)
-class Width:
-    """Half-widths of the 95 % t interval with so many players, in the metric's unit.
-
-    expected  its mean for normal player means; assured: not exceeded in the share of studies asked for
-    """
-
-    players: int
-    expected: float
-    assured: float
+WHILE_TYPING, AT_FREEZING, IN_A_SEARCH = 2_000, 10_000, 500
+"""Simulated studies behind a power that is printed, behind one that is frozen, and at each step of a search."""
+MOST_PARTICIPANTS = 200
+"""Up to which the fewest participants are sought."""
+SEED = 20_211
+"""Of the simulated studies: the same protocol has the same power on every machine."""
+CELLS_AT_ONCE = 1_000_000
+"""Episodes simulated at a time."""
 
 
 @dataclass(frozen=True)
-class SampleSizePlan:
-    """How many players reach a half-width.
+class StudyDesign:
+    """What a study's power follows from, in the primary metric.
 
-    players   fewest whose expected half-width is at most the wanted one; None when MAX_PLAYERS are too few
-    assured   fewest who reach it in the share `assurance` of studies; None likewise
-    mean_sd   standard deviation of a player's mean over `ranked` episodes
-    table     half-widths for some numbers of players, the two above among them
+    mean         of people's episodes that do not fail
+    player_sd    between people; terrain_sd: of terrains, of policy minus people; episode_sd: of the rest
+    failed_share of episodes that fail, leaver_share: of people who begin and leave, each 0..1
+    bounds       of an episode's value
+    worst        the value of a failed episode; None where no lowest is declared: none fails, nobody leaves
+    policies     in the family that is tested
     """
 
-    mean_sd: float
-    players: int | None
-    assured: int | None
-    table: tuple[Width, ...]
-
-
-def plan_sample_size(
-    player_sd: float, episode_sd: float, half_width: float, ranked: int = 30, assurance: float = 0.8
-) -> SampleSizePlan:
-    """Return how many players give a 95 % interval of the mean whose half-width is at most `half_width`.
-
-    player_sd   standard deviation between players' true means, in the metric's unit (score or steps)
-    episode_sd  standard deviation of an episode around its player's mean
-    ranked      episodes a player; assurance: share of studies, in (0, 1), in which the width is to be reached
-
-    ValueError for a spread or width that cannot be.
-    """
-    if player_sd < 0 or episode_sd < 0 or not player_sd + episode_sd > 0:
-        given = f"{player_sd} and {episode_sd}"
-        raise ValueError(f"the SDs must be at least 0, and one above 0; got {given}")
-    if not half_width > 0:
-        raise ValueError(f"the half-width must be above 0, got {half_width}")
-    if ranked < 1 or not 0 < assurance < 1:
-        given = f"{ranked} and {assurance}"
-        raise ValueError(f"ranked must be at least 1 and assurance in (0, 1), got {given}")
-    spread = float(np.sqrt(player_sd**2 + episode_sd**2 / ranked))
-    every = np.arange(2, MAX_PLAYERS + 1)
-    columns = every, *half_widths(spread, every, assurance)
-    widths = [Width(*row) for row in zip(*(each.tolist() for each in columns), strict=True)]
-    players = next((width.players for width in widths if width.expected <= half_width), None)
-    assured = next((width.players for width in widths if width.assured <= half_width), None)
-    shown = sorted({*LISTED_PLAYERS, *(count for count in (players, assured) if count is not None)})
-    return SampleSizePlan(spread, players, assured, tuple(widths[count - 2] for count in shown))
-
-
-def half_widths(
-    mean_sd: float, players: NDArray[np.int64], assurance: float
-) -> tuple[Floats, Floats]:
-    """Return the half-width of the 95 % t interval on average, and the one that the share `assurance` of studies stays below.
-
-    mean_sd  standard deviation of a player's mean; players: numbers of players, each at least 2
-    """
-    freedom = players - 1
-    unit = scipy.special.stdtrit(freedom, (1 + CONFIDENCE) / 2) * mean_sd / np.sqrt(players)
-    log_ratio = scipy.special.gammaln(players / 2) - scipy.special.gammaln(freedom / 2)
-    expected = np.sqrt(2 / freedom) * np.exp(log_ratio)  # of the sample SD, for SD 1
-    return unit * expected, unit * np.sqrt(chi_squared_quantile(assurance, freedom) / freedom)
-
-
-def chi_squared_quantile(probability: float | Floats, freedom: int | NDArray[np.int64]) -> Floats:
-    """Return what a chi-squared variable with `freedom` degrees of freedom stays below with this probability (0..1)."""
-    quantile: Floats = 2 * scipy.special.gammaincinv(freedom / 2, probability)
-    return quantile
-
-
-def spread_of(data: StudyData, metric: Literal["score", "steps"] = "score") -> tuple[float, float]:
-    """Return (player SD, episode SD) of the people of a study; ValueError when they are too few to estimate them.
-
-    The episode SD leaves out what a terrain adds to everybody's episodes, since it adds nothing between players.
-    """
-    why = "shows no figure until it is closed"
-    found = None
-    if data.closed_ms is not None:
-        why = "has too few players with a spread to plan from"
-        cohort = people_of(data)
-        ids = members(cohort, {})
-        found = variance_components(cohort.table(ids, metric)) if ids else None
-    if found is None:
-        raise ValueError(f"the study {data.protocol.name!r} {why}: give the SDs instead")
-    return found.between_sd, found.rest_sd
-
-
-@dataclass(frozen=True)
-class PlannedComparison:
-    """A comparison that a study plans.
-
-    what     in words, with its number
-    power    share of studies that see it
-    least    the smallest margin or difference (steps to 99 %) that this many players see with 80 % power; None for none
-    players  fewest players who see the planned one with 80 % power; None where more than MAX_PLAYERS are needed
-    field    of the protocol that holds the margin or difference
-    """
-
-    what: str
-    power: float
-    least: float | None
-    players: int | None
-    field: str
-
-
-@dataclass(frozen=True)
-class StudyPlan:
-    """What a protocol can see.
-
-    player_sd, episode_sd  assumed, in steps to 99 %
-    is_default             whether the protocol does not name them, so that those of a new study stand in
-    half_width             of the 95 % interval of mean steps to 99 %: on average, and in 80 % of studies; None for one player
-    comparisons            in the order of the report; learning is missing below three ranked episodes
-    """
-
+    participants: int
+    terrains: int
+    mean: float
     player_sd: float
+    terrain_sd: float
     episode_sd: float
-    is_default: bool
-    half_width: tuple[float, float] | None
-    comparisons: tuple[PlannedComparison, ...]
+    failed_share: float
+    leaver_share: float
+    bounds: Interval
+    worst: float | None
+    policies: int
+    higher_is_better: bool = False
+    terrains_drawn: bool = True
 
     @property
-    def underpowered(self) -> tuple[PlannedComparison, ...]:
-        """The comparisons whose power is below LEAST_POWER."""
-        return tuple(each for each in self.comparisons if each.power < LEAST_POWER)
+    def is_tested(self) -> bool:
+        """Whether people and terrains are enough for an interval and a p."""
+        has_terrains = self.terrains >= FEWEST or not self.terrains_drawn
+        return self.participants >= FEWEST and has_terrains
+
+    @property
+    def finishers_mean(self) -> float:
+        """The expected mean of those who finish, with what fails and what is cut off."""
+        spread = float(np.hypot(self.player_sd, self.episode_sd))
+        mean = _mean_within(self.mean, spread, self.bounds)
+        if self.worst is None:
+            return mean
+        return self.failed_share * self.worst + (1 - self.failed_share) * mean
 
 
-def plan_study(protocol: Protocol) -> StudyPlan:
-    """Return what a protocol can see with the players it plans."""
-    player_sd, episode_sd = planned_sds(protocol)
-    half_width = None
-    if protocol.players > 1:
-        spread, players = _mean_sd(protocol, player_sd, episode_sd), np.array([protocol.players])
-        expected, assured = half_widths(spread, players, WANTED_POWER)
-        half_width = float(expected[0]), float(assured[0])
-    found = []
-    if protocol.ranked >= 3 and protocol.equivalence_margin is not None:
-        found.append(_learning(protocol, episode_sd, protocol.equivalence_margin))
-    if tested_policies(protocol):
-        found.append(_policies(protocol, player_sd, episode_sd))
-    is_default = protocol.assumed_player_sd is None or protocol.assumed_episode_sd is None
-    return StudyPlan(player_sd, episode_sd, is_default, half_width, tuple(found))
-
-
-def planned_sds(protocol: Protocol) -> tuple[float, float]:
-    """Return the assumed standard deviations (players, episodes), those of a new study where the protocol names none."""
-    known = protocol.rules.study(protocol.env_config)
-    players, episodes = known["assumed_player_sd"], known["assumed_episode_sd"]
-    return protocol.assumed_player_sd or players, protocol.assumed_episode_sd or episodes
-
-
-def derived_difference(protocol: Protocol) -> float | None:
-    """Return the smallest whole difference from a policy (steps) seen with 80 % power; None where none can be seen."""
-    if protocol.players < 2:
-        return None
-    spread = _mean_sd(protocol, *planned_sds(protocol))
-    count = _policy_count(protocol)
-    least = _least(lambda other: difference_power(spread, protocol.players, other, count))
-    return _whole(least, protocol)
-
-
-def flat_power(change_sd: float, players: int, margin: float) -> float:
-    """Return the share of truly flat studies whose 90 % interval of the change lies within +-margin.
-
-    change_sd  standard deviation, between players, of last third minus first third
-    """
-    if players < 2:
-        return 0.0
-    freedom, error = players - 1, change_sd / math.sqrt(players)
-    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
-    room = margin / error - t_quantile(freedom, 1 - 2 * LEVEL) * sampled
-    return float(np.maximum(0.0, 2 * scipy.special.ndtr(room) - 1).mean())
-
-
-def difference_power(mean_sd: float, players: int, difference: float, policies: int) -> float:
-    """Return the share of studies that see a policy's difference from the people at 5 % / policies, two-sided.
-
-    mean_sd  standard deviation of players' means over the ranked terrains
-    """
-    if players < 2:
-        return 0.0
-    freedom, shift = players - 1, difference * math.sqrt(players) / mean_sd
-    sampled = np.sqrt(chi_squared_quantile(_QUANTILES, freedom) / freedom)
-    limit = t_quantile(freedom, 1 - (1 - CONFIDENCE) / policies) * sampled
-    return float((scipy.special.ndtr(shift - limit) + scipy.special.ndtr(-limit - shift)).mean())
-
-
-def _learning(protocol: Protocol, episode_sd: float, margin: float) -> PlannedComparison:
-    spread = _change_sd(protocol, episode_sd)
-    least = None
-    if protocol.players > 1:
-        least = _least(lambda other: flat_power(spread, protocol.players, other))
-    return PlannedComparison(
-        what=f"learning flat within ±{margin:g} steps, if it is flat",
-        power=flat_power(spread, protocol.players, margin),
-        least=least,
-        players=_fewest(lambda players: flat_power(spread, players, margin)),
-        field="equivalence_margin",
+def design_of(protocol: Protocol) -> StudyDesign:
+    """The design of a protocol that names each assumption."""
+    rules, config, metric = protocol.rules, protocol.env_config, protocol.primary_metric
+    mean, player_sd = protocol.assumed_mean, protocol.assumed_player_sd
+    terrain_sd, episode_sd = protocol.assumed_terrain_sd, protocol.assumed_episode_sd
+    if mean is None or player_sd is None or terrain_sd is None or episode_sd is None:
+        names = "assumed_mean, assumed_player_sd, assumed_terrain_sd and assumed_episode_sd"
+        raise ValueError(f"power is computed from {names}: write each into protocol.json")
+    return StudyDesign(
+        participants=protocol.players,
+        terrains=protocol.ranked,
+        mean=mean,
+        player_sd=player_sd,
+        terrain_sd=terrain_sd,
+        episode_sd=episode_sd,
+        failed_share=protocol.assumed_failed_share,
+        leaver_share=protocol.assumed_leaver_share,
+        bounds=metric_bounds(rules, config, metric),
+        worst=worst_value(rules, config, metric),
+        policies=len(tested_policies(protocol)),
+        higher_is_better=metric == "score",
+        terrains_drawn=protocol.terrains_drawn,
     )
 
 
-def _policies(protocol: Protocol, player_sd: float, episode_sd: float) -> PlannedComparison:
-    spread, count = _mean_sd(protocol, player_sd, episode_sd), _policy_count(protocol)
-    least = None
-    if protocol.players > 1:
-        least = _least(lambda other: difference_power(spread, protocol.players, other, count))
-    wanted = protocol.policy_difference or (1.0 if least is None else _whole(least, protocol))
-    return PlannedComparison(
-        what=f"each of {count} policies, if it differs by {wanted:g} steps from the people on these terrains",
-        power=difference_power(spread, protocol.players, wanted, count),
-        least=least,
-        players=_fewest(lambda players: difference_power(spread, players, wanted, count)),
-        field="policy_difference",
+@dataclass(frozen=True)
+class _Studies:
+    """Simulated studies in which as many people left.
+
+    finished   float64[studies, participants, terrains]
+    everybody  the same with those who left; None without a lowest value
+    terrains   deviations of the policies, float64[studies, policies, terrains]
+    """
+
+    finished: Floats
+    everybody: Floats | None
+    terrains: Floats
+
+
+def _simulated(design: StudyDesign, studies: int, seed: int) -> Iterator[_Studies]:
+    """Yield simulated studies, some at a time."""
+    size = max(1, CELLS_AT_ONCE // (design.participants * design.terrains))
+    for first in range(0, studies, size):
+        rng = np.random.default_rng([seed, first])
+        count = min(size, studies - first)
+        finished = _played(design, count, design.participants, rng)
+        shape = count, max(1, design.policies), design.terrains
+        terrains = design.terrain_sd * rng.standard_normal(shape)
+        if design.worst is None:
+            yield _Studies(finished, None, terrains)
+            continue
+        # recruitment ends with the last one who finishes
+        leavers = rng.negative_binomial(design.participants, 1 - design.leaver_share, count)
+        for number in np.unique(leavers):
+            those = leavers == number
+            left = _left(design, design.worst, (int(those.sum()), int(number)), rng)
+            everybody = np.concatenate([finished[those], left], axis=1)
+            yield _Studies(finished[those], everybody, terrains[those])
+
+
+def _played(
+    design: StudyDesign, studies: int, participants: int, rng: np.random.Generator
+) -> Floats:
+    """Draw episodes that were played to their end: float64[studies, participants, terrains]."""
+    shape = studies, participants, design.terrains
+    people = design.player_sd * rng.standard_normal((*shape[:2], 1))
+    values = design.mean + people + design.episode_sd * rng.standard_normal(shape)
+    values = np.clip(values, *design.bounds)
+    if design.worst is None:
+        return values
+    return np.where(rng.random(shape) < design.failed_share, design.worst, values)
+
+
+def _left(
+    design: StudyDesign, worst: float, shape: tuple[int, int], rng: np.random.Generator
+) -> Floats:
+    """Draw people who leave, each on terrains in an order of their own: shape is (studies, participants)."""
+    studies, participants = shape
+    values = _played(design, studies, participants, rng)
+    order = rng.permuted(np.broadcast_to(np.arange(design.terrains), values.shape), axis=-1)
+    ended = rng.integers(0, design.terrains, (studies, participants, 1))
+    return np.where(order < ended, values, worst)
+
+
+def simulate_power(
+    design: StudyDesign,
+    difference: float,
+    studies: int = WHILE_TYPING,
+    seed: int = SEED,
+    advance: Progress | None = None,
+) -> tuple[float, float]:
+    """The shares of studies that see a policy that is better, and one that is worse, by `difference`."""
+    if not design.is_tested:
+        return 0.0, 0.0
+    better = difference if design.higher_is_better else -difference
+    seen, done = np.zeros(2), 0
+    for some in _simulated(design, studies, seed):
+        seen += [_seen(design, some, effect) for effect in (better, -better)]
+        done += len(some.finished)
+        if advance:
+            advance(done, studies)
+    return float(seen[0] / studies), float(seen[1] / studies)
+
+
+def _seen(design: StudyDesign, some: _Studies, effect: float) -> int:
+    """Count the studies that see the first policy's effect, on the side where it is."""
+    p_values = np.ones((len(some.finished), design.policies))
+    p_values[:, 0] = _p_of(design, some, 0, effect)
+    # Holm's answer for the first policy rests on the others only in between
+    is_open = (p_values[:, 0] < 1 - CONFIDENCE) & (
+        design.policies * p_values[:, 0] >= 1 - CONFIDENCE
+    )
+    if is_open.any():
+        everybody = None if some.everybody is None else some.everybody[is_open]
+        those = _Studies(some.finished[is_open], everybody, some.terrains[is_open])
+        for policy in range(1, design.policies):
+            p_values[is_open, policy] = _p_of(design, those, policy, 0.0)
+    ahead = _policy_values(design, some, 0, effect).mean(-1) - some.finished.mean((-2, -1))
+    is_seen = (holm(p_values)[:, 0] < 1 - CONFIDENCE) & (np.sign(ahead) == np.sign(effect))
+    return int(is_seen.sum())
+
+
+def _policy_values(design: StudyDesign, some: _Studies, policy: int, effect: float) -> Floats:
+    mean = design.finishers_mean + effect
+    return np.clip(mean + some.terrains[:, policy], *design.bounds)
+
+
+def _p_of(design: StudyDesign, some: _Studies, policy: int, effect: float) -> Floats:
+    values = _policy_values(design, some, policy, effect)
+    return policy_p(some.finished, some.everybody, values, design.worst, design.terrains_drawn)
+
+
+def simulate_half_width(design: StudyDesign, studies: int = IN_A_SEARCH) -> float | None:
+    """The mean half-width of the 95 % interval of those who finish; None where there is none.
+
+    Terrains lie as far apart for people as `terrain_sd` says.
+    """
+    if not design.is_tested:
+        return None
+    widths = []
+    for some in _simulated(replace(design, leaver_share=0.0), studies, SEED):
+        table = some.finished + some.terrains[:, :1]
+        low, high = interval(table, design.worst, design.terrains_drawn)
+        widths.append((high - low) / 2)
+    return float(np.concatenate(widths).mean())
+
+
+def power_of(
+    protocol: Protocol, studies: int = WHILE_TYPING, advance: Progress | None = None
+) -> Power:
+    """What a protocol can see that names each assumption and, if it tests policies, the difference."""
+    design = design_of(protocol)
+    half_width = simulate_half_width(design)
+    if not design.policies or protocol.policy_difference is None:
+        return Power(half_width=half_width, studies=studies)
+    better, worse = simulate_power(design, protocol.policy_difference, studies, advance=advance)
+    return Power(policy_better=better, people_better=worse, half_width=half_width, studies=studies)
+
+
+def fewest_participants(design: StudyDesign, difference: float) -> int | None:
+    """About the fewest participants who see the difference in 80 % of studies; None above 200."""
+
+    def is_enough(participants: int) -> bool:
+        power = simulate_power(replace(design, participants=participants), difference, IN_A_SEARCH)
+        return min(power) >= WANTED_POWER
+
+    return _smallest(is_enough, FEWEST, MOST_PARTICIPANTS)
+
+
+def least_difference(design: StudyDesign, power: float = WANTED_POWER) -> float | None:
+    """About the smallest difference that is seen with this power; None where none is.
+
+    In whole steps, or in a tenth of the leading digit of the participants' standard deviation.
+    """
+    if not design.is_tested:
+        return None
+    unit = 10.0 ** np.floor(np.log10(design.player_sd) - 1) if design.higher_is_better else 1.0
+    lowest, highest = design.bounds
+    widest = 100 * (design.player_sd + design.episode_sd + design.terrain_sd)
+    most = min(widest, highest - design.finishers_mean, design.finishers_mean - lowest)
+
+    def is_enough(units: int) -> bool:
+        return min(simulate_power(design, unit * units, IN_A_SEARCH)) >= power
+
+    units = _smallest(is_enough, 1, int(most / unit))
+    return None if units is None else float(round(unit * units, 9))
+
+
+def metric_in_words(protocol: Protocol) -> str:
+    """The primary metric, as the task calls it."""
+    words = protocol.rules.words
+    return words.score if protocol.primary_metric == "score" else words.steps
+
+
+def power_in_words(protocol: Protocol) -> str:
+    """What the protocol's power says, whole sentences."""
+    power, metric = protocol.power, metric_in_words(protocol)
+    assert power is not None
+    sentences = []
+    if not design_of(protocol).is_tested:
+        sentences.append(
+            "No interval and no p is given below five people or five terrains, so no difference is seen."
+        )
+    elif power.policy_better is not None and power.people_better is not None:
+        difference = f"{protocol.policy_difference:g} in {metric}"
+        sentences.append(
+            f"A policy that is better than people by {difference} is seen in {100 * power.policy_better:.0f} % of studies, "
+            f"one that is worse by as much in {100 * power.people_better:.0f} %: the lower share is the power."
+        )
+    if power.half_width is not None:
+        sentences.append(
+            f"The 95 % interval of the mean of those who finish is ±{power.half_width:.3g} wide on average."
+        )
+    sentences.append(
+        f"By {power.studies:,} simulated studies, analysed by the report's own functions."
+    )
+    return " ".join(sentences)
+
+
+def assumptions_in_words(protocol: Protocol) -> str:
+    """What the power rests on, a sentence."""
+    failed, left = protocol.assumed_failed_share, protocol.assumed_leaver_share
+    return (
+        f"Assumed in {metric_in_words(protocol)}: mean {protocol.assumed_mean:g}; standard deviation "
+        f"{protocol.assumed_player_sd:g} between people, {protocol.assumed_terrain_sd:g} between terrains "
+        f"(of policy minus people), {protocol.assumed_episode_sd:g} of the rest; {100 * failed:.3g} % of episodes fail, "
+        f"{100 * left:.3g} % of the people who begin leave."
     )
 
 
-def _change_sd(protocol: Protocol, episode_sd: float) -> float:
-    return episode_sd * math.sqrt(2 / (protocol.ranked // 3))
+def reachable_difference(design: StudyDesign) -> tuple[float | None, float]:
+    """The least difference with 80 % power, or with 60 % where none has 80; and that power."""
+    for power in (WANTED_POWER, POSSIBLE_POWER):
+        if (least := least_difference(design, power)) is not None:
+            return least, power
+    return None, POSSIBLE_POWER
 
 
-def _mean_sd(protocol: Protocol, player_sd: float, episode_sd: float) -> float:
-    return math.sqrt(player_sd**2 + episode_sd**2 / protocol.ranked)
-
-
-def _policy_count(protocol: Protocol) -> int:
-    return max(1, len(tested_policies(protocol)))
-
-
-def _least(power: Callable[[float], float]) -> float:
-    """Return the smallest effect that is seen with 80 % power."""
-    high = 1.0
-    while power(high) < WANTED_POWER:
-        high *= 2
-    return float(scipy.optimize.brentq(lambda effect: power(effect) - WANTED_POWER, 1e-9, high))
-
-
-def _fewest(power: Callable[[int], float]) -> int | None:
-    """Return the fewest players, 2..MAX_PLAYERS, with 80 % power; None where all are too few. Power rises with players."""
-    low, high = 1, MAX_PLAYERS
-    if power(high) < WANTED_POWER:
+def _smallest(is_enough: Callable[[int], bool], low: int, high: int) -> int | None:
+    """The smallest number of low..high that is enough, where more is better; None where none is."""
+    if high < low or not is_enough(high):
         return None
-    while high - low > 1:
+    while low < high:
         middle = (low + high) // 2
-        low, high = (low, middle) if power(middle) >= WANTED_POWER else (middle, high)
+        low, high = (low, middle) if is_enough(middle) else (middle + 1, high)
     return high
 
 
-def _whole(effect: float, protocol: Protocol) -> float:
-    """Return the effect in whole steps, at most as many as an episode has."""
-    return float(min(math.ceil(effect), protocol.env_config.limit))
+def _mean_within(mean: float, sd: float, bounds: Interval) -> float:
+    """The mean of a normal variable that is cut off at the bounds."""
+    below, above = ((bound - mean) / sd for bound in bounds)
+    outside = [
+        bound * float(scipy.special.ndtr(side))
+        for bound, side in zip(bounds, (below, -above), strict=True)
+        if np.isfinite(bound)
+    ]
+    inside = scipy.special.ndtr(above) - scipy.special.ndtr(below)
+    density = np.exp(-0.5 * np.square([below, above])) / np.sqrt(2 * np.pi)
+    return float(sum(outside) + mean * inside - sd * (density[1] - density[0]))
+
+
+def assumptions_from(data: StudyData, protocol: Protocol) -> dict[str, float]:
+    """What a closed study shows of a protocol's assumptions, by field, in its primary metric.
+
+    ValueError where its people are too few.
+    """
+    name = data.protocol.name
+    if data.closed_ms is None:
+        raise ValueError(f"the study {name!r} shows no figure until it is closed")
+    cohort = people_of(data)
+    ranked = {person: own for person, own in cohort.ranked.items() if own}
+    succeeded = {
+        person: tuple(trial for trial in own if trial.succeeded) for person, own in ranked.items()
+    }
+    reached = replace(cohort, ranked=succeeded)
+    ids = members(reached, {})
+    table = reached.table(ids, protocol.primary_metric)
+    spread = variance_components(table) if ids else None
+    if spread is None or not spread.between_sd or not spread.rest_sd:
+        raise ValueError(f"the study {name!r} has too few players with a spread to plan from")
+    episodes = sum(map(len, ranked.values()))
+    left = sum(person.completed_ms is None for person in cohort.people if person.id in ranked)
+    return {
+        "assumed_mean": float(np.nanmean(table, axis=1).mean()),
+        "assumed_player_sd": spread.between_sd,
+        "assumed_episode_sd": spread.rest_sd,
+        "assumed_failed_share": 1 - int((~np.isnan(table)).sum()) / episodes,
+        "assumed_leaver_share": left / len(ranked),
+    }

@@ -429,7 +429,7 @@ class GymnasiumRules:
         return Words(score, "moves to the end", "ended by itself", "without an end", definition)
 
     courses: ClassVar[None] = None
-    spread: ClassVar[str] = "a tenth and a fifth of the limit of moves, for want of anything better"
+    spread: ClassVar[str] = "shares of the range of values, for want of anything better"
     own_labels: ClassVar[Mapping[str, str]] = {}
 
     def study(self, config: GymnasiumConfig) -> Mapping[str, Any]:
@@ -442,8 +442,18 @@ class GymnasiumRules:
             "questions": (),
             "policies": ("random",),
             "debrief_policy": None,
-            "assumed_player_sd": config.limit / 10,
-            "assumed_episode_sd": config.limit / 5,
+        }
+
+    def assumed(self, config: GymnasiumConfig, metric: str) -> Mapping[str, float]:
+        """Half, a tenth, a tenth and a fifth of the range, for want of anything better; nothing without a range."""
+        low, high = (0.0, float(config.limit)) if metric == "steps" else self.bounds(config)
+        if not math.isfinite(high - low):
+            return {}
+        return {
+            "assumed_mean": (low + high) / 2,
+            "assumed_player_sd": (high - low) / 10,
+            "assumed_terrain_sd": (high - low) / 10,
+            "assumed_episode_sd": (high - low) / 5,
         }
 
     def placeholders(self, config: GymnasiumConfig) -> Mapping[str, Any]:

@@ -34,8 +34,8 @@ METRICS = (
     Metric("coverage", "share of the cells that count", 0.0, 1.0, "higher"),
     Metric("steps to 99 %", "moves", 0.0, None, "lower"),
 )
-ASSUMED_PLAYER_SD, ASSUMED_EPISODE_SD = 28.0, 45.0
-"""Steps to 99 % on 441 cells (`MarsRules.study`)."""
+ASSUMED_MEAN, ASSUMED_PLAYER_SD, ASSUMED_TERRAIN_SD, ASSUMED_EPISODE_SD = 118.0, 27.0, 12.0, 27.0
+"""Steps to 99 % on 441 cells, of episodes that reach it (`MarsRules.assumed`)."""
 WORDS = Words(
     score="normalized score",
     steps="steps to 99 %",
@@ -121,20 +121,34 @@ class MarsRules:
     }
 
     def study(self, config: EnvConfig) -> Mapping[str, Any]:
-        """Return texts, policies and the spread of steps that a new study assumes.
-
-        The spread is no measurement of people, of whom none has played yet: synthetic players of the population `mixed`
-        (`research.methods.simulated_players`) give it on level `random` at 21x21, 150 players on 30 terrains. Other sizes go by
-        cells.
-        """
-        scale = config.n / 441
+        """Return texts and policies of a new study."""
         return {
             "title": "How well do people explore Mars? ({name})",
             "opening": OPENING,
             "things": "terrains",
             "questions": _questions(),
-            "assumed_player_sd": round(ASSUMED_PLAYER_SD * scale, 1),
-            "assumed_episode_sd": round(ASSUMED_EPISODE_SD * scale, 1),
+        }
+
+    def assumed(self, config: EnvConfig, metric: str) -> Mapping[str, float]:
+        """The mean and the spread that a new study assumes of people, by the protocol's fields.
+
+        No measurement of people, of whom none has played yet: the synthetic players `mixed` of
+        `python -m research.methods.assumed_spread`. Other sizes go by their number of cells.
+        """
+        scale = config.n / 441
+        mean = ASSUMED_MEAN * scale
+        sds = np.array([ASSUMED_PLAYER_SD, ASSUMED_TERRAIN_SD, ASSUMED_EPISODE_SD]) * scale
+        digits = 1
+        if (
+            metric == "score"
+        ):  # half a point a step, and what the first scan shows is not discovered
+            most = config.r_invalid + config.r_bonus + config.n
+            mean = 1 - (mean / 2 + np.pi / 4 * config.sensor_radius**2) / most
+            sds, digits = sds / (2 * most), 4
+        names = "assumed_mean", "assumed_player_sd", "assumed_terrain_sd", "assumed_episode_sd"
+        return {
+            name: round(float(number), digits)
+            for name, number in zip(names, (mean, *sds), strict=True)
         }
 
     def placeholders(self, config: EnvConfig) -> Mapping[str, Any]:

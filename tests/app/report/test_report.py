@@ -497,15 +497,21 @@ def test_human_time_is_that_of_successes_without_nights():
 
 def test_the_checklist_counts_who_is_left_out_and_names_how_people_came():
     people, trials = played([*SCORES, [0.8, 0.8, NAN, NAN, NAN, NAN]])
-    given = {"recruitment": "panel", "assumed_player_sd": 8.0, "assumed_episode_sd": 15.0}
+    assumed = {
+        "assumed_mean": 30.0,
+        "assumed_player_sd": 8.0,
+        "assumed_terrain_sd": 5.0,
+        "assumed_episode_sd": 15.0,
+    }
+    power = {"policy_better": 0.81, "people_better": 0.72, "half_width": 6.0, "studies": 10_000}
+    given = {"recruitment": "panel", **assumed, "policy_difference": 9.0, "power": power}
     items = {item.number: item for item in build(study(people, trials, **given)).checklist}
     assert items["3.2.2"].answer == "1 of 4"
     assert "Of 20 finished ranked episodes 0 carry a label" in items["3.2.2"].detail
     assert "panel" in items["2.2"].detail
     assert (items["1.8"].answer, items["1.8"].source) == ("Yes", "protocol")
-    unplanned = build(
-        study(people, trials, assumed_player_sd=None, assumed_episode_sd=None)
-    ).checklist
+    assert "seen in 81 % of studies, one that is worse by as much in 72 %" in items["1.8"].detail
+    unplanned = build(study(people, trials)).checklist
     assert {item.number: item for item in unplanned}["1.8"].source == "missing"
 
 

@@ -102,6 +102,14 @@ def test_a_difference_is_claimed_only_where_finishers_and_everybody_who_began_bo
     assert policy_p(left, table, values) == everybody
 
 
+def test_estimates_that_differ_to_opposite_sides_claim_nothing():
+    table, values = drawn(1, players=20, shift=-0.2)
+    left = np.vstack([table, np.full((60, 12), -0.5)])
+    assert policy_p(table, None, values) < 0.05
+    assert policy_p(left, None, values) < 0.05
+    assert policy_p(table, left, values) == 1.0
+
+
 def test_studies_are_tested_together_as_they_are_one_by_one():
     tables, values = (np.stack(own) for own in zip(*map(drawn, range(4)), strict=True))
     for drawn_too in (True, False):

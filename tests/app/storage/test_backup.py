@@ -312,7 +312,7 @@ OPENING = {
     "study freeze": "draft --underpowered --database FILE",
     "study invite": "open --list --database FILE",
     "study open": "open --database FILE",
-    "study power": "--half-width 0.1 --study open --database FILE",
+    "study power": "draft --pilot open --database FILE",
     "report": "--study closed --database FILE",
     "costs": "--study closed --database FILE",
     "verify": "--database FILE",

@@ -269,6 +269,8 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
         "2",
         "--outside-id",
         "PID",
+        "--policy",
+        "frontier-cost",
         "--declarations",
         str(DECLARATIONS_FILE),
     ]
@@ -309,30 +311,6 @@ def test_the_command_leads_from_a_draft_to_a_closed_study(tmp_path, capsys):
 def test_a_mistake_on_the_command_line_is_one_sentence(tmp_path, capsys, args, code, said):
     result = run(capsys, *args, "--database", str(tmp_path / "playground.db"))
     assert (result[0], said in result[2], result[2].count("\n")) == (code, True, 1), result[2]
-
-
-def test_power_says_how_many_players_a_width_takes(tmp_path, capsys):
-    spread = ["--player-sd", "0.02", "--episode-sd", "0.05"]
-    code, out, _ = run(capsys, "power", *spread, "--half-width", "0.01")
-    assert (code, "half-width 0.01 on average: 21 players; in 80%: 26 players" in out) == (0, True)
-    for args, said in (
-        (["--half-width", "0.01"], "expected --player-sd and --episode-sd, or --study NAME"),
-        ([*spread, "--half-width", "0"], "must be above 0"),
-        ([*spread, "--half-width", "1", "--study", "x"], "not both"),
-    ):
-        code, _, err = run(capsys, "power", *args)
-        assert (code, said in err, err.count("\n")) == (2, True, 1)
-    code, _, err = run(
-        capsys,
-        "power",
-        "--half-width",
-        "1",
-        "--study",
-        "x",
-        "--database",
-        str(tmp_path / "none.db"),
-    )
-    assert (code, "no database at" in err) == (1, True)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")

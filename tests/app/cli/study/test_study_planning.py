@@ -8,12 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from app.cli.main import cli
 from app.series.folder import Folder
+from app.series.policy_episodes import play_policies
 from app.series.protocol import Declarations
+from app.task import rules_of
+from marsexplorer.config import EnvConfig
 from tests.support.command import command
 from tests.support.declared import DECLARATIONS, DECLARATIONS_FILE
 
@@ -49,21 +53,59 @@ def test_a_new_study_holds_effects_that_its_players_see_and_freezes(study, tmp_p
     code, out, err = study("new", "mine", *SHORT)
     assert (code, err) == (0, "")
     draft = Folder(tmp_path / "playground.db-studies").draft("mine")
-    differences = f"differences from a policy of {draft.policy_difference:g} steps"
     assert draft.equivalence_margin is None
-    assert differences in out
+    assert draft.power is None
+    assert f"better than people by {draft.policy_difference:g} in steps to 99 %" in out
+    assert "By 2,000 simulated studies" in out
+    assert f"{draft.assumed_terrain_sd:g} between terrains (of policy minus people)" in out
     assert "{warm_up} practice terrains" in draft.consent.text
     code, out, err = study("freeze", "mine")
     assert (code, err) == (0, "")
     assert "2 practice terrains and 6 terrains that count" in out
-    assert out.count("power: ") == 1
-    assert out.count("seen in ") == 1
+    assert "By 10,000 simulated studies" in out
+    frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
+    assert (frozen.power.studies, frozen.policy_difference) == (10_000, draft.policy_difference)
+    assert 0.5 <= frozen.power.lower <= frozen.power.policy_better
+    said = f"is seen in {100 * frozen.power.policy_better:.0f} % of studies"
+    assert said in out
+    assert said in study("preregister", "mine")[1]
+
+
+def test_the_terrains_spread_is_that_of_the_policies_on_200_other_terrains(study, tmp_path):
+    study("new", "mine", *SHORT)
+    config = EnvConfig.of("random", (7, 9))
+    played = play_policies(
+        ("frontier-cost",), rules_of("mars"), config, {seed: seed for seed in range(200)}
+    )
+    steps = [len(episode.actions) for episode in played]
+    draft = Folder(tmp_path / "playground.db-studies").draft("mine")
+    assert draft.assumed_terrain_sd == pytest.approx(np.std(steps, ddof=1), rel=0.01)
+    edit(tmp_path, assumed_terrain_sd=None)
+    (kept,) = (tmp_path / "playground.db-studies" / "played").iterdir()
+    held = json.loads(kept.read_text())
+    kept.write_text(json.dumps({**held, "steps": [3.0, 5.0]}))
+    assert "1.41 between terrains" in study("power", "mine")[1], "what was played is kept"
+
+
+def test_the_power_of_a_draft_is_shown_with_the_way_to_80_percent(study, tmp_path):
+    study("new", "mine", *SHORT)
+    before = (tmp_path / "playground.db-studies" / "mine" / "protocol.json").read_text()
+    code, out, err = study("power", "mine", "--players", 8, "--difference", 12)
+    assert (code, err) == (0, "")
+    assert "better than people by 12 in steps to 99 % is seen in " in out
+    fewest = int(re.search(r"To see more: plan about (\d+) players, for 80 %", out)[1])
+    _, more, _ = study("power", "mine", "--players", fewest, "--difference", 12)
+    shares = re.search(
+        r"is seen in (\d+) % of studies, one that is worse by as much in (\d+) %", more
+    )
+    assert min(map(int, shares.groups())) > 75
+    assert (tmp_path / "playground.db-studies" / "mine" / "protocol.json").read_text() == before
 
 
 def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things_to_do(
     study, tmp_path
 ):
-    code, out, err = study("new", "koutras2021")
+    code, out, err = study("new", "koutras2021", "--policy", "frontier-cost")
     assert (code, err) == (0, "")
     draft = Folder(tmp_path / "playground.db-studies").draft("koutras2021")
     config = draft.env_config
@@ -78,7 +120,8 @@ def test_the_papers_study_comes_with_a_text_to_recruit_with_and_a_page_of_things
     assert "{" not in asked + todo
     assert len(todo.splitlines()) < 60, "one page"
     rehearsed = "--declarations", folder / "rehearsal.json"
-    assert study("new", "rehearsal", "--players", "4", *rehearsed)[0] == 0
+    few = "--players", "4", "--policy", "frontier-cost"
+    assert study("new", "rehearsal", *few, *rehearsed)[0] == 0
     assert study("freeze", "rehearsal", "--underpowered")[0] == 0
     for line in re.findall(r"`marsexplorer ([^`]+)`", todo):
         words = line.split()
@@ -97,12 +140,9 @@ def test_a_draft_is_shown_as_participants_would_read_it(study, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (
-            {"equivalence_margin": 0.5},
-            "±0.5 steps, if it is flat: seen in 0 % of studies, and below 50 %",
-        ),
-        ({"players": 3}, "seen in"),
-        ({"policy_difference": 0.5}, "or more as policy_difference"),
+        ({"players": 3}, "No interval and no p is given below five people"),
+        ({"players": 5, "policy_difference": 8}, "for: plan about "),
+        ({"policy_difference": 0.5}, "or more as policy_difference, for "),
         ({"consent": {"text": "You play 6 rounds."}}, "consent.text counts by hand: '6 rounds'"),
         ({"consent": {"text": "{runds}"}}, "unknown placeholder {runds}"),
     ],
@@ -135,6 +175,16 @@ def test_a_study_that_leaves_declarations_empty_is_told_which_and_not_frozen(stu
         assert Folder(tmp_path / "playground.db-studies").status("mine") == "draft"
     edit(tmp_path, declarations={**DECLARATIONS, "pilots": "none"})
     assert study("freeze", "mine")[0] == 0
+
+
+def test_people_who_leave_are_part_of_what_freezing_refuses(study, tmp_path):
+    study("new", "mine", *SHORT)
+    edit(tmp_path, assumed_leaver_share=0.4)
+    code, _, err = study("freeze", "mine")
+    assert (code, "Below 50 % a study more likely misses" in err) == (2, True), err
+    assert study("freeze", "mine", "--underpowered")[0] == 0
+    frozen = Folder(tmp_path / "playground.db-studies").study("mine").protocol
+    assert (frozen.assumed_leaver_share, frozen.power.lower < 0.5) == (0.4, True)
 
 
 def test_a_file_of_declarations_with_a_wrong_key_is_refused(study, tmp_path):
@@ -190,7 +240,7 @@ def test_the_preregistration_names_everything_that_is_fixed(study, tmp_path):
         "| `strict` | who ended every ranked episode", "never called flat", "Holm's method",
         "rows of a balanced Latin square",
         *DECLARATIONS.values(),
-        "6 ranked episodes", "What is not preregistered", "guaranteed interval is the headline",
+        "6 ranked episodes", "What is not preregistered", "empirical likelihood on the means",
     ):  # fmt: skip
         assert said in text, said
     assert "DRAFT" not in text
